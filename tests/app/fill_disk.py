@@ -13,7 +13,7 @@ from tests.support.polling import wait_for
 def main(disk: Path, address: str) -> None:
     console = ConsoleProcess(address, disk / "study")
     console.wait_until_shown(link="connected", drive_allowed=True, video="fresh")
-    console.say("record")
+    console.send_command("record")
     folder = Path(console.wait_until_shown(recording="recording")["session"])
     with (disk / "ballast").open("wb", buffering=0) as ballast:
 
@@ -29,7 +29,7 @@ def main(disk: Path, address: str) -> None:
     (disk / "ballast").unlink()
     with (folder / "events.mcap").open("rb") as stream:
         messages = list(make_reader(stream).iter_messages(topics=["/event/session_ended"]))
-    console.say("export")
+    console.send_command("export")
     exported = wait_for(lambda: console.shown["exports"], "the export is made")
     print(
         json.dumps(

@@ -42,8 +42,8 @@ def robot() -> Iterator[SimulatedRobot]:
         yield robot
 
 
-def _console(address: str, tmp_path: Path, *, whole: bool = False, **environment: str) -> ConsoleProcess:
-    return ConsoleProcess(address, tmp_path / "study", whole=whole, **environment)
+def _console(address: str, tmp_path: Path, *, with_models: bool = False, **environment: str) -> ConsoleProcess:
+    return ConsoleProcess(address, tmp_path / "study", with_models=with_models, **environment)
 
 
 def _command(*words: str, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
@@ -148,7 +148,7 @@ def test_a_missing_detector_costs_only_the_people(robot: SimulatedRobot, tmp_pat
         console.wait_until_shown(perception="failed")
         _problem(console, "No person detector")
         console.wait_until_shown(link="connected", drive_allowed=True, video="fresh", scan="fresh")
-        console.say("record")
+        console.send_command("record")
         console.wait_until_shown(recording="recording")
     finally:
         console.close()
@@ -198,7 +198,7 @@ def test_malformed_messages_do_not_end_the_window(tmp_path: Path) -> None:
         console = _console(f"ws://127.0.0.1:{port}", tmp_path)
         try:
             console.wait_until_shown(recording="idle")
-            console.say("record")
+            console.send_command("record")
             said_before = len(console.wait_until_shown(recording="recording")["problems"])
             recording.set()
             wait_for(lambda: connections, "the console has connected")
@@ -208,7 +208,7 @@ def test_malformed_messages_do_not_end_the_window(tmp_path: Path) -> None:
                 "it is said",
             )
             children = console.shown["children"]
-            console.say("end_recording")
+            console.send_command("end_recording")
             folder = Path(console.wait_until_shown(recording="idle")["session"])
             assert console.shown["children"]["control"] == children["control"], "the link process lives"
             assert console.shown["scan"] == "none", "nothing of it is taken for a scan"
@@ -228,22 +228,22 @@ def test_scenarios_switch_while_recording_and_a_broken_one_changes_nothing(
     others.mkdir()
     try:
         console.wait_until_shown(link="connected", video="fresh")
-        console.say("record")
+        console.send_command("record")
         recording = console.wait_until_shown(recording="recording")
         folder, children = Path(recording["session"]), recording["children"]
         missing = recording["frames_missing"]
         assert missing is not None
-        console.say("photo")
+        console.send_command("photo")
         wait_for(lambda: list(folder.glob("photos/*.png")), "a photo is kept")
 
-        console.say(f"open {_scenario_with_typo(tmp_path)}")
+        console.send_command(f"open {_scenario_with_typo(tmp_path)}")
         assert "typo.yaml, line" in _problem(console, "The scenario was not opened.")
         assert console.shown["scenario"] == "Tour guide"
         assert console.shown["recording"] == "recording"
 
-        console.say(f"open {without_models(LAYOUTS / 'mental-health-check.yaml', others)}")
+        console.send_command(f"open {without_models(LAYOUTS / 'mental-health-check.yaml', others)}")
         console.wait_until_shown(scenario="Mental health check")
-        console.say("photo")
+        console.send_command("photo")
 
         def video_bytes() -> int:
             return sum(path.stat().st_size for path in folder.glob("video-*.mp4"))
@@ -260,10 +260,10 @@ def test_scenarios_switch_while_recording_and_a_broken_one_changes_nothing(
         assert "connecting" not in [report["link"] for report in console.history[console.history.index(recording) :]]
 
         ended_bytes = video_bytes()
-        console.say(f"open {without_models(LAYOUTS / 'tour-guide.yaml', others)}")
+        console.send_command(f"open {without_models(LAYOUTS / 'tour-guide.yaml', others)}")
         console.wait_until_shown(scenario="Tour guide")
         wait_for(lambda: video_bytes() > ended_bytes, "there is video again")
-        console.say(f"open {without_models(LAYOUTS / 'reception.yaml', others)}")
+        console.send_command(f"open {without_models(LAYOUTS / 'reception.yaml', others)}")
         console.wait_until_shown(scenario="Reception")
         of_the_tour = video_bytes()
         wait_for(lambda: video_bytes() > of_the_tour, "there is video of it, too")
@@ -290,7 +290,7 @@ def _topics_so_far(folder: Path) -> range:
 
 @pytest.mark.long
 def test_a_killed_child_costs_only_its_part(robot: SimulatedRobot, tmp_path: Path) -> None:
-    console = _console(robot.address, tmp_path, whole=True)
+    console = _console(robot.address, tmp_path, with_models=True)
     listener = TwistListener(robot.address)
 
     def kill(name: str) -> None:
@@ -302,7 +302,7 @@ def test_a_killed_child_costs_only_its_part(robot: SimulatedRobot, tmp_path: Pat
 
     try:
         console.wait_until_shown(link="connected", drive_allowed=True, video="fresh", scan="fresh")
-        console.say("record")
+        console.send_command("record")
         first = Path(console.wait_until_shown(recording="recording")["session"])
         control = console.shown["children"]["control"]
         kill("media")
@@ -313,23 +313,23 @@ def test_a_killed_child_costs_only_its_part(robot: SimulatedRobot, tmp_path: Pat
         kill("inference")
         assert console.shown["recording"] == "recording"
 
-        console.say("press A")
+        console.send_command("press A")
         wait_for(lambda: [twist for twist in listener.seen if twist.moving], "the robot is driven")
         kill("control")
         wait_for(lambda: robot.state()["speed_radps"] == 0, "the robot stands still")
         seen = len(listener.seen)
         console.wait_until_shown(link="connected", drive_allowed=True)
         assert not [twist for twist in listener.seen[seen:] if twist.moving], "a key held from before does not drive"
-        console.say("release A")
-        console.say("press D")
+        console.send_command("release A")
+        console.send_command("press D")
         wait_for(lambda: [twist for twist in listener.seen[seen:] if twist.moving], "a new press drives")
-        console.say("release D")
+        console.send_command("release D")
 
         kill("recorder")
         console.wait_until_shown(recording="failed")
         _problem(console, "The recorder stopped unexpectedly.")
         assert open_session(first), "what is on disk opens, torn end and all"
-        console.say("record")
+        console.send_command("record")
         second = Path(console.wait_until_shown(recording="recording")["session"])
         assert second != first
         pids = list(console.shown["children"].values())

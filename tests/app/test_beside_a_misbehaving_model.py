@@ -149,7 +149,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
 def _types_drives_and_speaks(desk: Desk) -> str:
     """Type, drive and speak while a drive key is held; returns the reason if the drive ended."""
     desktop = desk.desktop
-    desktop.say("clear_field")
+    desktop.send_command("clear_field")
     before = desk.shown()
 
     def ended() -> list[str]:
@@ -192,17 +192,17 @@ def test_beside_it_every_key_arrives_the_robot_moves_on_and_speaks(desk: Desk, w
     model, expected = ("ollama:unproven", "is not trusted")
     if way in WAYS:
         model, expected = "openai:unsteady", WAYS[way][1]
-    desk.desktop.say(f"choose {model}")
+    desk.desktop.send_command(f"choose {model}")
     desk.wait(lambda: desk.shown()["model"] == model.partition(":")[2], "the model is chosen")
     failures = desk.shown()["failures"]
-    desk.desktop.say(f"ask_on What of {way}")
+    desk.desktop.send_command(f"ask_on What of {way}")
     desk.wait(lambda: desk.shown()["asking"] or desk.shown()["failures"] > failures, "the question is asked")
     # A machine too busy for the motion lease also ends a drive; an effect of the server would end every one.
     ends: list[str] = []
     while (end := _types_drives_and_speaks(desk)) and len(ends) < _TRIES:
         ends.append(end)
     assert not end, f"none of {len(ends) + 1} drives lasted: {ends}, {end}"
-    desk.desktop.say("ask_off")
+    desk.desktop.send_command("ask_off")
     desk.wait(lambda: not desk.shown()["asking"], "the last question has ended")
     assert expected in desk.shown()["told"]
     assert desk.field() == DRAFT

@@ -142,7 +142,7 @@ def test_others_are_served_over_tls_and_the_token_goes_to_the_right_one_alone(
 ) -> None:
     """A self-signed certificate pinned by its fingerprint; an impostor gets no token."""
     authority = Authority(tmp_path)
-    ours, other = authority.issue("127.0.0.1", by_itself=True), authority.issue("127.0.0.1", by_itself=True)
+    ours, other = authority.issue("127.0.0.1", self_signed=True), authority.issue("127.0.0.1", self_signed=True)
     video = tmp_path / "walk.mp4"
     write_video(video)
     words = ["camera-server", "--source", str(video), "--port", "0", "--token-env", "CAMERA_TOKEN"]

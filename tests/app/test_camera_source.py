@@ -31,12 +31,12 @@ def test_the_recorded_people_of_a_street_video_score_well(tmp_path: Path) -> Non
     )
     try:
         console.wait_until_shown(recording="idle")
-        console.say("record")
+        console.send_command("record")
         console.wait_until_shown(recording="recording")
         console.wait_until_shown(perception="ready", timeout_s=90)
         console.wait_until_shown(video="fresh")
         console.wait_until_shown(video="lost", timeout_s=30)
-        console.say("end_recording")
+        console.send_command("end_recording")
         folder = Path(console.wait_until_shown(recording="idle")["session"])
     finally:
         console.close()

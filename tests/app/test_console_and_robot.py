@@ -84,13 +84,13 @@ def test_each_twist_that_the_robot_gets_is_one_recorded_event(robot: SimulatedRo
     connected_ns = next(report["at_ns"] for report in console.history if report["link"] == "connected")
     wait_for(lambda: time.monotonic_ns() - connected_ns > (ZERO_AGAIN_S[-1] + 0.5) * S, "silence on the wire")
     listener = TwistListener(robot.address)
-    console.say("record")
+    console.send_command("record")
     console.wait_until_shown(recording="recording")
     for key in ("W", "A", "D", "S"):
         before = len(listener.seen)
-        console.say(f"press {key}")
+        console.send_command(f"press {key}")
         wait_for(lambda: len(listener.seen) > before + 5, f"{key} drives")  # noqa: B023 (called at once)
-        console.say(f"release {key}")
+        console.send_command(f"release {key}")
         wait_for(lambda: not listener.seen[-1].moving, f"{key} released")
     # The zeros continue for half a second; then nothing is sent, and every command is in the file.
     quiet_since = [len(listener.seen), time.monotonic_ns()]
@@ -101,7 +101,7 @@ def test_each_twist_that_the_robot_gets_is_one_recorded_event(robot: SimulatedRo
         return time.monotonic_ns() - quiet_since[1] > 0.6 * S
 
     wait_for(quiet, "silence after the last zero")
-    console.say("end_recording")
+    console.send_command("end_recording")
     folder = Path(console.wait_until_shown(recording="idle")["session"])
     recorded = [
         (message["twist"]["forward_mps"], message["twist"]["turn_radps"])
@@ -152,10 +152,10 @@ def test_a_killed_robot_is_noticed_and_nothing_old_is_sent_when_it_is_back(
     assert back["at_ns"] - back_ns < 6.0 * S
     console.wait_until_shown(link="connected", video="fresh", scan="fresh", map="fresh", drive_allowed=True)
     assert not [twist for twist in listener.seen if twist.moving], "a key held from before does not drive"
-    console.say("release A")
+    console.send_command("release A")
     console.hold("D", lambda: [twist for twist in listener.seen if twist.moving], "a new key press drives")
     assert all(twist.turn_radps <= 0 for twist in listener.seen), "only what was pressed anew"
-    console.say("release D")
+    console.send_command("release D")
     listener.close()
 
 
@@ -163,12 +163,12 @@ def test_one_lost_link_raises_one_alarm_that_ends_by_itself(
     bench: Bench, robot: SimulatedRobot, console: ConsoleProcess
 ) -> None:
     raised_before = console.wait_until_shown(link="connected", alarms=[])["alarms_raised"]
-    console.say("go 1.0 1.0")
+    console.send_command("go 1.0 1.0")
     robot.kill()
     console.wait_until_shown(link="lost", alarms=[LINK_LOST])
     # Actions that need the robot are requested nevertheless.
     for line in ("go 1.0 1.0", "photo", "save_map lab", "use wave true"):
-        console.say(line)
+        console.send_command(line)
     console.wait_until_shown(link="lost", video="none", alarms=[LINK_LOST])
     bench.start_robot_again()
     console.wait_until_shown(link="connected", video="fresh", scan="fresh", alarms=[])
@@ -178,9 +178,9 @@ def test_one_lost_link_raises_one_alarm_that_ends_by_itself(
 
 def test_a_killed_console_leaves_a_session_that_opens(robot: SimulatedRobot, console: ConsoleProcess) -> None:
     """Last test, as it ends the console."""
-    console.say("record")
+    console.send_command("record")
     folder = Path(console.wait_until_shown(recording="recording")["session"])
-    console.say("press A")
+    console.send_command("press A")
     children = console.shown["children"]
     wait_for(lambda: (folder / "events.mcap").stat().st_size > 20_000, "something is recorded")
     killed_utc_ns = time.time_ns()

@@ -35,7 +35,7 @@ def test_somebody_before_the_robot_and_the_desk_is_one_row(tmp_path: Path) -> No
         console = ConsoleProcess(robot.address, tmp_path / "study", CARIS_MODELS_DIR=str(INT8_WEIGHTS.parent))
         try:
             console.wait_until_shown(link="connected")
-            console.say(f"open {scenario}")
+            console.send_command(f"open {scenario}")
             console.wait_until_shown(perception="ready", timeout_s=120)
             shown = console.wait_until_shown(people_here=1, seen_by=[["desk", "front"]], timeout_s=120)
             assert not [problem for problem in shown["problems"] if "Desk" in problem]

@@ -49,7 +49,7 @@ def start() -> Iterator[Callable[..., ConsoleProcess]]:
 
 def _recording(console: ConsoleProcess) -> Path:
     console.wait_until_shown(timeout_s=120.0, link="connected", going_on="")
-    console.say("record")
+    console.send_command("record")
     console.wait_until_shown(recording="recording")
     return Path(console.shown["session"])
 
@@ -66,7 +66,7 @@ def _begin_anyway(console: ConsoleProcess) -> None:
     def begun() -> bool:
         if console.shown["recording"] != "idle":
             return True
-        console.say("click_if_there start_dialog_begin")
+        console.send_command("click_if_there start_dialog_begin")
         return False
 
     wait_for(begun, "a recording", timeout_s=60.0, every_s=1.0)
@@ -82,19 +82,19 @@ def test_a_killed_program_offers_to_go_on_and_records_nothing_before_all_is_conf
 
     console = start()
     console.wait_until_shown(timeout_s=120.0, link="connected", going_on="offered", going_on_card=True, held=False)
-    console.say("click going_on_yes")
+    console.send_command("click going_on_yes")
     console.wait_until_shown(going_on="unconfirmed", going_on_card=True, held=True, drive_allowed=False)
     refusal = "Starting a recording is not possible before this is confirmed again"
     for way in ("click record_button", "record"):
         told = len(console.shown["problems"])
-        console.say(way)
+        console.send_command(way)
         # A missing detector may be reported meanwhile.
         wait_for(lambda told=told: any(refusal in said for said in console.shown["problems"][told:]), refusal)  # type: ignore[misc]
         assert console.shown["recording"] == "idle"
     for what in get_args(intents.AsBefore):
-        console.say(f"click going_on_{what}")
+        console.send_command(f"click going_on_{what}")
     console.wait_until_shown(going_on="confirmed", held=True)
-    console.say("click going_on_start")
+    console.send_command("click going_on_start")
     _begin_anyway(console)
     console.wait_until_shown(recording="recording", going_on_card=False, held=True)
     second = Path(console.shown["session"])

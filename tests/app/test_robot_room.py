@@ -34,7 +34,7 @@ def console(
 ) -> Iterator[ConsoleProcess]:
     folder = tmp_path_factory.mktemp("console")
     profile = _profile("simulated", robot.address, folder / "first.yaml")
-    console = ConsoleProcess(str(profile), folder / "study", whole=True, XDG_CONFIG_HOME=str(own_files.parent))
+    console = ConsoleProcess(str(profile), folder / "study", with_models=True, XDG_CONFIG_HOME=str(own_files.parent))
     console.wait_until_shown(link="connected", drive_allowed=True, video="fresh", scan="fresh")
     yield console
     console.close()
@@ -52,20 +52,20 @@ def test_the_wizard_sends_the_robot_and_uses_what_it_offers(
     robot: SimulatedRobot, console: ConsoleProcess, own_files: Path
 ) -> None:
     here = robot.state()["pose"]
-    console.say(f"go {here['x_m'] + 1.2} {here['y_m'] + 0.3}")
+    console.send_command(f"go {here['x_m'] + 1.2} {here['y_m'] + 0.3}")
     console.wait_until_shown(goal="active", path="fresh")
     console.wait_until_shown(goal="reached")
     there = robot.state()["pose"]
     assert math.dist((there["x_m"], there["y_m"]), (here["x_m"] + 1.2, here["y_m"] + 0.3)) < 0.4
 
-    console.say("place 9.0 5.0 My corner")
+    console.send_command("place 9.0 5.0 My corner")
     wait_for(lambda: "My corner" in console.shown["places"], "the new place")
     saved = yaml.safe_load((own_files / "scenarios" / "tour-guide.yaml").read_text(encoding="utf-8"))
     assert {"name": "My corner", "x_m": 9, "y_m": 5, "heading_deg": 0} in saved["places"]
 
-    console.say("use wave true")
+    console.send_command("use wave true")
     wait_for(lambda: console.shown["controls"].get("wave") == "succeeded", "the robot has waved")
-    console.say("save_map lab")
+    console.send_command("save_map lab")
     wait_for(lambda: any("The map lab was saved." in text for text in console.shown["problems"]), "the saved map")
     assert console.shown["readings"], "the robot tells its readings"
 
@@ -97,16 +97,16 @@ def test_another_robot_takes_the_place_of_the_first(
         _profile("simulated-ros2", second.address, own_files / "robots" / "second.yaml")
         first_hears, second_hears = TwistListener(robot.address), TwistListener(second.address)
         console.hold("A", lambda: [twist for twist in first_hears.seen if twist.moving], "the first is driven")
-        console.say("robot second")
+        console.send_command("robot second")
         console.wait_until_shown(robot="second", link="connected", video="fresh", scan="fresh", drive_allowed=True)
         switched_ns = time.monotonic_ns()
         assert not first_hears.seen[-1].moving, "the first was left standing"
         assert not [twist for twist in second_hears.seen if twist.moving], "a key held from before does not drive"
-        console.say("release A")
+        console.send_command("release A")
         console.hold("D", lambda: [twist for twist in second_hears.seen if twist.moving], "the second is driven")
-        console.say("release D")
+        console.send_command("release D")
         assert not [twist for twist in first_hears.seen if twist.at_ns > switched_ns]
-        console.say("robot nowhere")
+        console.send_command("robot nowhere")
         wait_for(lambda: any("was not connected" in text for text in console.shown["problems"]), "a refusal in words")
         assert console.shown["robot"] == "second"
         first_hears.close()

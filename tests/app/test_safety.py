@@ -125,7 +125,7 @@ def wire(robot: SimulatedRobot) -> Iterator[TwistListener]:
 def console(running: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener) -> Iterator[ConsoleProcess]:
     """Ready to drive in the middle of the corridor; released afterwards."""
     robot.fault("clear")
-    running.say("clear")  # a failed test may leave the emergency stop latched
+    running.send_command("clear")  # a failed test may leave the emergency stop latched
     robot.call("/simulator/reset_pose", x=9.0, y=5.0, heading_deg=0.0)
     running.wait_until_shown(link="connected", drive_allowed=True, video="fresh", scan="fresh")
     wire.seen.clear()
@@ -139,7 +139,7 @@ def _moving(wire: TwistListener) -> list[ReceivedTwist]:
 
 
 def _drive(console: ConsoleProcess, wire: TwistListener, key: str = "A") -> None:
-    console.say(f"press {key}")
+    console.send_command(f"press {key}")
     wait_for(lambda: len(_moving(wire)) > 4, f"{key} drives")
 
 
@@ -173,7 +173,7 @@ def test_release_is_zero_at_once_repeated_and_then_silence(console: ConsoleProce
     def released() -> float:
         _drive(console, wire)
         released_ns = time.monotonic_ns()
-        console.say("release A")
+        console.send_command("release A")
         took_s = _zero_after(wire, released_ns)
         wire.seen.clear()
         return took_s
@@ -186,58 +186,58 @@ def test_release_is_zero_at_once_repeated_and_then_silence(console: ConsoleProce
 def test_what_ends_driving(console: ConsoleProcess, wire: TwistListener, ending: str) -> None:
     _drive(console, wire)
     ended_ns = time.monotonic_ns()
-    console.say(ending)
+    console.send_command(ending)
     # A stalled GUI sends nothing; the link notices it 150 ms after the last message.
     _zero_after(wire, ended_ns)
-    console.say("close_dialog")
-    console.say("release A")
+    console.send_command("close_dialog")
+    console.send_command("release A")
     if ending == "stall 0.4":
         wire.seen.clear()
-        console.say("press D")
+        console.send_command("press D")
         wait_for(lambda: _moving(wire), "a new key press drives")
         assert all(twist.turn_radps <= 0.0 for twist in wire.seen), "only what was pressed anew"
-        console.say("release D")
+        console.send_command("release D")
 
 
 def test_unplugging_the_gamepad_ends_driving(console: ConsoleProcess, wire: TwistListener) -> None:
-    console.say("plug")
+    console.send_command("plug")
     pushed_s = time.monotonic()
 
     def driven() -> bool:
         nonlocal pushed_s
         if time.monotonic() - pushed_s > 0.1:  # the console looks for gamepads periodically
             pushed_s = time.monotonic()
-            console.say("pad 0 0.0")
-            console.say("pad 0 -1.0")
+            console.send_command("pad 0 0.0")
+            console.send_command("pad 0 -1.0")
         return len(_moving(wire)) > 4
 
     wait_for(driven, "the stick drives")
     pulled_ns = time.monotonic_ns()
-    console.say("unplug")
+    console.send_command("unplug")
     _zero_after(wire, pulled_ns)
 
 
 def test_a_goal_survives_a_focus_change_and_stop_cancels_it(
     console: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener
 ) -> None:
-    console.say("go 1.5 5.0")
+    console.send_command("go 1.5 5.0")
     wait_for(lambda: robot.state()["goal_id"], "the robot goes")
     for line in ("other_program", "dialog", "close_dialog", "focus speak_field"):
-        console.say(line)
+        console.send_command(line)
     wait_for(lambda: robot.state()["speed_mps"] > 0.1, "it drives by itself")
     assert robot.state()["goal_id"]
     assert _moving(wire) == []
-    console.say("key Escape")
+    console.send_command("key Escape")
     wait_for(lambda: not robot.state()["goal_id"], "the goal is given up")
     wait_for(lambda: robot.state()["speed_mps"] == 0.0, "it stands")
 
 
 def test_escape_stops_also_before_a_modal_dialog(console: ConsoleProcess, wire: TwistListener) -> None:
-    console.say("dialog")
-    console.say("key Escape")
+    console.send_command("dialog")
+    console.send_command("key Escape")
     wait_for(lambda: len(wire.seen) > 4, "zeros, though nothing was held")
     assert _moving(wire) == []
-    console.say("close_dialog")
+    console.send_command("close_dialog")
     time.sleep(0.7)  # an Escape shortly before would make it an emergency stop
 
 
@@ -247,25 +247,25 @@ def test_the_emergency_stop_is_told_to_the_robot_refuses_and_clears_only_by_aski
 ) -> None:
     _drive(console, wire)
     pressed_ns = time.monotonic_ns()
-    console.say(how)
+    console.send_command(how)
     _zero_after(wire, pressed_ns)
     wait_for(lambda: robot.state()["emergency_stopped"], "the robot's own emergency stop")
     console.wait_until_shown(drive_allowed=False)
     wire.seen.clear()
-    console.say("release A")
-    console.say("press D")
-    console.say("go 1.5 5.0")
+    console.send_command("release A")
+    console.send_command("press D")
+    console.send_command("go 1.5 5.0")
     refusal = "Driving there is not possible: the emergency stop is active."
     wait_for(lambda: any(refusal in problem for problem in console.shown["problems"]), "the goal is refused")
-    console.say("release D")
+    console.send_command("release D")
     assert _moving(wire) == []
     assert robot.state()["goal_id"] == ""
-    console.say("clear")
+    console.send_command("clear")
     wait_for(lambda: not robot.state()["emergency_stopped"], "cleared at the robot too")
     console.wait_until_shown(drive_allowed=True)
     assert _moving(wire) == [], "clearing moves nothing"
     _drive(console, wire)
-    console.say("release A")
+    console.send_command("release A")
 
 
 def test_the_keys_of_a_replay_in_front_stop_the_live_robot(
@@ -277,17 +277,17 @@ def test_the_keys_of_a_replay_in_front_stop_the_live_robot(
     replay = ConsoleProcess(session.folder, module="tests.app.replay_child", **environment)
     try:
         replay.wait_until_shown(red_button=stop)
-        console.say("other_program")
+        console.send_command("other_program")
         for how in ("key Escape", "key Pause", "click emergency_stop"):
-            console.say("go 1.5 5.0")
+            console.send_command("go 1.5 5.0")
             wait_for(lambda: robot.state()["goal_id"], "the robot goes")
-            replay.say(how)
+            replay.send_command(how)
             wait_for(lambda: not robot.state()["goal_id"], f"{how} in the replay ends it")
             if how != "key Escape":
                 wait_for(lambda: robot.state()["emergency_stopped"], "latched at the robot")
                 replay.wait_until_shown(red_button="Emergency stop active (live)")
                 console.wait_until_shown(drive_allowed=False)
-                console.say("clear")
+                console.send_command("clear")
                 console.wait_until_shown(drive_allowed=True)
                 # Until it receives the release, the robot refuses the next goal.
                 wait_for(lambda: not robot.state()["emergency_stopped"], "released at the robot")
@@ -308,7 +308,7 @@ def test_driving_is_capped_without_fresh_video(
     slower = len(wire.seen)
     wait_for(lambda: len(wire.seen) > slower + 8, "and it stays so")
     assert all(twist.turn_radps <= 0.31 * before_radps for twist in wire.seen[-5:])
-    console.say("release A")
+    console.send_command("release A")
 
 
 def test_driving_is_capped_without_a_fresh_scan(
@@ -320,7 +320,7 @@ def test_driving_is_capped_without_a_fresh_scan(
     robot.fault("silent_lidar")
     wait_for(lambda: wire.seen[-1].turn_radps <= 0.31 * before_radps, "slower")
     console.wait_until_shown(guard="blind")
-    console.say("release A")
+    console.send_command("release A")
 
 
 def test_an_obstacle_stops_the_console_s_robot_until_the_wizard_overrides(
@@ -333,11 +333,11 @@ def test_an_obstacle_stops_the_console_s_robot_until_the_wizard_overrides(
     wait_for(lambda: robot.state()["speed_mps"] == 0.0, "it stands")
     assert robot.state()["touches"] == 0
     assert not wire.seen[-1].moving
-    console.say("guard off")
+    console.send_command("guard off")
     console.wait_until_shown(guard="overridden")
     wait_for(lambda: robot.state()["touches"] > 0, "the wizard wanted it")
-    console.say("release W")
-    console.say("guard on")
+    console.send_command("release W")
+    console.send_command("guard on")
 
 
 # The link alone, independent of the console
@@ -405,7 +405,7 @@ def test_leaving_stops_the_robot_and_cancels_its_goal(
     console: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener
 ) -> None:
     """Last test, as it ends the console."""
-    console.say("go 1.5 5.0")
+    console.send_command("go 1.5 5.0")
     wait_for(lambda: robot.state()["speed_mps"] > 0.1, "it drives by itself")
     console.close()
     state = robot.state()

@@ -22,7 +22,7 @@ def test_a_long_session_keeps_its_memory_and_drops_nothing(tmp_path: Path) -> No
         console = ConsoleProcess(robot.address, tmp_path / "study")
         try:
             console.wait_until_shown(link="connected", drive_allowed=True, perception="ready", timeout_s=120)
-            console.say("record")
+            console.send_command("record")
             folder = Path(console.wait_until_shown(recording="recording")["session"])
             processes = [psutil.Process(pid) for pid in (console.pid, *console.shown["children"].values())]
             started_s = time.monotonic()
@@ -33,7 +33,7 @@ def test_a_long_session_keeps_its_memory_and_drops_nothing(tmp_path: Path) -> No
                 nonlocal presses
                 presses += 1
                 key = "AD"[presses % 2]
-                console.say(f"press {key}" if presses % 4 < 2 else f"release {key}")
+                console.send_command(f"press {key}" if presses % 4 < 2 else f"release {key}")
                 if not settled and time.monotonic() - started_s > SOAK_S / 3:
                     settled.update(_resident_bytes(processes))
                 return time.monotonic() - started_s > SOAK_S
@@ -44,7 +44,7 @@ def test_a_long_session_keeps_its_memory_and_drops_nothing(tmp_path: Path) -> No
                 for name, size in _resident_bytes(processes).items()
                 if name in settled
             }
-            console.say("end_recording")
+            console.send_command("end_recording")
             console.wait_until_shown(recording="idle", timeout_s=60)
             shown = console.shown
         finally:

@@ -95,12 +95,12 @@ class Bench:
         self.console.wait_until_shown(link="connected", drive_allowed=True)
         self.robot.call("/simulator/reset_pose", x=9.0, y=5.0, heading_deg=0.0)
         for _attempt in range(30):
-            self.console.say("press A")
+            self.console.send_command("press A")
             with contextlib.suppress(AssertionError):
                 wait_for(lambda: self._driving_since() >= commands, "a drive", timeout_s=2.0)
                 return
             # A busy machine stalled the window, which ends a drive.
-            self.console.say("release A")
+            self.console.send_command("release A")
         raise AssertionError(f"never {commands} commands in a row; last: {self.console.shown}")
 
     def _driving_since(self) -> int:
@@ -138,7 +138,7 @@ class Bench:
         again_s = time.monotonic() + 0.7
         wait_for(lambda: time.monotonic() >= again_s, "a moment")
         outcome = _outcome(f"{fault} {seconds:.2f} s", fault, self.read(), from_ns)
-        self.console.say("release A")
+        self.console.send_command("release A")
         return outcome
 
 
@@ -211,7 +211,7 @@ def test_a_link_killed_under_a_goal_leaves_a_robot_that_stands_and_a_console_tha
     for _ in range(2):
         console.wait_until_shown(link="connected", drive_allowed=True)
         bench.robot.call("/simulator/reset_pose", x=9.0, y=5.0, heading_deg=0.0)
-        console.say("go 3.0 4.0")
+        console.send_command("go 3.0 4.0")
         console.wait_until_shown(goal="active")
         wait_for(lambda: bench.robot.state()["speed_mps"] > 0.1, "it drives to its goal")
         killed = console.shown["children"]["control"]
@@ -224,10 +224,10 @@ def test_a_link_killed_under_a_goal_leaves_a_robot_that_stands_and_a_console_tha
         assert console.shown["children"]["control"] != killed
         assert math.dist((stood["pose"]["x_m"], stood["pose"]["y_m"]), (3.0, 4.0)) > 1.0, "it was stopped on its way"
         bench.drive(3)
-        console.say("release A")
-        console.say("go 3.0 4.0")
+        console.send_command("release A")
+        console.send_command("go 3.0 4.0")
         console.wait_until_shown(goal="active")
-        console.say("stop")
+        console.send_command("stop")
         wait_for(lambda: console.shown["goal"] == "cancelled", "and Stop stops the next")
 
 

@@ -103,11 +103,11 @@ class Tour:
 
     def recorded(self, start: Callable[[], None]) -> Path:
         """Session folder of a recording of ``start``."""
-        self.desktop.say("record")
+        self.desktop.send_command("record")
         wait_for(lambda: self.report().get("recording") == "recording", "recording")
         start()
         folder = Path(self.report()["session"])
-        self.desktop.say("end_recording")
+        self.desktop.send_command("end_recording")
         wait_for(lambda: self.report().get("recording") == "idle", "recorded")
         return folder
 
@@ -186,14 +186,14 @@ def test_by_keypad(tour: Tour) -> None:
 
 @pytest.mark.long  # ui/test_desktop and test_safety cover gamepads, too
 def test_by_gamepad(tour: Tour) -> None:
-    tour.desktop.say("plug")
+    tour.desktop.send_command("plug")
     tour.desktop.wait_for("GAMEPAD Virtual Controller")
-    tour.desktop.say("pad 5 1.0")  # the right trigger: full speed
+    tour.desktop.send_command("pad 5 1.0")  # the right trigger: full speed
     tour.desktop.do("key", "ctrl+l")
     tour.desktop.wait_for("KEYS typing")
 
     def pusher(axis: int) -> Callable[[bool], None]:
-        return lambda down: tour.desktop.say(f"pad {axis} {-1.0 if down else 0.0}")
+        return lambda down: tour.desktop.send_command(f"pad {axis} {-1.0 if down else 0.0}")
 
     _typing_and_driving(tour, forward=pusher(1), left=pusher(0))
-    tour.desktop.say("unplug")
+    tour.desktop.send_command("unplug")

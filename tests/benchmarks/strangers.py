@@ -97,7 +97,7 @@ async def attacked(port: int, sources: list[str], ask: Callable[[], int]) -> dic
 
 def measure(folder: Path) -> dict[str, object]:
     write_video(folder / "walk.mp4")
-    files = Authority(folder).issue(OWNER, by_itself=True)
+    files = Authority(folder).issue(OWNER, self_signed=True)
     environment = {**os.environ, "CAMERA_TOKEN": TOKEN, "CARIS_PERCEPTION_TOKEN": TOKEN}
     tls = ["--cert", str(files.certificate), "--key", str(files.key), "--host", "0.0.0.0", "--port", "0"]
     program = [sys.executable, "-m", "caris_desktop"]

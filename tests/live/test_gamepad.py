@@ -261,7 +261,7 @@ def test_a_button_that_drives_lets_go_by_itself(qtbot: QtBot, gamepads: Gamepads
     gamepads.set_mapping(gamepads.mapping.with_binding("turn", "b2|b3"))
     pad.press(3)
     qtbot.waitUntil(lambda: heard.moved[-1:] != [] and heard.moved[-1].turn != 0.0)
-    pad.let_go(3)
+    pad.release(3)
     qtbot.waitUntil(lambda: heard.moved[-1:] == [AT_REST])
     assert heard.lost == [], "let go, not given up for silent"
 
@@ -271,7 +271,7 @@ def test_no_button_is_lost_while_the_console_is_busy(qtbot: QtBot, heard: Heard,
     for _ in range(20):
         pad.press(0)
         wait_for(lambda: pad.has_been_read(0, held=True), "the press is read")
-        pad.let_go(0)
+        pad.release(0)
         wait_for(lambda: pad.has_been_read(0, held=False), "the release is read")
     qtbot.waitUntil(lambda: heard.pressed == ["mark"] * 20)
 

@@ -188,16 +188,16 @@ def test_a_certificate_for_somebody_else_is_refused(authority: Authority, issued
 
 
 KINDS: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
-    ({"by_itself": True}, ("not trusted: it is self-signed",)),
+    ({"self_signed": True}, ("not trusted: it is self-signed",)),
     ({}, ("not trusted: this computer does not know its issuer",)),
-    ({"by_itself": True, "expired": True}, ("self-signed", "has expired", "Renew it")),
+    ({"self_signed": True, "expired": True}, ("self-signed", "has expired", "Renew it")),
     (
         {"expired": True, "host": "robot.example"},
         ("does not know its issuer", "has expired", "for another name: robot.example"),
     ),
-    ({"by_itself": True, "early": True}, ("self-signed", "is not valid yet", "Check the date")),
-    ({"by_itself": True, "named": False}, ("self-signed", "subjectAltName is missing")),
-    ({"by_itself": True, "host": "10.0.0.9"}, ("self-signed", "for another name: 10.0.0.9")),
+    ({"self_signed": True, "early": True}, ("self-signed", "is not valid yet", "Check the date")),
+    ({"self_signed": True, "named": False}, ("self-signed", "subjectAltName is missing")),
+    ({"self_signed": True, "host": "10.0.0.9"}, ("self-signed", "for another name: 10.0.0.9")),
 )
 
 
@@ -251,10 +251,10 @@ def test_a_fingerprint_that_is_none_is_named(authority: Authority) -> None:
     connect(use, rosbridge(files=authority.issue("127.0.0.1")), SecuritySettings(certificate_sha256="AB:CD"))
 
 
-@pytest.mark.parametrize("by_itself", [True, False])
-def test_a_certificate_that_the_profile_names_itself_is_trusted(authority: Authority, by_itself: bool) -> None:
+@pytest.mark.parametrize("self_signed", [True, False])
+def test_a_certificate_that_the_profile_names_itself_is_trusted(authority: Authority, self_signed: bool) -> None:
     """Any signature, also without the extensions that Python 3.13 requires."""
-    files = authority.issue("127.0.0.1", by_itself=by_itself)
+    files = authority.issue("127.0.0.1", self_signed=self_signed)
 
     async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await until(lambda: "connected" in observer.told, "connected")

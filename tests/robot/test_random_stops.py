@@ -107,7 +107,7 @@ class Rounds:
         self.robot.make_ready()
         wrong = len(self.console.shown["contradictions"])
         if situation in targets:
-            self.console.say(targets[situation])
+            self.console.send_command(targets[situation])
         self._pass(self._chance.uniform(0.05, 0.8))
         drove = act == "release" or situation in ("plain", "frozen", "killed") or self._chance.random() < 0.5
         if drove:
@@ -120,7 +120,7 @@ class Rounds:
         elif situation == "killed":
             os.kill(self.robot.bridge_pid, signal.SIGKILL)
         acts = self.console.shown["acted"][0]
-        self.console.say(f"act {act} A")
+        self.console.send_command(f"act {act} A")
         wait_for(lambda: self.console.shown["acted"][0] > acts, "the key")
         from_ns: int = self.console.shown["acted"][1]
         if situation == "frozen":
@@ -133,8 +133,8 @@ class Rounds:
             started_ns = from_ns
             from_ns = wait_for(lambda: self.robot.came_back_ns(started_ns), "it is back") or 0
         outcome = self._judge(Outcome(number, situation, act, drove), before, from_ns)
-        self.console.say("release A")
-        self.console.say("act stop")
+        self.console.send_command("release A")
+        self.console.send_command("act stop")
         wait_for(lambda: not self.console.shown["contradicts"], "what is on show agrees with the odometry")
         return replace(outcome, shown_wrong=self.console.shown["contradictions"][wrong:])
 
@@ -142,7 +142,7 @@ class Rounds:
         """Release the emergency stop until driving is possible; repeat a release lost with an overloaded link."""
 
         def released() -> bool:
-            self.console.say("clear")
+            self.console.send_command("clear")
             self._pass(0.2)
             shown = self.console.shown
             return shown["link"] == "connected" and shown["drive_allowed"] and not shown["held"]
@@ -153,11 +153,11 @@ class Rounds:
         """Drive until the robot moves; a busy machine may stall the window, which ends a drive."""
         for _attempt in range(10):
             before = len(self.robot.obeyed())
-            self.console.say("press A")
+            self.console.send_command("press A")
             try:
                 wait_for(lambda: any(each.moving for each in self.robot.obeyed()[before:]), "a drive", timeout_s=3.0)  # noqa: B023
             except AssertionError:
-                self.console.say("release A")
+                self.console.send_command("release A")
             else:
                 return
             self._release()

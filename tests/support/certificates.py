@@ -44,9 +44,9 @@ class Authority:
         self.file.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
 
     def issue(
-        self, host: str, *, expired: bool = False, early: bool = False, named: bool = True, by_itself: bool = False
+        self, host: str, *, expired: bool = False, early: bool = False, named: bool = True, self_signed: bool = False
     ) -> ServerFiles:
-        """Issue a certificate for ``host``, a name or an IP address; self-signed with ``by_itself``.
+        """Issue a certificate for ``host``, a name or an IP address; self-signed with ``self_signed``.
 
         It has no key identifiers, as is common with hand-made certificates; Python 3.13 requires them by default.
         """
@@ -61,7 +61,7 @@ class Authority:
         builder = (
             x509.CertificateBuilder()
             .subject_name(subject)
-            .issuer_name(subject if by_itself else self._name)
+            .issuer_name(subject if self_signed else self._name)
             .public_key(key.public_key())
             .serial_number(x509.random_serial_number())
             .not_valid_before(start)
@@ -69,7 +69,7 @@ class Authority:
         )
         if named:
             builder = builder.add_extension(x509.SubjectAlternativeName([name]), critical=False)
-        certificate = builder.sign(key if by_itself else self._key, hashes.SHA256())
+        certificate = builder.sign(key if self_signed else self._key, hashes.SHA256())
         stem = f"{host.replace('.', '-')}-{certificate.serial_number:x}"
         files = ServerFiles(self._folder / f"{stem}.pem", self._folder / f"{stem}.key")
         files.certificate.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))

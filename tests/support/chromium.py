@@ -38,20 +38,20 @@ class Browser:
             stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
             env={**os.environ, "TMPDIR": self._folder, "HOME": self._folder},
         )  # fmt: skip
-        self._asked = 0
+        self._last_id = 0
         self._open = contextlib.ExitStack()
         self._socket: ClientConnection = self._open.enter_context(connect(self._address(), max_size=None))
-        target = self._ask("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self._ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        target = self._command("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self._command("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         size = {"width": width_px, "height": height_px}
-        self.ask("Emulation.setDeviceMetricsOverride", deviceScaleFactor=1, mobile=False, **size)
-        self.ask("Page.navigate", url=url)
+        self.command("Emulation.setDeviceMetricsOverride", deviceScaleFactor=1, mobile=False, **size)
+        self.command("Page.navigate", url=url)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_exception: object) -> None:
-        self._ask("Browser.close")
+        self._command("Browser.close")
         self._open.close()
         self._process.wait(10)
         assert self._process.stderr is not None
@@ -60,22 +60,24 @@ class Browser:
 
     def value(self, expression: str) -> Any:
         """Result of a JavaScript expression in the page."""
-        return self.ask("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+        return self.command("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
 
     def picture(self, path: Path) -> None:
-        path.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot")["data"]))
+        path.write_bytes(base64.b64decode(self.command("Page.captureScreenshot")["data"]))
 
-    def ask(self, method: str, **parameters: Any) -> dict[str, Any]:
+    def command(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Send a DevTools command to the page."""
-        return self._ask(method, session=self._session, **parameters)
+        return self._command(method, session=self._session, **parameters)
 
-    def _ask(self, method: str, *, session: str = "", **parameters: Any) -> dict[str, Any]:
-        self._asked += 1
-        told = {"id": self._asked, "method": method, "params": parameters} | ({"sessionId": session} if session else {})
-        self._socket.send(json.dumps(told))
+    def _command(self, method: str, *, session: str = "", **parameters: Any) -> dict[str, Any]:
+        self._last_id += 1
+        request = {"id": self._last_id, "method": method, "params": parameters} | (
+            {"sessionId": session} if session else {}
+        )
+        self._socket.send(json.dumps(request))
         while True:
             answer = json.loads(self._socket.recv(30))
-            if answer.get("id") == self._asked:
+            if answer.get("id") == self._last_id:
                 assert "error" not in answer, answer["error"]
                 result: dict[str, Any] = answer["result"]
                 return result

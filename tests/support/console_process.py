@@ -28,18 +28,16 @@ def without_models(scenario: Path, folder: Path) -> Path:
 
 
 class ConsoleProcess:
-    """Console in a separate process that may be stopped and killed; ``whole`` starts its language model and recogniser
-    too.
-    """
+    """Console in a separate process that may be stopped and killed; ``with_models`` also starts its models."""
 
     def __init__(
         self,
         *arguments: str | Path,
         module: str = "tests.app.console_child",
-        whole: bool = False,
+        with_models: bool = False,
         **environment: str,
     ) -> None:
-        if whole:
+        if with_models:
             environment["CARIS_TEST_WITH_MODELS"] = "1"
         # A separate folder: killed child processes leave files behind.
         self._folder = Path(tempfile.mkdtemp(prefix="console-"))
@@ -64,7 +62,7 @@ class ConsoleProcess:
         """Last reported state; empty until the window is open."""
         return self.history[-1] if self.history else {}
 
-    def say(self, line: str) -> None:
+    def send_command(self, line: str) -> None:
         if self._process.stdin is None:
             raise RuntimeError("the console process has no stdin")
         self._process.stdin.write(line + "\n")
@@ -95,11 +93,11 @@ class ConsoleProcess:
     def hold(self, key: str, seen: Callable[[], object], what: str) -> None:
         """Hold a drive key until ``seen`` is true; press again if a stalled window on a busy machine ended the hold."""
         for _attempt in range(5):
-            self.say(f"press {key}")
+            self.send_command(f"press {key}")
             with contextlib.suppress(AssertionError):
                 wait_for(seen, what, timeout_s=4.0)
                 return
-            self.say(f"release {key}")
+            self.send_command(f"release {key}")
         raise AssertionError(f"five presses of {key} without effect: {what}; last report: {self.shown}")
 
     def kill(self) -> None:
@@ -131,7 +129,7 @@ class ConsoleProcess:
         """Close the window and return the exit status."""
         if self._process.poll() is None:
             try:
-                self.say("quit")
+                self.send_command("quit")
                 self._process.wait(20)
             except (BrokenPipeError, subprocess.TimeoutExpired):
                 self.kill()

@@ -68,7 +68,7 @@ from caris_desktop.recording.session.session_clock import SessionClock
 
 SECOND_NS = 1_000_000_000
 LAYOUTS = Path(__file__).parents[2] / "layouts"
-SAID = (
+UTTERANCES = (
     ("robot", "Hello! Welcome to our laboratory."),
     ("participant", "Hi. What can you show me?"),
     ("robot", "This is a robot arm. It can pick up a cup without breaking it."),
@@ -170,7 +170,7 @@ def make_session(
     plan = plan or SessionPlan(**fields)
     folder.mkdir(parents=True)
     clock = _clock_of(plan)
-    videos = _begin_videos(folder, plan, killed=killed)
+    videos = _start_videos(folder, plan, killed=killed)
     log = EventLog(DiskFile(folder / "events.mcap"), anchor=clock.anchor, metadata={"program_version": "0.test"})
     plain = PlainFiles(folder, clock, on_full=lambda: False)
     audio = AudioWriter(folder, on_full=lambda: False)
@@ -213,13 +213,13 @@ def make_session(
 def values_of(plan: SessionPlan) -> Iterator[tuple[int, Any]]:
     """All values with their arrival time at the console, ordered by it."""
     streams: list[Iterator[tuple[int, Any]]] = [
-        _beginning(plan),
+        _initial_values(plan),
         *(_frames(plan, camera) for camera in plan.cameras),
         _regular(plan, plan.scans_hz, _scan),
         _regular(plan, plan.odometry_hz, _odometry),
         _regular(plan, plan.odometry_hz / 2, _pose),
-        _regular(plan, plan.people_hz, _seen, after_ns=_PEOPLE_AFTER_NS),
-        _regular(plan, plan.people_hz, _seen_in_map, after_ns=_PEOPLE_AFTER_NS + 1),
+        _regular(plan, plan.people_hz, _people, after_ns=_PEOPLE_AFTER_NS),
+        _regular(plan, plan.people_hz, _people_in_map, after_ns=_PEOPLE_AFTER_NS + 1),
         _regular(plan, plan.odometry_hz * 2, _command),
         _regular(plan, 1.0, _quality),
         _regular(plan, _rate(plan.battery_every_s), _battery),
@@ -306,7 +306,7 @@ def _regular(
         yield stamp_ns + after_ns, make(plan, number, stamp_ns)
 
 
-def _beginning(plan: SessionPlan) -> Iterator[tuple[int, Any]]:
+def _initial_values(plan: SessionPlan) -> Iterator[tuple[int, Any]]:
     """State at the start of recording: values with earlier stamps that are recorded at once."""
     start_ns, earlier_ns = plan.started_ns, plan.started_ns - 40 * SECOND_NS
     height, width = plan.map_cells
@@ -400,7 +400,7 @@ def _person_id(plan: SessionPlan, number: int, stamp_ns: int) -> str:
     return f"p-{1 + number + (rounds * plan.people if number == 0 else 0)}"
 
 
-def _seen(plan: SessionPlan, number: int, stamp_ns: int) -> People:
+def _people(plan: SessionPlan, number: int, stamp_ns: int) -> People:
     at_s = (stamp_ns - plan.started_ns) / 1e9
     width_px, height_px = plan.size_px
     boxes = tuple(
@@ -419,7 +419,7 @@ def _seen(plan: SessionPlan, number: int, stamp_ns: int) -> People:
     return People(stamp_ns, camera, number + 1, width_px, height_px, boxes, 24.0)
 
 
-def _seen_in_map(plan: SessionPlan, number: int, stamp_ns: int) -> PeopleInMap:
+def _people_in_map(plan: SessionPlan, number: int, stamp_ns: int) -> PeopleInMap:
     at_s = (stamp_ns - plan.started_ns) / 1e9
     return PeopleInMap(
         stamp_ns,
@@ -453,7 +453,7 @@ def _marks(plan: SessionPlan) -> Iterator[tuple[int, Any]]:
 
 def _speech(plan: SessionPlan) -> Iterator[tuple[int, Any]]:
     for number, at_ns in _times(plan, plan.utterance_every_s, margin_s=5.0):
-        speaker, text = SAID[number % len(SAID)]
+        speaker, text = UTTERANCES[number % len(UTTERANCES)]
         utterance_id, took_ns = f"u{number + 1}", round(min(0.06 * len(text), 3.0) * SECOND_NS)
         end_ns = at_ns + 100_000_000 + took_ns
         if speaker == "robot":
@@ -467,7 +467,7 @@ def _speech(plan: SessionPlan) -> Iterator[tuple[int, Any]]:
 def _exchanges(plan: SessionPlan) -> Iterator[tuple[int, Any]]:
     for number, at_ns in _times(plan, plan.llm_every_s, margin_s=5.0):
         answered_ns, used_ns = at_ns + 900_000_000, at_ns + 2 * SECOND_NS
-        exchange_id, question = f"x{number + 1}", SAID[(2 * number + 1) % len(SAID)][1]
+        exchange_id, question = f"x{number + 1}", UTTERANCES[(2 * number + 1) % len(UTTERANCES)][1]
         yield (
             answered_ns,
             LlmExchange(
@@ -550,7 +550,7 @@ def _clock_of(plan: SessionPlan) -> SessionClock:
     return SessionClock(anchor, plan.started_ns)
 
 
-def _begin_videos(folder: Path, plan: SessionPlan, *, killed: bool) -> Callable[[], list[VideoInfo]]:
+def _start_videos(folder: Path, plan: SessionPlan, *, killed: bool) -> Callable[[], list[VideoInfo]]:
     """Write the videos, long ones in parallel; the returned function waits for them."""
     jobs = [(folder, plan, camera, killed) for camera in plan.cameras]
     if plan.seconds * plan.fps < 10_000:

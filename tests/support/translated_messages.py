@@ -11,7 +11,7 @@ _SENTENCE = re.compile(r"[A-Za-z]{2,}(?: [A-Za-z]{2,}){2,}")
 
 def untranslated_part(say: Callable[[], str]) -> list[str]:
     """Sequences of words that no translation contains; placeholders hold data and are ignored."""
-    use_translator(lambda text, _meant, _number: "".join(map(_marked, re.split(r"(\{\w+\})", text))))
+    use_translator(lambda text, _context, _number: "".join(map(_marked, re.split(r"(\{\w+\})", text))))
     try:
         left = _MARKED.sub("", say())
     finally:

@@ -73,7 +73,7 @@ class VirtualDesktop:
             text=True,
         )
 
-    def say(self, line: str) -> None:
+    def send_command(self, line: str) -> None:
         """Write a line to the program's stdin."""
         if self._subject.stdin is None:
             raise RuntimeError("the program has no stdin")

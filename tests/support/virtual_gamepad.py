@@ -47,7 +47,7 @@ class VirtualGamepad:
     def press(self, button: int) -> None:
         self._sdl.SDL_JoystickSetVirtualButton(self._handle, button, 1)
 
-    def let_go(self, button: int) -> None:
+    def release(self, button: int) -> None:
         self._sdl.SDL_JoystickSetVirtualButton(self._handle, button, 0)
 
     def has_been_read(self, button: int, *, held: bool) -> bool:

@@ -41,9 +41,9 @@ class Desktop:
 
     def __init__(self, desktop: VirtualDesktop) -> None:
         self._desktop = desktop
-        self.do, self.say, self.use_layout = desktop.do, desktop.say, desktop.use_layout
+        self.do, self.send_command, self.use_layout = desktop.do, desktop.send_command, desktop.use_layout
         number = next(_numbers)
-        desktop.say(f"reset {number}")
+        desktop.send_command(f"reset {number}")
         self.at = desktop.wait_for(f"RESET {number}")
         self.began = self.at
 
@@ -65,7 +65,7 @@ class Desktop:
     def click(self, name: str) -> None:
         """Press the left button in the middle of a widget."""
         start = len(self._desktop.lines())
-        self.say(f"where {name}")
+        self.send_command(f"where {name}")
         end = self._desktop.wait_for(f"WHERE {name}", after=start)
         x, y = self._desktop.lines()[end - 1].split()[2:]
         self.do("mousemove", x, y, "click", "1")
@@ -73,7 +73,7 @@ class Desktop:
     def place(self, word: str, name: str) -> tuple[int, int]:
         """Position on the screen."""
         start = len(self._desktop.lines())
-        self.say(f"{word} {name}")
+        self.send_command(f"{word} {name}")
         end = self._desktop.wait_for(f"{word.upper()} {name}", after=start)
         x, y = self._desktop.lines()[end - 1].split()[2:]
         return int(x), int(y)
@@ -279,7 +279,7 @@ def test_a_click_on_a_tab_or_a_bar_ends_driving_by_bare_keys(desktop: Desktop) -
 
 
 def test_a_name_for_nobody_goes_nowhere(desktop: Desktop) -> None:
-    desktop.say("nobody")
+    desktop.send_command("nobody")
     desktop.do("key", "Return")
     desktop.expect("KEYS typing")
     desktop.do("key", "ctrl+i")
@@ -297,24 +297,24 @@ def _nothing(_desktop: Desktop) -> None:
 
 
 def _dialog(desktop: Desktop) -> None:
-    desktop.say("dialog")
+    desktop.send_command("dialog")
     desktop.expect_all("DIALOG True", "ACTIVE StartDialog", "KEYS dialog")
 
 
 def _combo(desktop: Desktop) -> None:
-    desktop.say("combo")
+    desktop.send_command("combo")
     desktop.expect("POPUP True", "KEYS menu")
 
 
 def _completion(desktop: Desktop) -> None:
-    desktop.say("completer")
+    desktop.send_command("completer")
     desktop.expect("KEYS typing")
     desktop.do("type", "he")
     desktop.expect("POPUP True")
 
 
 def _floating(desktop: Desktop) -> None:
-    desktop.say("float drive 700 500")
+    desktop.send_command("float drive 700 500")
     desktop.do("sleep", "0.3")
     desktop.click("drive_line")
     desktop.expect("ACTIVE FloatingWindow")
@@ -364,9 +364,9 @@ def test_an_escape_on_its_way_to_what_the_first_one_closes_is_not_lost(whole_des
 def test_no_stop_is_lost_while_the_keys_go_back_from_a_dialog(
     desktop: Desktop, whole_desktop: VirtualDesktop, closing: str
 ) -> None:
-    desktop.say("keep_keys 60")
+    desktop.send_command("keep_keys 60")
     _dialog(desktop)
-    desktop.say("focus start_dialog_cancel")
+    desktop.send_command("focus start_dialog_cancel")
     desktop.do("sleep", "0.1")
     with whole_desktop.busy_manager():  # before it moves the focus, no window would get the keys
         desktop.do("key", closing)
@@ -377,7 +377,7 @@ def test_no_stop_is_lost_while_the_keys_go_back_from_a_dialog(
             desktop.do("key", "Escape")
         desktop.expect("emergency_stop")
     assert len(desktop.intents("stop")) == len(desktop.intents("emergency_stop")) == 1
-    desktop.say("keep_keys 0.6")
+    desktop.send_command("keep_keys 0.6")
 
 
 @pytest.mark.parametrize("delay_ms", [4, 10, 20, 40])  # faster than any person
@@ -394,7 +394,9 @@ def test_two_quick_escapes_over_a_dialog_are_an_emergency_stop(whole_desktop: Vi
 def test_an_escape_for_a_dialog_that_closed_meanwhile_counts(whole_desktop: VirtualDesktop, delay_ms: int) -> None:
     desktop = Desktop(whole_desktop)
     _dialog(desktop)
-    desktop.say("slow_stop 0.4")  # the X server sends the second press to the dialog; Qt reads it after its end
+    desktop.send_command(
+        "slow_stop 0.4"
+    )  # the X server sends the second press to the dialog; Qt reads it after its end
     desktop.do("sleep", "0.1", "key", "--delay", str(delay_ms), "Escape", "Escape")
     desktop.expect("stop", "emergency_stop", "READY True", "KEYS driving")
     desktop.do("sleep", "0.2", "key", "Escape")
@@ -424,47 +426,47 @@ def test_one_escape_that_closes_a_dialog_is_one_and_the_keys_are_the_windows_aga
 
 
 def test_the_gamepad_drives_stops_and_speaks(desktop: Desktop, whole_desktop: VirtualDesktop) -> None:
-    desktop.say("plug")
+    desktop.send_command("plug")
     desktop.expect("GAMEPAD True")
-    desktop.say("pad push 1 -1.0")
+    desktop.send_command("pad push 1 -1.0")
     desktop.expect("drive (0.6, 0.0, 0.0, 'gamepad')")
-    desktop.say("pad push 5 1.0")
+    desktop.send_command("pad push 5 1.0")
     desktop.expect("drive (1.0, 0.0, 0.0, 'gamepad')")
     desktop.do("keydown", "a")
     desktop.expect("drive (1.0, 0.0, 1.0, 'keyboard')")
     desktop.do("keyup", "a")
     desktop.expect("drive (1.0, 0.0, 0.0, 'gamepad')")
-    desktop.say("pad press 1")
+    desktop.send_command("pad press 1")
     desktop.expect("stop")
-    desktop.say("pad let_go 1")
-    desktop.say("pad press 11")
+    desktop.send_command("pad release 1")
+    desktop.send_command("pad press 11")
     desktop.expect("say ('Hello! Welcome to the lab.', 'phrase')")
-    desktop.say("pad let_go 11")
+    desktop.send_command("pad release 11")
     assert len(desktop.intents("drive")) == 4, "the stick that was held through a stop does not drive on"
-    desktop.say("pad push 1 0.0")
+    desktop.send_command("pad push 1 0.0")
     # Gamepad stops work over every window; its stick drives over none.
     for number, situation in enumerate((_dialog, _combo, _completion, _floating)):
         desktop = Desktop(whole_desktop)
         situation(desktop)
-        desktop.say("pad press 1")
+        desktop.send_command("pad press 1")
         desktop.expect("stop")
-        desktop.say("pad let_go 1")
-        desktop.say("pad press 4")
+        desktop.send_command("pad release 1")
+        desktop.send_command("pad press 4")
         desktop.expect("emergency_stop")
-        desktop.say("pad let_go 4")
+        desktop.send_command("pad release 4")
         if number < 2:
             desktop = Desktop(whole_desktop)
             situation(desktop)
-            desktop.say("pad push 1 -1.0")
+            desktop.send_command("pad push 1 -1.0")
             desktop.do("sleep", "0.2")
             assert not desktop.intents("drive")
-            desktop.say("pad push 1 0.0")
+            desktop.send_command("pad push 1 0.0")
             desktop.do("key", "Escape")
             desktop.expect("stop")
     desktop = Desktop(whole_desktop)
-    desktop.say("pad push 0 -1.0")
+    desktop.send_command("pad push 0 -1.0")
     desktop.expect("drive (0.0, 0.0,")
-    desktop.say("pad unplug")
+    desktop.send_command("pad unplug")
     desktop.expect("release_drive The gamepad was unplugged")
     assert "GAMEPAD False" in desktop.since()
 
@@ -481,7 +483,7 @@ def test_a_key_that_the_window_manager_keeps_stops_too(desktop: Desktop) -> None
 
 
 def test_a_completion_does_not_end_driving(desktop: Desktop) -> None:
-    desktop.say("completer")
+    desktop.send_command("completer")
     desktop.expect("KEYS typing")
     desktop.do("keydown", "KP_Up")
     desktop.expect(FORWARD)
@@ -496,7 +498,7 @@ def test_a_completion_does_not_end_driving(desktop: Desktop) -> None:
 
 
 def test_floating_panels_belong_to_the_window(desktop: Desktop) -> None:
-    desktop.say("float speak 700 500")
+    desktop.send_command("float speak 700 500")
     desktop.expect("ACTIVE FloatingWindow", "KEYS typing")  # focus stays with a panel that the user floats
     desktop.click("video_view")
     desktop.expect("ACTIVE MainWindow", "KEYS driving")
@@ -530,11 +532,11 @@ def test_a_key_whose_release_is_lost_has_to_be_pressed_anew(desktop: Desktop, lo
         case "another program":
             other = desktop.start_other_program()
         case "a dialog":
-            desktop.say("dialog")
+            desktop.send_command("dialog")
         case "another workspace":
             desktop.do("set_desktop", "1")
         case _:
-            desktop.say("focus speak_field")
+            desktop.send_command("focus speak_field")
     desktop.expect("release_drive")
     lost = desktop.at
     desktop.do("sleep", "0.7", "keyup", "w")
@@ -598,10 +600,10 @@ def test_escape_while_dragging_leaves_the_panel_where_it_was_and_stops_the_robot
 
 
 def test_what_is_locked_cannot_be_dragged(desktop: Desktop) -> None:
-    desktop.say("lock on")
+    desktop.send_command("lock on")
     desktop.expect("LOCKED on")
     desktop.drag(desktop.place("title", "map"), desktop.place("where", "video_view"))
-    desktop.say("lock off")
+    desktop.send_command("lock off")
     desktop.expect("LOCKED off")
     desktop.drag(desktop.place("title", "drive"), desktop.place("where", "video_view"))
     desktop.expect("LAYOUT video+drive speak map assistant+session people")

@@ -105,7 +105,7 @@ def test_a_button_is_learned_by_pressing_it(
     assert row(dialog, "mark").bound_text == "Y"
     assert row(dialog, "photo").bound_text == "none", "one button, one meaning"
     assert console.calls == [], "a button that is being learned does nothing"
-    pad.let_go(3)
+    pad.release(3)
     assert gamepads.device is not None
     assert mappings_from_text(kept[-1])[gamepads.device.device].bound("mark") == "b3"
     click(qtbot, find(dialog, "gamepad_reset"))
@@ -129,7 +129,7 @@ def test_a_stick_is_learned_the_way_it_is_pushed(
     click(qtbot, row(dialog, "left").change)
     pad.press(0)
     qtbot.waitUntil(lambda: "opposite direction" in text_of(dialog, "gamepad_hint"))
-    pad.let_go(0)
+    pad.release(0)
     qtbot.waitUntil(lambda: not gamepads.sample.raw.buttons[0])
     pad.press(1)
     qtbot.waitUntil(lambda: dialog.learned_action == "")

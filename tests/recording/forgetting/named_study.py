@@ -11,7 +11,7 @@ from tests.support.recorded_session import SessionPlan, make_session
 
 NAME, OTHER = "Zoë Quillfeather", "Basil Thornapple"
 PERSON, OTHER_PERSON = "p-1", "p-2"
-SAID = (
+UTTERANCES = (
     ("robot", f"Hello {NAME}, welcome to our laboratory."),
     ("participant", "Hi. What can you show me?"),
     ("robot", f"{OTHER} is here too."),
@@ -21,7 +21,7 @@ SAID = (
 
 def make_study(folder: Path, *, sessions: int = 1, seconds: float = 13.0, fps: float = 10.0) -> Path:
     """Sessions of ``seconds`` with two people, in which the robot says their names."""
-    with mock.patch.object(recorded_session, "SAID", SAID):
+    with mock.patch.object(recorded_session, "UTTERANCES", UTTERANCES):
         for number in range(sessions):
             plan = SessionPlan(
                 seconds=seconds,

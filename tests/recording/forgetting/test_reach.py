@@ -54,14 +54,14 @@ def test_no_checksum_that_is_left_gives_the_name_to_somebody_who_guesses(
         return f"{name} was early.\n".encode(), SCENARIO.format(name).encode(), name.encode()
 
     text = SCENARIO.format(NAME)
-    beginning = recorded_session._beginning
+    beginning = recorded_session._initial_values
     opened = ScenarioOpened(0, "tour.yaml", "Tour", hashlib.sha256(text.encode()).hexdigest(), text)
 
     def with_scenario(plan: SessionPlan) -> Any:
         rows = list(beginning(plan))
         return iter([*rows, (rows[-1][0], opened)])
 
-    monkeypatch.setattr(recorded_session, "_beginning", with_scenario)
+    monkeypatch.setattr(recorded_session, "_initial_values", with_scenario)
     study = make_study(tmp_path / "study", seconds=7.0, fps=5.0)
     (folder,) = sessions_of(study)
     header = json.loads((folder / "session.json").read_bytes())

@@ -26,7 +26,7 @@ from tests.support.recorded_session import SessionPlan, make_session
 
 LONG, SHORT = "My grandmother had a parrot of that colour.", "Yes."
 ROBOT = "What would you like to see?"
-SAID = (("participant", LONG), ("robot", ROBOT), ("participant", SHORT))
+UTTERANCES = (("participant", LONG), ("robot", ROBOT), ("participant", SHORT))
 
 
 def make(folder: Path, *, people: int, seed: int = 1) -> Path:
@@ -35,7 +35,7 @@ def make(folder: Path, *, people: int, seed: int = 1) -> Path:
         people=people, people_hz=5.0, utterance_every_s=2.5, person_every_s=0.0, photo_every_s=0.0, map_cells=(5, 5),
         llm_every_s=4.0, seed=seed,
     )  # fmt: skip
-    with mock.patch.object(recorded_session, "SAID", SAID):
+    with mock.patch.object(recorded_session, "UTTERANCES", UTTERANCES):
         make_session(folder, plan)
     return folder
 
