@@ -125,7 +125,7 @@ def _sort_key(item: pytest.Item) -> int:
 
 
 def _is_long(item: pytest.Item) -> bool:
-    """Whether a test is marked ``long``, or is one of the variants that its mark names by pattern."""
+    """True if a test is marked ``long``, or is a variant whose id matches the pattern of its mark."""
     variant = item.callspec.id if isinstance(item, pytest.Function) and hasattr(item, "callspec") else ""
     marks = item.iter_markers("long")
     return any(not mark.args or any(fnmatch.fnmatchcase(variant, each) for each in mark.args) for mark in marks)
