@@ -183,7 +183,7 @@ def marked() -> Iterator[None]:
 
 @pytest.mark.usefixtures("marked")
 def test_no_word_is_made_small_or_large_after_it_was_translated() -> None:
-    """German nouns keep their capital letter, and word order differs between languages."""
+    """German nouns keep their capital letter, and a separate word of one language is an ending in another."""
     assert text_formatting.camera_title("front") == "<{name} camera|a title>".format(name="Front")
     assert text_formatting.camera_in_text("front") == "<{name} camera|in a sentence, after “the”>".format(name="front")
     assert text_formatting.camera_in_text("OAK-D_camera") == "OAK-D camera"
