@@ -39,6 +39,8 @@ def write_manifest(folder: Path, *, may_go_on: Callable[[], bool] = lambda: True
         escaped = name.replace("\\", "\\\\").replace("\n", "\\n").replace("\r", "\\r")
         lines.append(f"{'' if escaped == name else chr(92)}{digest}  {escaped}\n")
     path = folder / MANIFEST_NAME
+    for unfinished in folder.glob(f".{MANIFEST_NAME}.*.part"):  # of a process that was killed
+        unfinished.unlink(missing_ok=True)
     replace_file(path, "".join(lines).encode("utf-8", "surrogateescape"), durable=True)
     return path
 
