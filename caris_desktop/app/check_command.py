@@ -127,17 +127,17 @@ def _camera(chosen: ChosenCamera) -> Finding:
 
 
 def detector_finding(scenario: Scenario) -> Finding:
-    wanted = composition.detector_settings(scenario)
-    if wanted.server and not wanted.other_computers and not is_loopback(wanted.server):
+    settings = composition.detector_settings(scenario)
+    if settings.server and not settings.other_computers and not is_loopback(settings.server):
         return Finding(
             "Person detector",
             False,
-            f"The scenario does not permit models on other computers, but uses {without_credentials(wanted.server)}.",
+            f"The scenario does not permit models on other computers, but uses {without_credentials(settings.server)}.",
             "Remove perception.server from the scenario, or permit cloud_models.",
         )
-    if wanted.server:
+    if settings.server:
         try:
-            remote = RemoteDetector(wanted.server, confidence=1.0)
+            remote = RemoteDetector(settings.server, confidence=1.0)
         except DetectorAwayError as error:
             return Finding(
                 "Person detector", False, f"{error}.", "Start 'caris-desktop perceive --serve' on that computer."
@@ -145,7 +145,7 @@ def detector_finding(scenario: Scenario) -> Finding:
         remote.close()
         return Finding("Person detector", True, remote.label)
     try:
-        weights = find_weights(wanted.model, allow_download=False)
+        weights = find_weights(settings.model, allow_download=False)
     except WeightsError as error:
         return Finding("Person detector", False, f"{error}.", f"{error.advice}.")
     return Finding("Person detector", True, f"{weights.label} ({weights.path})")
@@ -161,14 +161,14 @@ def recogniser_finding(scenario: Scenario) -> Finding:
             # Soft noise: some servers do not answer to silence.
             noise = np.random.default_rng(0).normal(0.0, 0.003, _SECOND_OF_SOUND).astype(np.float32)
             engine.transcribe(noise, "", careful=True)
-            took_s, with_what = time.monotonic() - began_s, engine.asked_with
+            took_s, asked_with = time.monotonic() - began_s, engine.asked_with
     except NoEngineError as error:
         return Finding("Speech to text", False, error.what, error.advice)
     except EngineUnavailableError as error:
         advice = "Check the server, and check listening.server and listening.model in the scenario."
         return Finding("Speech to text", False, error.what, advice)
-    answers = f"{engine.model} transcribes one second of audio in {took_s:.1f} s"
-    return Finding("Speech to text", True, f"{answers}; {with_what}" if with_what else answers)
+    answer = f"{engine.model} transcribes one second of audio in {took_s:.1f} s"
+    return Finding("Speech to text", True, f"{answer}; {asked_with}" if asked_with else answer)
 
 
 def _language_model(model: str, scenario: Scenario) -> Finding:

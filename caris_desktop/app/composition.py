@@ -91,7 +91,7 @@ def live_consoles_dir() -> Path:
     return Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "live"
 
 
-def said_before_file(study: Path) -> Path:
+def speech_history_file(study: Path) -> Path:
     """File of this user's typed sentences in a study."""
     name = hashlib.sha256(str(study.resolve()).encode()).hexdigest()[:16]
     return Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "said" / f"{name}.jsonl"
@@ -177,7 +177,7 @@ def parts(
     return Adapters(
         recorder=ProcessSpec("recorder", process_entry_points.recorder),
         speech=ProcessSpec("speech", process_entry_points.speech),
-        said_before=said_before_file(study.path),
+        speech_history=speech_history_file(study.path),
         people=PeopleAdapters(
             inference=ProcessSpec("inference", process_entry_points.inference, (inference,)),
             open_presence=functools.partial(_open_presence, study),
@@ -240,13 +240,13 @@ def microphones(chosen: Callable[[Role], str | None], keep: Callable[[Role, str 
 
 def recogniser_settings(scenario: Scenario) -> RecogniserSettings:
     """Speech recognition settings of this scenario."""
-    wanted = scenario.listening
+    listening = scenario.listening
     return RecogniserSettings(
-        wanted.engine, wanted.model, wanted.sha256,
-        scenario.path.parent if scenario.path is not None and wanted.model else None,
-        wanted.server, wanted.language,
+        listening.engine, listening.model, listening.sha256,
+        scenario.path.parent if scenario.path is not None and listening.model else None,
+        listening.server, listening.language,
         # Local recognition is the same whether or not other computers are permitted.
-        wanted.engine == "server" and scenario.permissions.cloud_models,
+        listening.engine == "server" and scenario.permissions.cloud_models,
     )  # fmt: skip
 
 
@@ -258,8 +258,10 @@ def _forgetting(study: StudyFolder, person_id: str) -> ProcessSpec:
     """Process that forgets the person in the whole study."""
     from caris_desktop.live.erasure_run import ForgettingAsked
 
-    asked = ForgettingAsked(study.path, study.people_database, person_id, unknown=True, own_files=own_files(study.path))
-    return ProcessSpec("forgetting", process_entry_points.forgetting, (asked,))
+    request = ForgettingAsked(
+        study.path, study.people_database, person_id, unknown=True, own_files=own_files(study.path)
+    )
+    return ProcessSpec("forgetting", process_entry_points.forgetting, (request,))
 
 
 def own_files(study: Path) -> "OwnFiles":
@@ -277,7 +279,7 @@ def own_files(study: Path) -> "OwnFiles":
         Path(platformdirs.user_cache_dir("caris-desktop", appauthor=False)),
     )  # fmt: skip
     return OwnFiles(
-        said_before_file(study).parent,
+        speech_history_file(study).parent,
         log_file().parent,
         tuple(Path(tempfile.gettempdir()).glob(f"{VOICE_FOLDER}*")),
         folders,
@@ -296,29 +298,32 @@ def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -
             try:
                 chosen.append(parse_camera(camera.source, name=camera.name))
             except CameraError as error:
-                what, meaning = str(error), tr("The scenario is used without this camera.")
-                failures.append(UserFacingError(tr(what), meaning, tr(error.advice), severity="warning"))
+                message, meaning = str(error), tr("The scenario is used without this camera.")
+                failures.append(UserFacingError(tr(message), meaning, tr(error.advice), severity="warning"))
                 continue
             if camera.mount is not None:
                 stands = next((place for place in scenario.places if place.name == camera.place), None)
                 if camera.place and stands is None:
-                    what = tr("The camera {camera} is placed at “{place}”, which is not one of the scenario's places.")
-                    what = what.format(camera=chosen[-1].name, place=camera.place)
+                    message = tr(
+                        "The camera {camera} is placed at “{place}”, which is not one of the scenario's places."
+                    )
+                    message = message.format(camera=chosen[-1].name, place=camera.place)
                     meaning = tr("The camera is shown, but its people have no position on the map.")
                     failures.append(
-                        UserFacingError(what, meaning, tr("Correct the scenario file."), severity="warning")
+                        UserFacingError(message, meaning, tr("Correct the scenario file."), severity="warning")
                     )
                     continue
                 at = None if stands is None else stands.pose_in_map
                 models[chosen[-1].name] = replace(camera.mount, stands_in_map=at)
     listens = scenario.permissions.audio_recording or scenario.permissions.transcription or scenario.sound.hear
-    own = tuple(
+    own_cameras = tuple(
         replace(camera, sound=listens and scenario.sound.ear == f"camera:{camera.name}")
         for camera in with_distinct_names(camera for camera in chosen if camera.kind != "robot")
     )
     of_robot = [camera.target for camera in chosen if camera.kind == "robot"]
     bodies_of = {
-        camera.name: ProcessSpec(f"camera {camera.name}", process_entry_points.camera, (camera,)) for camera in own
+        camera.name: ProcessSpec(f"camera {camera.name}", process_entry_points.camera, (camera,))
+        for camera in own_cameras
     }
     return WantedCameras(
         tuple(OwnCamera(name, body, models.get(name)) for name, body in bodies_of.items()),
@@ -395,11 +400,11 @@ def _open_presence(study: StudyFolder) -> tuple[PresenceTracker, list[Event]]:
     try:
         return PresenceTracker(KnownPeople(PeopleStore(study.people_database))), []
     except PeopleStoreError as error:
-        what = str(error)
+        message = str(error)
         problem = Problem(
             clock.now_ns(),
             "error",
-            tr(what),
+            tr(message),
             tr("People are recognised, but names that you enter are lost when the program closes."),
             tr("Make the study's folder writable, or start with another --study."),
         )

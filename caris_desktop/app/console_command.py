@@ -100,7 +100,7 @@ class ConsoleRun:
         self.console = Console(replace(parts, practice=practice, robots=robots, scenario=of_scenario), scenario)
         self.settings.failed.connect(self._on_settings_failed)
         self.host = RobotConnections(self.console, composition.live_consoles_dir(), self.console)
-        self.host.window_asked.connect(self._show_window)
+        self.host.window_requested.connect(self._show_window)
         theme = self._theme = Theme(
             self.application, as_choice(arguments.theme or self.settings.value(THEME_KEY, "system"))
         )
@@ -287,9 +287,9 @@ class ConsoleRun:
         named = self._arguments.scenario
         last_time = str(self.settings.value(_SCENARIO_KEY, "tour-guide"))
         try:
-            wanted = named or last_time
+            reference = named or last_time
             accepted = self._arguments.accept_named
-            return composition.find_scenario(wanted, accept_named=accepted, ask=self._asks), ""
+            return composition.find_scenario(reference, accept_named=accepted, ask=self._asks), ""
         except ConfirmationNeededError as needed:
             self._to_confirm = needed
             return composition.find_scenario("tour-guide"), ""
@@ -312,9 +312,9 @@ class ConsoleRun:
     def _on_link_changed(self, link: LinkStatus) -> None:
         """Store whether the last robot was one of this console's own."""
         if link.state == "connected":
-            own = self.demo_robot is not None and link.address == self.demo_robot.address_of(PROFILE)
-            if (self.settings.value(_OWN_ROBOT_KEY, "") == "yes") != own:
-                self.settings.setValue(_OWN_ROBOT_KEY, "yes" if own else "")
+            is_demo = self.demo_robot is not None and link.address == self.demo_robot.address_of(PROFILE)
+            if (self.settings.value(_OWN_ROBOT_KEY, "") == "yes") != is_demo:
+                self.settings.setValue(_OWN_ROBOT_KEY, "yes" if is_demo else "")
 
     def _on_scenario_changed(self, scenario: Scenario) -> None:
         practising = self.console.state.practice.value.state in ("preparing", "running")
@@ -342,8 +342,8 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         with single_instance.held(composition.open_study(arguments.study).path, composition.live_consoles_dir()):
             return _run(ConsoleRun(arguments))
-    except single_instance.AlreadyOpenError as shown:
-        print(shown)
+    except single_instance.AlreadyOpenError as error:
+        print(error)
         return 0
     except composition.StartError as refusal:
         print(refusal, file=sys.stderr)

@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{arguments.study} is not a folder. Nothing was changed.", file=sys.stderr)
         return 1
     study = study_dir_of(arguments.study).absolute()
-    asked = ForgettingAsked(
+    request = ForgettingAsked(
         study,
         StudyFolder(study).people_database,
         arguments.person,
@@ -72,12 +72,12 @@ def run(arguments: argparse.Namespace) -> int:
         own_files=own_files(study),
     )
     try:
-        person, _, _ = person_of(asked)
-        if not (arguments.yes or _agreed(asked, person.names)):
+        person, _, _ = person_of(request)
+        if not (arguments.yes or _agreed(request, person.names)):
             print("No person was erased; nothing was changed.", file=sys.stderr)
             return _CANCELLED
         with ProgressLine() as line:
-            outcome = forget(asked, line.show)
+            outcome = forget(request, line.show)
     except UserFacingError as failure:
         print(failure, file=sys.stderr)
         return 1
@@ -88,12 +88,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if outcome.complete else 1
 
 
-def _agreed(asked: ForgettingAsked, names: tuple[str, ...]) -> bool:
-    done = "pixelated in" if asked.recordings == "mask" else "removed with"
+def _agreed(request: ForgettingAsked, names: tuple[str, ...]) -> bool:
+    done = "pixelated in" if request.recordings == "mask" else "removed with"
     print(
-        f"{' / '.join(names) or asked.who} will be permanently erased from {asked.study}: removed from the study's "
+        f"{' / '.join(names) or request.who} will be permanently erased from {request.study}: removed from the study's "
         f"database, and {done} every video and photo in which they appear. Exports that show or name them "
-        f"{'are not changed' if asked.keep_exports else 'are removed'}. This cannot be undone."
+        f"{'are not changed' if request.keep_exports else 'are removed'}. This cannot be undone."
     )
     if not sys.stdin.isatty():
         print("Add --yes to start without confirmation.", file=sys.stderr)

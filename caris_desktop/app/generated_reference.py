@@ -118,10 +118,10 @@ def _marked(source: str) -> Iterator[str]:
     for call in ast.walk(ast.parse(source)):
         if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "QT_TR_NOOP":
             text = ast.literal_eval(call.args[0])
-            own = text.replace("%n", "")
-            while "{" in own:
-                own = own.partition("{")[0] + own.partition("}")[2]
-            if sum(map(str.isalpha, own)) >= _LEAST_LETTERS:
+            plain = text.replace("%n", "")
+            while "{" in plain:
+                plain = plain.partition("{")[0] + plain.partition("}")[2]
+            if sum(map(str.isalpha, plain)) >= _LEAST_LETTERS:
                 yield text
 
 

@@ -84,8 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"{folder.name}: {error}", file=sys.stderr)
             failed += 1
         except OSError as error:
-            why = "the disk is full" if no_room(error) else error.strerror or str(error)
-            print(f"{folder.name}: the layer could not be written: {why}. Nothing was saved.", file=sys.stderr)
+            reason = "the disk is full" if no_room(error) else error.strerror or str(error)
+            print(f"{folder.name}: the layer could not be written: {reason}. Nothing was saved.", file=sys.stderr)
             failed += 1
         except KeyboardInterrupt:
             print(f"\nCancelled; nothing was saved for {folder.name}.", file=sys.stderr)
@@ -112,7 +112,7 @@ class _CameraLayer:
 def _perceive(folder: Path, arguments: argparse.Namespace) -> dict[str, object]:
     session = open_session(folder, repair=False)
     perceiver = open_perceiver(
-        arguments.model, tracker=arguments.tracker, threads=arguments.threads, recognise_looks=True
+        arguments.model, tracker=arguments.tracker, threads=arguments.threads, recognise_appearance=True
     )
     if perceiver.trouble:
         print(perceiver.trouble, file=sys.stderr)
@@ -135,7 +135,7 @@ def _perceive(folder: Path, arguments: argparse.Namespace) -> dict[str, object]:
         "session": folder.name,
         "program_version": __version__,
         "model": perceiver.label,
-        "looks": perceiver.looks_model,
+        "looks": perceiver.appearance_model,
         "tracker": arguments.tracker,
         "offline_quality": arguments.offline_quality,
         "cameras": {

@@ -56,19 +56,21 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         tls = server_context(arguments.cert, arguments.key)
         _check(arguments, token, tls)
-        own = (
+        user_weights = (
             Path(arguments.model) if arguments.model and not arguments.sha256 and "://" not in arguments.model else None
         )
-        if own is not None and own.suffix.lower() == ".pt":
+        if user_weights is not None and user_weights.suffix.lower() == ".pt":
             _notify(
                 tr("{name} may contain its maker's code, which runs here because you specified the file.").format(
-                    name=own.name
+                    name=user_weights.name
                 )
             )
         chosen = open_chosen(
-            own,
+            user_weights,
             DetectorSettings(
-                DetectorChoice("" if own else arguments.model, arguments.sha256, Path.cwd(), arguments.input_px),
+                DetectorChoice(
+                    "" if user_weights else arguments.model, arguments.sha256, Path.cwd(), arguments.input_px
+                ),
                 device=arguments.device,
             ),
             confidence=LEAST_CONFIDENCE,

@@ -59,7 +59,7 @@ def _missing(session: Session, read: Counter[str]) -> list[str]:
 
 def _not_replayed(session: Session, read: Counter[str]) -> list[str]:
     with SessionTimeline(session) as timeline:
-        shown = {type(value) for value in timeline.state_at(timeline.end_ns)}
+        shown_types = {type(value) for value in timeline.state_at(timeline.end_ns)}
     expected = [spec for spec in STATE_STREAMS if spec.delivery is Delivery.LATEST and read[spec.name]]
-    lost = [spec.name for spec in expected if spec.value_type not in shown]
+    lost = [spec.name for spec in expected if spec.value_type not in shown_types]
     return [f"Missing in the replay: {', '.join(lost)}."] if lost else []

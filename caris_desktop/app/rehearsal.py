@@ -88,7 +88,7 @@ class Rehearsal(QObject):
         self._seconds = seconds
         self._participant = participant
         self._trial = trial
-        self._heard: list[UtteranceChanged] = []
+        self._transcribed: list[UtteranceChanged] = []
         self._state.event_happened.connect(self._on_event)
         self._held: set[Qt.Key] = set()
         self._script = self._play()
@@ -169,10 +169,10 @@ class Rehearsal(QObject):
         yield from self._tick_checks()
         self._click("start_dialog_begin")
         begun = ("starting", "recording")
-        asked = "start_asked"
+        marker = "start_asked"
         yield Until(
             "the recording starts, or the failed checks are shown",
-            lambda: self._state.recording.value.state in begun or self._find(asked) is not None,
+            lambda: self._state.recording.value.state in begun or self._find(marker) is not None,
         )
         if self._state.recording.value.state not in begun:
             self._note("recording anyway")
@@ -209,10 +209,10 @@ class Rehearsal(QObject):
         state = self._state
         yield Until("transcription is ready", lambda: state.listening.value.state in ("ready", "failed"), 90.0)
         for number, text in enumerate(self._lines()):
-            before = len(self._heard)
+            before = len(self._transcribed)
             participant.say(text)
-            yield Until("the participant is transcribed", lambda count=before: len(self._heard) > count, 90.0)  # type: ignore[misc]
-            self._note(f"the participant said “{self._heard[-1].text}”")
+            yield Until("the participant is transcribed", lambda count=before: len(self._transcribed) > count, 90.0)  # type: ignore[misc]
+            self._note(f"the participant said “{self._transcribed[-1].text}”")
             if number == 0:
                 yield from self._answer_by_suggestion()
             elif number == 1:
@@ -421,7 +421,7 @@ class Rehearsal(QObject):
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, UtteranceChanged) and event.speaker == "participant" and event.state == "finished":
-            self._heard.append(event)
+            self._transcribed.append(event)
 
     def _nearest_place(self, pose: Pose2D) -> Place | None:
         """Nearest place with a free line of sight of the LIDAR; None if there is none."""
@@ -489,9 +489,9 @@ class Rehearsal(QObject):
         )
         self.finished.emit(failure)
 
-    def _note(self, what: str) -> None:
-        self.steps.append({"at_s": round(self._elapsed_s(), 1), "what": what})
-        print(f"{self._elapsed_s():6.1f} s  {what}", flush=True)
+    def _note(self, step: str) -> None:
+        self.steps.append({"at_s": round(self._elapsed_s(), 1), "what": step})
+        print(f"{self._elapsed_s():6.1f} s  {step}", flush=True)
 
     def _elapsed_s(self) -> float:
         return (clock.now_ns() - self._started_ns) / 1e9

@@ -83,8 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
         check_screen()
         replay = ReplayRun(arguments)
     except (composition.StartError, SessionError) as refusal:
-        why = str(refusal)
-        print(tr(why) if arguments.told_in_window else why, file=sys.stderr)
+        reason = str(refusal)
+        print(tr(reason) if arguments.told_in_window else reason, file=sys.stderr)
         return 2
     session = replay.console.session
     for sentence in dict.fromkeys((*session.notices, *session.losses)):

@@ -77,13 +77,13 @@ class OwnLayoutFiles:
         self._saved = SavedLayouts(settings)
         self._keep_scenario = keep_scenario
 
-    def save(self, scenario: Scenario, asked: SaveLayout) -> Path:
-        changed = with_layout(scenario, asked.size_class, _tree_of(asked))
-        return _rewritten(replace(changed, title=asked.title)) if asked.title else _written(changed)
+    def save(self, scenario: Scenario, intent: SaveLayout) -> Path:
+        changed = with_layout(scenario, intent.size_class, _tree_of(intent))
+        return _rewritten(replace(changed, title=intent.title)) if intent.title else _written(changed)
 
-    def note_saved(self, path: Path, asked: SaveLayout, *, replaced: Scenario) -> None:
-        if not asked.title:
-            self._saved.note(path, asked.size_class, _tree_of(asked), replaced=replaced)
+    def note_saved(self, path: Path, intent: SaveLayout, *, replaced: Scenario) -> None:
+        if not intent.title:
+            self._saved.note(path, intent.size_class, _tree_of(intent), replaced=replaced)
         self._keep_scenario(path)
 
     def as_before(self, scenario: Scenario) -> Scenario:
@@ -98,10 +98,10 @@ class OwnLayoutFiles:
         self._saved.forget(path)
 
 
-def _tree_of(asked: SaveLayout) -> LayoutNode:
+def _tree_of(intent: SaveLayout) -> LayoutNode:
     """Checked layout of the request. Raises UserFacingError."""
     try:
-        return checked_layout(parse_json(asked.layout))
+        return checked_layout(parse_json(intent.layout))
     except ValueError as error:
         raise UserFacingError(
             tr("The panel layout was not saved."),
@@ -136,10 +136,10 @@ def _rewritten(scenario: Scenario) -> Path:
 
 
 def _not_saved(path: Path, error: Exception) -> UserFacingError:
-    why = error.strerror if isinstance(error, OSError) and error.strerror else error
+    reason = error.strerror if isinstance(error, OSError) and error.strerror else error
     return UserFacingError(
         tr("The panel layout was not saved."),
-        tr("{path} cannot be written ({why}).").format(path=path, why=why),
+        tr("{path} cannot be written ({why}).").format(path=path, why=reason),
         tr(
             "Your panel layout is saved on this computer and is restored with the scenario. To save it in "
             "the file, make this folder writable and save again."

@@ -39,9 +39,9 @@ from caris_desktop.scenario.scenario_model import Scenario
 def share_scenario(scenario: Scenario, path: Path) -> None:
     """Write the scenario with the user's own files that it refers to. Raises UserFacingError."""
     stem = scenario.path.stem if scenario.path is not None else scenario.title
-    own = BundledFile("scenario", bundle_name(stem), scenario_text(scenario))
+    scenario_file = BundledFile("scenario", bundle_name(stem), scenario_text(scenario))
     try:
-        write_bundle(Bundle(own, tuple(_next_to(scenario))), path)
+        write_bundle(Bundle(scenario_file, tuple(_next_to(scenario))), path)
     except (BundleError, ProfileError, OSError) as error:
         raise UserFacingError(
             tr("The scenario was not exported as one file."), str(error), tr("Choose another folder or another name.")
@@ -78,9 +78,9 @@ def _reported_errors() -> Iterator[None]:
     try:
         yield
     except (BundleError, ProfileError, FaceError) as error:
-        why = error.what if isinstance(error, FaceError) else str(error)
+        reason = error.what if isinstance(error, FaceError) else str(error)
         raise UserFacingError(
-            tr("The scenario was not imported."), why, tr("Nothing was changed. Ask the sender for the file again.")
+            tr("The scenario was not imported."), reason, tr("Nothing was changed. Ask the sender for the file again.")
         ) from error
 
 
@@ -96,11 +96,11 @@ def _next_to(scenario: Scenario) -> list[BundledFile]:
 
 
 def _check(part: BundledFile, bundle: Path) -> None:
-    shown = f"{bundle.name}, {part.kind}/{part.name}.yaml"
+    file_name = f"{bundle.name}, {part.kind}/{part.name}.yaml"
     if part.kind == "robot":
-        parse_profile(part.text, file_name=shown, name=part.name)
+        parse_profile(part.text, file_name=file_name, name=part.name)
     else:
-        parse_face(part.text, file_name=shown, name=part.name)
+        parse_face(part.text, file_name=file_name, name=part.name)
 
 
 def _known(kind: PartKind, name: str) -> tuple[Path, str] | None:

@@ -21,9 +21,9 @@ async def call(address: str, service: str, arguments: Sequence[Mapping[str, str]
     try:
         async with asyncio.timeout(_TOLD_WITHIN_S), connect(address) as robot:
             for number, values in enumerate(arguments):
-                asked = {"op": "call_service", "id": f"{number}", "service": service, "args": dict(values)}
-                await robot.send(json.dumps(asked))
-                while json.loads(await robot.recv()).get("id") != asked["id"]:
+                operation = {"op": "call_service", "id": f"{number}", "service": service, "args": dict(values)}
+                await robot.send(json.dumps(operation))
+                while json.loads(await robot.recv()).get("id") != operation["id"]:
                     pass
     except (OSError, TimeoutError, ValueError, WebSocketException):
         _log.warning("the simulated robot could not be asked for %s", service, exc_info=True)

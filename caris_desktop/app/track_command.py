@@ -80,7 +80,7 @@ def _track(arguments: argparse.Namespace) -> dict[str, object]:
             arguments.model,
             tracker=arguments.tracker,
             threads=arguments.threads,
-            recognise_looks=not arguments.no_looks,
+            recognise_appearance=not arguments.no_looks,
         )
         if perceiver.trouble:
             print(perceiver.trouble, file=sys.stderr)
@@ -112,7 +112,7 @@ def _track(arguments: argparse.Namespace) -> dict[str, object]:
         "tracker_ms": round(1e3 * tracker_s / frames, 2),
         "load_s": round(loaded_s - began_s, 2),
         "model": perceiver.label,
-        "looks": perceiver.looks_model,
+        "looks": perceiver.appearance_model,
         "tracker": arguments.tracker,
     }
 
@@ -127,5 +127,5 @@ def _write(path: Path, rows: list[str]) -> None:
     try:
         replace_file(path, (row.encode("ascii") for row in rows), durable=False)
     except OSError as error:
-        why = "the disk is full" if no_room(error) else error.strerror or str(error)
-        raise _WrongError(f"The result {path} could not be written: {why}.") from error
+        reason = "the disk is full" if no_room(error) else error.strerror or str(error)
+        raise _WrongError(f"The result {path} could not be written: {reason}.") from error

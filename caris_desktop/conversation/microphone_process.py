@@ -50,11 +50,11 @@ class _Microphone:
         self._connection = connection
         self._source = source
         self._blocks: queue.SimpleQueue[tuple[int, NDArray[np.int16]] | None] = queue.SimpleQueue()
-        self._wanted: str | None = None
+        self._requested_name: str | None = None
         self._names: tuple[str, ...] = ()
         self._stream: Any = None
         self._rate_hz = SAMPLE_RATE_HZ
-        self._heard_s = 0.0
+        self._received_s = 0.0
         self._settling_until_s = 0.0
         self._opened: MicrophoneOpened | None = None
         self._peak = 0
@@ -81,9 +81,9 @@ class _Microphone:
                 match self._connection.recv():
                     case OpenMicrophone(name):
                         self._close()
-                        self._wanted, self._failures, self._retry_at_s = name, 0, 0.0
+                        self._requested_name, self._failures, self._retry_at_s = name, 0, 0.0
                     case CloseMicrophone():
-                        self._wanted = None
+                        self._requested_name = None
                         self._close()
                     case other:
                         _log.error("unknown command %r", other)
@@ -92,24 +92,24 @@ class _Microphone:
         return True
 
     def _work(self) -> None:
-        if self._wanted is not None and time.monotonic() - self._alive_reported_s >= _ALIVE_EVERY_S:
+        if self._requested_name is not None and time.monotonic() - self._alive_reported_s >= _ALIVE_EVERY_S:
             self._alive_reported_s = time.monotonic()
             self._connection.send(MicrophoneAlive())
         if self._stream is None:
-            if self._wanted is not None and time.monotonic() >= self._retry_at_s:
-                self._open(self._wanted)
+            if self._requested_name is not None and time.monotonic() >= self._retry_at_s:
+                self._open(self._requested_name)
             return
         try:
             block = self._blocks.get(timeout=_BLOCK_S)
         except queue.Empty:
-            if time.monotonic() - self._heard_s > _SILENT_S:
+            if time.monotonic() - self._received_s > _SILENT_S:
                 self._fail(QT_TR_NOOP("no sound is received"))
             return
         if block is None:
             self._fail(QT_TR_NOOP("it was disconnected"))
             return
-        self._heard_s = time.monotonic()
-        if self._heard_s < self._settling_until_s:
+        self._received_s = time.monotonic()
+        if self._received_s < self._settling_until_s:
             return
         if self._opened is not None:
             self._connection.send(self._opened)
@@ -117,9 +117,9 @@ class _Microphone:
         stamp_ns, samples = block
         self._connection.send(AudioChunk(stamp_ns, self._source, self._rate_hz, samples))
         self._peak = max(self._peak, int(np.abs(samples.astype(np.int32)).max(initial=0)))
-        if self._heard_s - self._level_reported_s >= _LEVEL_EVERY_S:
+        if self._received_s - self._level_reported_s >= _LEVEL_EVERY_S:
             self._connection.send(MicrophoneLevel(self._peak / 32768))
-            self._level_reported_s, self._peak = self._heard_s, 0
+            self._level_reported_s, self._peak = self._received_s, 0
 
     def _open(self, name: str) -> None:
         try:
@@ -145,9 +145,9 @@ class _Microphone:
             _log.info("the microphone %r was not opened", name, exc_info=True)
             self._fail(" ".join(str(error).split()) or type(error).__name__)
             return
-        self._stream, self._heard_s, self._failures = stream, time.monotonic(), 0
+        self._stream, self._received_s, self._failures = stream, time.monotonic(), 0
         # Push-to-talk speech must be complete.
-        self._settling_until_s = 0.0 if self._source == WIZARD_MICROPHONE else self._heard_s + _SETTLING_S
+        self._settling_until_s = 0.0 if self._source == WIZARD_MICROPHONE else self._received_s + _SETTLING_S
         self._opened = MicrophoneOpened(str(info["name"]), self._rate_hz)
 
     def _on_block(self) -> Callable[[NDArray[np.int16], int, Any, Any], None]:
@@ -180,16 +180,16 @@ class _Microphone:
         self._connection.send(MicrophoneList(names))
         return sounddevice
 
-    def _fail(self, why: str) -> None:
+    def _fail(self, reason: str) -> None:
         self._close()
         self._retry_at_s = time.monotonic() + _TRY_AGAIN_S[min(self._failures, len(_TRY_AGAIN_S) - 1)]
         self._failures += 1
         if self._failures > 1:
             return
-        if not why:
+        if not reason:
             self._connection.send(MicrophoneFailed(None))
             return
-        own = self._source == WIZARD_MICROPHONE
+        is_wizards = self._source == WIZARD_MICROPHONE
         self._connection.send(
             MicrophoneFailed(
                 Problem(
@@ -197,17 +197,17 @@ class _Microphone:
                     "warning",
                     localized(
                         QT_TR_NOOP("Your microphone is not working ({why}).")
-                        if own
+                        if is_wizards
                         else QT_TR_NOOP("The microphone is not working ({why})."),
-                        why=why,
+                        why=reason,
                     ),
                     QT_TR_NOOP("Your speech is not heard, recorded or transcribed.")
-                    if own
+                    if is_wizards
                     else QT_TR_NOOP("Speech there is not heard, recorded or transcribed."),
                     QT_TR_NOOP(
                         "Plug it in, or choose another one in the Window menu. The console tries again automatically."
                     ),
-                    until="own_microphone" if own else "microphone",
+                    until="own_microphone" if is_wizards else "microphone",
                 )
             )
         )

@@ -67,8 +67,8 @@ def build_messages(question: str, *, system_prompt: str, along: ContextPart = Co
     if turns or data:
         system = f"{system}\n\n{DATA_RULE}".strip()
     messages = [ChatMessage("system", system)] if system else []
-    asked = cut_to(question.strip(), MAX_QUESTION_CHARACTERS)
-    last = "\n".join((*data.values(), f"The question: {asked}")) if data else asked
+    cut_question = cut_to(question.strip(), MAX_QUESTION_CHARACTERS)
+    last = "\n".join((*data.values(), f"The question: {cut_question}")) if data else cut_question
     return alternating((*messages, *turns, ChatMessage("user", last)))
 
 
@@ -92,9 +92,9 @@ def context_lines(along: ContextPart) -> dict[str, str]:
     if labels:
         more = f" and {len(labels) - MAX_PEOPLE} more" if len(labels) > MAX_PEOPLE else ""
         lines["people"] = f"People here now: {', '.join(labels[:MAX_PEOPLE])}{more}."
-    seen = [_counted(name, number) for name, number in Counter(along.things).most_common(MAX_THINGS)]
-    if seen:
-        lines["things"] = f"In view: {quoted(', '.join(seen), MAX_THINGS * MAX_LABEL_CHARACTERS)}."
+    objects = [_counted(name, number) for name, number in Counter(along.things).most_common(MAX_THINGS)]
+    if objects:
+        lines["things"] = f"In view: {quoted(', '.join(objects), MAX_THINGS * MAX_LABEL_CHARACTERS)}."
     notes = _newest_notes(along.notes)
     if notes:
         lines["notes"] = f"Notes: {' '.join(notes)}"
@@ -125,8 +125,8 @@ def _newest_turns(along: ContextPart) -> list[ChatMessage]:
     for turn, text_of_turn in _reported_turns(along.conversation):
         text = person_marks.with_names(text_of_turn, name_of)
         robot = turn.speaker == "robot"
-        said = _one_line(text) if robot else quoted(text, MAX_TURN_CHARACTERS)
-        messages.append(ChatMessage("assistant" if robot else "user", said))
+        content = _one_line(text) if robot else quoted(text, MAX_TURN_CHARACTERS)
+        messages.append(ChatMessage("assistant" if robot else "user", content))
     return messages
 
 
@@ -166,8 +166,8 @@ def _counted(name: str, number: int) -> str:
 
 def _one_line(text: str) -> str:
     """One line without control characters for terminals, text direction or chat templates."""
-    shown = (c if c in _JOINERS or unicodedata.category(c) not in ("Cc", "Cf", "Zl", "Zp") else " " for c in text)
-    return " ".join("".join(shown).split()).translate(_TEMPLATE_MARKS)
+    printable = (c if c in _JOINERS or unicodedata.category(c) not in ("Cc", "Cf", "Zl", "Zp") else " " for c in text)
+    return " ".join("".join(printable).split()).translate(_TEMPLATE_MARKS)
 
 
 def cut_to(text: str, most_characters: int) -> str:

@@ -32,9 +32,9 @@ class Waiting:
     seconds: float = 0.0
 
 
-def waiting(turns: Sequence[Turn], heard: Iterable[Hearing], now_ns: int) -> Waiting | None:
+def waiting(turns: Sequence[Turn], hearings: Iterable[Hearing], now_ns: int) -> Waiting | None:
     """State from ``turns`` in order of their start; None without recent participant speech."""
-    by_id = {hearing.utterance_id: hearing for hearing in heard if hearing.utterance_id}
+    by_id = {hearing.utterance_id: hearing for hearing in hearings if hearing.utterance_id}
     answer: Turn | None = None
     for turn in reversed(turns):
         if turn.begins_ns > now_ns:
@@ -86,7 +86,7 @@ class ResponseTimes:
 
     def __init__(self) -> None:
         self._turns: list[_Heard] = []
-        self._asked_ns: dict[str, int] = {}
+        self._requested_ns: dict[str, int] = {}
         self._suggested_ns: dict[str, int] = {}
         self._edited: set[str] = set()
 
@@ -102,7 +102,7 @@ class ResponseTimes:
             case UtteranceChanged(speaker="participant"):
                 return self._hear(event, at_ns)
             case UtteranceChanged(state="requested"):
-                self._asked_ns[event.utterance_id] = event.stamp_ns
+                self._requested_ns[event.utterance_id] = event.stamp_ns
             case UtteranceChanged(state="started") if event.origin in _MEANS:
                 return self._answer(event, at_ns)
         return []
@@ -159,7 +159,7 @@ class ResponseTimes:
             ResponseTimed(
                 at_ns, turn.turn_id, reply.utterance_id, means, ended_ns,
                 text_ns=turn.text_ns, suggested_ns=self._suggested_ns.get(turn.turn_id),
-                asked_ns=self._asked_ns.get(reply.utterance_id), first_sound_ns=reply.stamp_ns,
+                asked_ns=self._requested_ns.get(reply.utterance_id), first_sound_ns=reply.stamp_ns,
                 person_id=turn.person_id,
             )
         ]  # fmt: skip

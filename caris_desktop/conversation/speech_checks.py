@@ -60,7 +60,7 @@ def probe_language_model(model: str, *, local_only: bool, embedded_url: str | No
 
 async def _probe_answer(model: str, endpoint: ModelEndpoint, *, local_only: bool) -> ProbeResult:
     notes = AnswerNotes()
-    asked_s, first_s = time.monotonic(), 0.0
+    requested_s, first_s = time.monotonic(), 0.0
     pieces: list[str] = []
     stream = stream_chat(
         endpoint, [ChatMessage("user", _QUESTION)],
@@ -70,12 +70,12 @@ async def _probe_answer(model: str, endpoint: ModelEndpoint, *, local_only: bool
     )  # fmt: skip
     async with asyncio.timeout(_ANSWERS_WITHIN_S), aclosing(stream):
         async for piece in stream:
-            first_s = first_s or time.monotonic() - asked_s
+            first_s = first_s or time.monotonic() - requested_s
             if isinstance(piece, Withdrawn):
                 pieces.clear()
             pieces.append(piece)
-    said, all_s = spoken("".join(pieces)), time.monotonic() - asked_s
-    answer = shortened(said or "".join(pieces), 60)
+    reply, all_s = spoken("".join(pieces)), time.monotonic() - requested_s
+    answer = shortened(reply or "".join(pieces), 60)
     text = f"{model} answers “{answer}” (first word after {first_s:.1f} s, complete after {all_s:.1f} s)"
     found = []
     if notes.reasoned:
@@ -85,7 +85,7 @@ async def _probe_answer(model: str, endpoint: ModelEndpoint, *, local_only: bool
     if notes.cut:
         found.append("its answer is cut off")
     text = "; ".join((text, *found))
-    if not said:
+    if not reply:
         return ProbeResult(False, text, "None of this answer can be spoken: choose another model.")
     advice = {"": "", "length": "Choose a model that gives short answers.", "filter": "Choose another model."}
     return ProbeResult(not notes.cut, text, advice[notes.cut])

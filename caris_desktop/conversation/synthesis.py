@@ -121,12 +121,14 @@ class _HeardSound:
         while self.started_ns and self._reported < len(self._parts):
             at, samples = self._parts[self._reported]
             self._reported += 1
-            asked = self._utterance
-            yield PlayedSound(self._stamp_ns(at), asked.utterance_id, asked.text, self._rate_hz, samples[:, None])
+            utterance = self._utterance
+            yield PlayedSound(
+                self._stamp_ns(at), utterance.utterance_id, utterance.text, self._rate_hz, samples[:, None]
+            )
 
-    def recorded(self, heard_s: float) -> Iterator[AudioChunk]:
+    def recorded(self, played_s: float) -> Iterator[AudioChunk]:
         """Audio played since the last call, joined where there was no silence."""
-        until = round(max(0.0, heard_s) * self._rate_hz) if self.started_ns else 0
+        until = round(max(0.0, played_s) * self._rate_hz) if self.started_ns else 0
         pieces: list[tuple[int, NDArray[np.int16]]] = []
         for at, samples in self._parts:
             first, end = max(self._recorded, at), min(until, at + len(samples))
@@ -164,7 +166,7 @@ class _Synthesis:
         self._started = False
         self._number = 0
         self._played_s = 0.0
-        self._heard = _HeardSound(Speak("", "", "typed"))
+        self._sound = _HeardSound(Speak("", "", "typed"))
         self._to_prepare: tuple[str, ...] = ()
         self._voice = ""
         self._audible: bool | None = None
@@ -290,7 +292,7 @@ class _Synthesis:
         self._now = self._waiting.popleft()
         self._started = False
         self._played_s = 0.0
-        self._heard = _HeardSound(self._now)
+        self._sound = _HeardSound(self._now)
         text = speakable(self._now.text)
         self._number += 1
         engine.say(text, self._number)
@@ -322,12 +324,12 @@ class _Synthesis:
             case {"event": "part", "number": int(number)} if number != self._number:
                 _log.debug("a part of what was silenced came late")
             case {"event": "part", "sound": bytes(pcm), "at": int(at), "rate_hz": int(rate_hz)}:
-                self._heard.add(at, pcm, rate_hz)
+                self._sound.add(at, pcm, rate_hz)
                 self._report_played()
                 if self._phase == "rendering":
                     self._enter("opening", self._deadlines.open_s)
             case {"event": "started", "at_ns": int(at_ns)}:
-                self._heard.started_ns = at_ns
+                self._sound.started_ns = at_ns
                 self._report_started(at_ns)
                 self._report_played()
                 # Two engine threads report the first part and the start, in either order.
@@ -343,27 +345,27 @@ class _Synthesis:
                 self._played_s = played_s
                 self._pace()
             case {"event": "finished", "at_ns": int(at_ns)}:
-                self._send_heard(self._heard.duration_s)
+                self._send_heard(self._sound.duration_s)
                 self._end("finished", at_ns)
             case {"event": "silenced", "at_ns": int(at_ns)}:
-                self._send_heard((at_ns - self._heard.started_ns) / 1e9)
+                self._send_heard((at_ns - self._sound.started_ns) / 1e9)
                 self._end("interrupted", at_ns)
             case _:
                 _log.error("the voice engine sent %r", event)
 
     def _send_heard(self, until_s: float) -> None:
         """Send the audio played since the last call, for the recording."""
-        for chunk in self._heard.recorded(until_s):
+        for chunk in self._sound.recorded(until_s):
             self._send(chunk)
 
     def _report_played(self) -> None:
-        for sound in self._heard.played():
+        for sound in self._sound.played():
             self._send(sound)
 
     def _report_cut_off(self, at_ns: int) -> None:
-        if self._now is not None and self._heard.started_ns:
+        if self._now is not None and self._sound.started_ns:
             self._send(PlayedSoundEnded(at_ns, self._now.utterance_id))
-            self._heard.started_ns = 0
+            self._sound.started_ns = 0
 
     def _on_engine_lost(self, detail: str) -> None:
         phase = self._phase
@@ -406,7 +408,7 @@ class _Synthesis:
             self._end("interrupted", clock.now_ns())
             return
         self._report_started(clock.now_ns())
-        self._enter("pacing", max(0.0, self._heard.duration_s - self._played_s))
+        self._enter("pacing", max(0.0, self._sound.duration_s - self._played_s))
 
     def _fail_voice(self, detail: str) -> None:
         self.kill_engine()

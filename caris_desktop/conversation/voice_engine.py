@@ -88,7 +88,7 @@ class Rendering:
         self._voice = voice
         self._cache = SoundCache(cache_bytes)
         self._changed = threading.Condition()
-        self._wanted: _Making | None = None
+        self._pending: _Making | None = None
         self._making: _Making | None = None
         self._draft = ""
         self._ahead: deque[str] = deque()
@@ -106,8 +106,8 @@ class Rendering:
             if making is not None and making.text == text and not (making.is_heard or making.stop.is_set):
                 making.hear(sound, on_part)
                 return
-            self._wanted = _Making(text)
-            self._wanted.hear(sound, on_part)
+            self._pending = _Making(text)
+            self._pending.hear(sound, on_part)
             if making is not None:
                 making.stop.set()
             self._changed.notify()
@@ -115,7 +115,7 @@ class Rendering:
     def stop(self) -> None:
         """Cancel the requested text."""
         with self._changed:
-            self._wanted = None
+            self._pending = None
             if self._making is not None and self._making.is_heard:
                 self._making.stop.set()
 
@@ -154,7 +154,7 @@ class Rendering:
     def run(self) -> None:
         while True:
             with self._changed:
-                while not (self._wanted or self._draft or self._ahead or self._tuned or self._ended):
+                while not (self._pending or self._draft or self._ahead or self._tuned or self._ended):
                     self._changed.wait()
                 if self._ended:
                     return
@@ -174,13 +174,13 @@ class Rendering:
             if not (making.is_draft or making.is_heard):
                 # Not urgent: leave half of the processor time to others.
                 with self._changed:
-                    if not (self._ended or self._wanted or self._draft):
+                    if not (self._ended or self._pending or self._draft):
                         self._changed.wait(time.monotonic() - begun_s)
 
     def _next(self) -> _Making:
-        if self._wanted is not None:
-            wanted, self._wanted = self._wanted, None
-            return wanted
+        if self._pending is not None:
+            making, self._pending = self._pending, None
+            return making
         if self._draft:
             draft, self._draft = self._draft, ""
             return _Making(draft, is_draft=True)
@@ -189,7 +189,7 @@ class Rendering:
     def _make(self, making: _Making, cached: Samples | None) -> None:
         trouble = ""
         try:
-            parts = trimmed(self._voice.parts(making.text, making.stop), self._voice.rate_hz, self._voice.least_heard)
+            parts = trimmed(self._voice.parts(making.text, making.stop), self._voice.rate_hz, self._voice.least_audible)
             for part in parts if cached is None else [cached]:
                 making.stop.check()
                 making.add(part)
@@ -252,7 +252,7 @@ class _Playback:
         self._silenced = silenced
         self._woken = woken
         self._now_ns = now_ns
-        self._asked_ns: int | None = None
+        self._requested_ns: int | None = None
         self._waiting = threading.Lock()
         self.started_ns: int | None = None
         self.ends_ns: int | None = None
@@ -276,10 +276,10 @@ class _Playback:
         if self._silenced.is_set():
             out[:] = bytes(len(out))
             return
-        if self._asked_ns is None:
-            self._asked_ns = self._now_ns()
+        if self._requested_ns is None:
+            self._requested_ns = self._now_ns()
         with self._waiting:
-            while self._may_wait(frames, self._asked_ns):
+            while self._may_wait(frames, self._requested_ns):
                 time.sleep(_LOOK_S)
         out[:] = self._sound.take(frames).tobytes()
         if self.started_ns is None:
@@ -289,12 +289,12 @@ class _Playback:
             self.ends_ns = self.started_ns + self._sound.end * 1_000_000_000 // self._sound.rate_hz
             self._woken.set()
 
-    def _may_wait(self, frames: int, asked_ns: int) -> bool:
+    def _may_wait(self, frames: int, requested_ns: int) -> bool:
         """True if more audio will come before the device runs empty: silence would be an audible gap."""
         sound = self._sound
         if sound.complete or self._silenced.is_set() or sound.end >= sound.position + frames:
             return False
-        ahead_s = sound.position / sound.rate_hz - (self._now_ns() - asked_ns) / 1e9
+        ahead_s = sound.position / sound.rate_hz - (self._now_ns() - requested_ns) / 1e9
         return ahead_s > _LEAST_AHEAD_S
 
     def leave(self) -> None:

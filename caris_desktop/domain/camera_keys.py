@@ -128,12 +128,12 @@ def _radians(degrees: float | None, radians: float | None) -> float:
     return math.radians(degrees) if degrees is not None else radians or 0.0
 
 
-def _angle(what: str, angle_rad: float) -> dict[str, Any]:
+def _angle(axis: str, angle_rad: float) -> dict[str, Any]:
     """Key with the angle in degrees where that is exact, else in radians."""
     degrees = _degrees(angle_rad)
     if degrees is None or math.radians(degrees) != angle_rad:
-        return {f"{what}_rad": angle_rad}
-    return {f"{what}_deg": degrees}
+        return {f"{axis}_rad": angle_rad}
+    return {f"{axis}_deg": degrees}
 
 
 def _degrees(angle_rad: float) -> float | None:

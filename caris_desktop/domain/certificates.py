@@ -123,24 +123,26 @@ def why_refused(error: ssl.SSLError, name: str, certificate: bytes | None) -> tu
         message = QT_TR_NOOP("No secure connection to {name} could be established ({reason}).")
         return (localized(message, name=name, reason=error.reason or error),), ()
     code = error.verify_code
-    shown = None if certificate is None else _read(certificate)
+    certificate_fields = None if certificate is None else _read(certificate)
     now = datetime.datetime.now(datetime.UTC)
-    what: list[str] = []
+    messages: list[str] = []
     advice: list[str] = []
     if code in _UNTRUSTED:
-        by_itself = code == _SELF_SIGNED or (shown is not None and shown.issuer == shown.subject)
-        what.append(
+        by_itself = code == _SELF_SIGNED or (
+            certificate_fields is not None and certificate_fields.issuer == certificate_fields.subject
+        )
+        messages.append(
             QT_TR_NOOP("The certificate of {name} is not trusted: it is self-signed.")
             if by_itself
             else QT_TR_NOOP("The certificate of {name} is not trusted: this computer does not know its issuer.")
         )
-    if code == _EXPIRED or (shown is not None and now > shown.not_valid_after_utc):
-        what.append(QT_TR_NOOP("The certificate of {name} has expired."))
+    if code == _EXPIRED or (certificate_fields is not None and now > certificate_fields.not_valid_after_utc):
+        messages.append(QT_TR_NOOP("The certificate of {name} has expired."))
         advice.append(QT_TR_NOOP("Renew it on the server. If it is still valid, check this computer's date."))
-    if code == _NOT_YET_VALID or (shown is not None and now < shown.not_valid_before_utc):
-        what.append(QT_TR_NOOP("The certificate of {name} is not valid yet."))
+    if code == _NOT_YET_VALID or (certificate_fields is not None and now < certificate_fields.not_valid_before_utc):
+        messages.append(QT_TR_NOOP("The certificate of {name} is not valid yet."))
         advice.append(QT_TR_NOOP("Check the date of this computer and of the server."))
-    names = None if shown is None else _names_of(shown)
+    names = None if certificate_fields is None else _names_of(certificate_fields)
     if code in _OTHER_NAME or (names is not None and not any(_is_name_of(each, name) for each in names)):
         message = QT_TR_NOOP("The server that responds as {name} has a certificate for another name: {names}.")
         if names == ():
@@ -149,17 +151,17 @@ def why_refused(error: ssl.SSLError, name: str, certificate: bytes | None) -> tu
             )
         elif names is None:
             message = QT_TR_NOOP("The server that responds as {name} has a certificate for another name.")
-        what.append(localized(message, names=", ".join(names or ())))
+        messages.append(localized(message, names=", ".join(names or ())))
         advice.append(
             QT_TR_NOOP(
                 "Use a name from the certificate as the address, or give the server a certificate for this address."
             )
         )
-    if not what:
+    if not messages:
         message = QT_TR_NOOP("The certificate of {name} was not accepted ({reason}).")
-        what.append(localized(message, reason=error.verify_message))
+        messages.append(localized(message, reason=error.verify_message))
         advice.append(QT_TR_NOOP("Check the certificate on the server."))
-    return tuple(localized(sentence, name=name) for sentence in what), tuple(advice)
+    return tuple(localized(sentence, name=name) for sentence in messages), tuple(advice)
 
 
 def _read(certificate: bytes) -> "x509.Certificate | None":

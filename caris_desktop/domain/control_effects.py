@@ -131,7 +131,7 @@ def moves_or_releases(name: str, type_name: str, robot: RobotInterfaceNames) -> 
 
 
 def _is_own_motion(name: str, robot: RobotInterfaceNames) -> bool:
-    return any(name == own or name.startswith(f"{own}/") for own in map(_plain, robot.motion))
+    return any(name == motion_name or name.startswith(f"{motion_name}/") for motion_name in map(_plain, robot.motion))
 
 
 def _has_motion_type(type_name: str) -> bool:

@@ -433,10 +433,10 @@ def _fill_utterance(utterance: events.UtteranceChanged, at: Time) -> Log:
     """Log entry of an utterance, once at level info: at its start for speech, at its end for recognition. A recognition
     that is discarded is not a failure.
     """
-    heard = utterance.speaker == "participant"
-    if utterance.state == ("finished" if heard else "started"):
+    from_participant = utterance.speaker == "participant"
+    if utterance.state == ("finished" if from_participant else "started"):
         level = _INFO
-    elif utterance.state in ("interrupted", "failed") and not heard:
+    elif utterance.state in ("interrupted", "failed") and not from_participant:
         level = _WARNING
     else:
         level = _DEBUG
@@ -445,8 +445,8 @@ def _fill_utterance(utterance: events.UtteranceChanged, at: Time) -> Log:
 
 def _fill_correction(corrected: events.UtteranceCorrected, at: Time) -> Log:
     changes = (corrected.text, corrected.speaker, corrected.person_id, *(corrected.tags or ()))
-    heard = corrected.start_ns is not None or corrected.end_ns is not None
-    words = ", ".join(filter(None, changes)) or ("time of the utterance" if heard else "not sure")
+    has_times = corrected.start_ns is not None or corrected.end_ns is not None
+    words = ", ".join(filter(None, changes)) or ("time of the utterance" if has_times else "not sure")
     return _log(at, _INFO, f"corrected: {words}", corrected.speaker or "")
 
 

@@ -56,13 +56,13 @@ def to_message(spec: StreamSpec, value: Any, *, at_utc_ns: int) -> dict[str, Any
     return message
 
 
-def _require_readable(spec: StreamSpec, value: Any, own: dict[str, Any]) -> None:
+def _require_readable(spec: StreamSpec, value: Any, fields: dict[str, Any]) -> None:
     """Check that the message can be read back. Arrays are checked as they are: inflating a building's map would take
     0.2 s.
     """
     arrays = {name: held for name in _fields_of(spec).every if isinstance(held := getattr(value, name), np.ndarray)}
-    beside = {name: to_jsonable(getattr(value, name)) for name in _fields_of(spec).every if name not in own | arrays}
-    from_jsonable(spec.value_type, own | beside | arrays)
+    beside = {name: to_jsonable(getattr(value, name)) for name in _fields_of(spec).every if name not in fields | arrays}
+    from_jsonable(spec.value_type, fields | beside | arrays)
 
 
 def from_message(spec: StreamSpec, message: Any) -> Any:

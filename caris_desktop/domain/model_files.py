@@ -128,10 +128,10 @@ def fetch(url: str, target: Path, *, sha256: str, at_most_bytes: int) -> None:
     import httpx
 
     def check_address(request: httpx.Request) -> None:
-        asked = str(request.url)
-        if not is_encrypted_or_local(asked) or (is_loopback(asked) and not is_loopback(url)):
+        address = str(request.url)
+        if not is_encrypted_or_local(address) or (is_loopback(address) and not is_loopback(url)):
             raise NotFetched(
-                localized(QT_TR_NOOP("{address} is not an https:// address"), address=without_credentials(asked))
+                localized(QT_TR_NOOP("{address} is not an https:// address"), address=without_credentials(address))
             )
 
     def expected(chunks: Iterable[bytes]) -> Iterator[bytes]:

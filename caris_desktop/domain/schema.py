@@ -266,7 +266,7 @@ def _of_shape(shape: tuple[int, ...], build: Callable[[Any], Any], data: Any) ->
     if array.shape == (0,):
         return array.reshape([max(0, size) for size in shape])
     fits = len(array.shape) == len(shape) and all(
-        wanted in (-1, size) for wanted, size in zip(shape, array.shape, strict=True)
+        expected in (-1, size) for expected, size in zip(shape, array.shape, strict=True)
     )
     if not fits:
         raise ValueError(f"expected an array of shape {shape}, found {array.shape}")

@@ -80,14 +80,14 @@ def _table(keys: tuple[Key, ...]) -> list[str]:
 
 
 def _meaning(key: Key) -> str:
-    said = description_of(key.form)
+    description = description_of(key.form)
     elsewhere = (item_of(key.form.kind) or key.form).elsewhere
     if elsewhere is not None:
-        said += f" [Format]({elsewhere.page})."
+        description += f" [Format]({elsewhere.page})."
     choices = choices_of(key.form.kind)
     if key.required and len(choices) > _FEW_CHOICES:
-        said += f" One of {_listed(choices)}."
-    return said.replace("|", "\\|").strip()
+        description += f" One of {_listed(choices)}."
+    return description.replace("|", "\\|").strip()
 
 
 def _cells(key: Key) -> Iterator[str]:

@@ -43,8 +43,8 @@ def schema_text(declaration: Group, *, title: str, schema_id: str = "") -> str:
 
 def description_of(form: ValueForm) -> str:
     """Description for people: the rule's text, else the declaration's docstring."""
-    said = form.rule.text or (form.kind.__doc__ if is_group(form.kind) else "") or ""
-    return " ".join(said.replace("``", "`").split())
+    description = form.rule.text or (form.kind.__doc__ if is_group(form.kind) else "") or ""
+    return " ".join(description.replace("``", "`").split())
 
 
 def _schema(form: ValueForm, definitions: dict[str, Any]) -> dict[str, Any]:
@@ -134,9 +134,9 @@ def _needed(key: Key, keys: tuple[Key, ...]) -> dict[str, Any]:
     return {"if": _key_with_words(key.form.rule.needed), "then": {"anyOf": any_of} if instead else any_of[0]}
 
 
-def _key_with_words(wanted: tuple[str, ...]) -> dict[str, Any]:
+def _key_with_words(condition_words: tuple[str, ...]) -> dict[str, Any]:
     """Schema that requires the key, with one of the words after it."""
-    other, *words = wanted
+    other, *words = condition_words
     return {"required": [other]} | ({"properties": {other: {"enum": words}}} if words else {})
 
 

@@ -30,8 +30,8 @@ def title_of(key: Key) -> str:
 
 def said_of(form: ValueForm) -> str:
     """Description; empty without one."""
-    said = description_of(form)
-    return tr(said) if said else ""
+    description = description_of(form)
+    return tr(description) if description else ""
 
 
 def allowed_by(form: ValueForm) -> str:
@@ -98,8 +98,8 @@ def _noun(group: Group) -> str:
 
 
 def _first_words(group: Group) -> str:
-    said = " ".join((inspect.getdoc(group) or "").split())
-    return re.split(r"[.,;:]", said)[0]
+    docstring = " ".join((inspect.getdoc(group) or "").split())
+    return re.split(r"[.,;:]", docstring)[0]
 
 
 def _word(choice: Any) -> str:

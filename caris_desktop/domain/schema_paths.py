@@ -217,20 +217,20 @@ def _references(form: ValueForm, data: Any, path: KeyPath) -> Iterator[tuple[Key
 
 def called(hint: Any, data: Any, path: KeyPath) -> list[str]:
     """Breadcrumbs of a path for people: titles of keys and names of entries."""
-    form, said = form_of(hint), []
+    form, labels = form_of(hint), []
     for part in path:
         try:
             if isinstance(part, int):
                 form = item_of(form.kind) or form
-                said.append(entry_name(value_at(data, (part,))) or str(part + 1))
+                labels.append(entry_name(value_at(data, (part,))) or str(part + 1))
             else:
                 key = key_of(form, data, part)
-                said.append(title_of(key))
+                labels.append(title_of(key))
                 form = key.form
         except KeyError:
-            said.append(str(part))
+            labels.append(str(part))
         data = value_at(data, (part,))
-    return said
+    return labels
 
 
 def entry_name(entry: Any) -> str:

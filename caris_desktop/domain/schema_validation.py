@@ -116,19 +116,21 @@ def _neighbour_problems(
             yield (*path, other), f"{needs} {tr(rule.needs)}".rstrip()
 
 
-def _stands(wanted: tuple[str, ...], keys: Mapping[str, Key], data: Mapping[str, Any], *, unsure: bool = True) -> bool:
+def _stands(
+    condition_words: tuple[str, ...], keys: Mapping[str, Key], data: Mapping[str, Any], *, unsure: bool = True
+) -> bool:
     """Whether the key ``wanted[0]`` is present with one of the words after it; ``unsure`` if its
     value is not a word.
     """
-    other, *words = wanted
+    other, *words = condition_words
     if other not in data or not words:
         return other in data
     return data[other] in words if data[other] in choices_of(keys[other].form.kind) else unsure
 
 
-def condition(wanted: tuple[str, ...]) -> str:
+def condition(condition_words: tuple[str, ...]) -> str:
     """A key, or a key with its possible words, for people."""
-    other, *words = wanted
+    other, *words = condition_words
     return f"{other}: {either(words)}" if words else other
 
 

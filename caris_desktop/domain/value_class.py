@@ -39,7 +39,7 @@ _Values = Callable[[Any], tuple[Any, ...]]
 
 
 def _made(plain: type[Any], *, eq: bool, frozen: bool, slots: bool, kw_only: bool) -> type[Any]:
-    own = {name for name, value in vars(plain).items() if value is not None}
+    set_names = {name for name, value in vars(plain).items() if value is not None}
     if plain.__doc__ is None:
         plain.__doc__ = plain.__name__  # otherwise the library computes the whole signature
     cls: type[Any] = dataclasses.dataclass(init=False, repr=False, eq=False, slots=slots, kw_only=kw_only)(plain)
@@ -54,7 +54,7 @@ def _made(plain: type[Any], *, eq: bool, frozen: bool, slots: bool, kw_only: boo
         if slots:
             methods["__getstate__"], methods["__setstate__"] = _state(fields)
     for name, method in methods.items():
-        if name not in own:
+        if name not in set_names:
             setattr(cls, name, method)
     return cls
 

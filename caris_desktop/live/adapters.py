@@ -37,7 +37,7 @@ class Adapters:
 
     recorder: ProcessSpec
     speech: ProcessSpec
-    said_before: Path
+    speech_history: Path
     people: PeopleAdapters
     cameras: Callable[[Scenario], WantedCameras]
     assistant: AssistantAdapters

@@ -176,8 +176,8 @@ class AlarmBook:
             if standing is not None:
                 if condition.prevails and standing.alarm.what != condition.what:
                     # Reasons about the former robot are obsolete.
-                    why = "" if standing.by_condition else _why(standing.alarm)
-                    standing.alarm = replace(_in_words_of(condition, standing.alarm), why=why)
+                    reason = "" if standing.by_condition else _why(standing.alarm)
+                    standing.alarm = replace(_in_words_of(condition, standing.alarm), why=reason)
                     standing.by_condition = standing.prevails = True
                 continue
             since_ns, _due = self._pending.get(condition.cause, (now_ns, 0))

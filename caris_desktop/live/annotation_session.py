@@ -83,10 +83,10 @@ class AnnotationSession(QObject):
         )
         self._overview_maker.start()
 
-    def _on_damaged(self, why: str) -> None:
+    def _on_damaged(self, reason: str) -> None:
         self._problem(
             tr("A coder's annotations cannot be read."),
-            tr(why),
+            tr(reason),
             tr("They are left unchanged; repair or move the file."),
         )
 
@@ -136,8 +136,8 @@ class AnnotationSession(QObject):
         try:
             document = self._history.apply(edit)
         except AnnotationError as refusal:
-            why = str(refusal)
-            return tr(why)
+            reason = str(refusal)
+            return tr(reason)
         self._show(document)
         return ""
 
@@ -158,8 +158,8 @@ class AnnotationSession(QObject):
                     return read_eaf(path, coder=coder, media_began_ms=media_began_ms_of(self._session.header))
                 return read_csv(path, coder=coder, skipped=skipped)
             except AnnotationError as refusal:
-                why = str(refusal)
-                return tr(why)
+                reason = str(refusal)
+                return tr(reason)
 
         def take(found: AnnotationDocument | str) -> None:
             refused = found if isinstance(found, str) else self.edit(lambda document: merge_imported(document, found))
@@ -203,9 +203,9 @@ class AnnotationSession(QObject):
                 tr("Close the replay and open it again; the log has the details."),
             )
 
-    def _on_save_failed(self, why: str) -> None:
+    def _on_save_failed(self, reason: str) -> None:
         self._problem(
             tr("Your annotations are not saved."),
-            tr(why),
+            tr(reason),
             tr("Free some disk space, or make the session's folder writable; the next change saves them all."),
         )

@@ -40,26 +40,26 @@ class AssistantContext:
         self._notes.clear()
         self._forgotten = frozenset(turn.utterance_id for turn in self._turns())
 
-    def included(self, what: AssistantPeople, notes: str, leave_out: Container[str] = ()) -> ContextPart:
-        """Context without the parts left out. ``what``: permitted data about people; ``notes``: the notes as text."""
-        if what == "history" and "history" in leave_out:
-            what = "names"
+    def included(self, detail: AssistantPeople, notes: str, leave_out: Container[str] = ()) -> ContextPart:
+        """Context without the parts left out. ``detail``: permitted data about people; ``notes``: the notes as text."""
+        if detail == "history" and "history" in leave_out:
+            detail = "names"
         rows: Sequence[PersonRow] = self._state.persons.value
-        labels = {row.person_id: who_is_here(row, "names" if what == "history" else what) for row in rows}
+        labels = {row.person_id: who_is_here(row, "names" if detail == "history" else detail) for row in rows}
         noted = [f"{mark.label}: {mark.note}" if mark.label else mark.note for mark in self._notes.values()]
         return ContextPart(
             conversation=() if "conversation" in leave_out else self._turns(),
             step="" if "step" in leave_out else self._state.protocol.value.title,
-            people=() if "people" in leave_out else [who_is_here(row, what) for row in rows if row.here],
+            people=() if "people" in leave_out else [who_is_here(row, detail) for row in rows if row.here],
             things=() if "things" in leave_out else self._things_in_view(),
             notes=() if "notes" in leave_out else [*filter(str.strip, [notes]), *noted],
-            label_characters=MAX_HISTORY_CHARACTERS if what == "history" else MAX_LABEL_CHARACTERS,
+            label_characters=MAX_HISTORY_CHARACTERS if detail == "history" else MAX_LABEL_CHARACTERS,
             label_of=labels.get,
         )
 
-    def parts(self, what: AssistantPeople, notes: str) -> tuple[ContextPartStatus, ...]:
+    def parts(self, detail: AssistantPeople, notes: str) -> tuple[ContextPartStatus, ...]:
         """Available parts with their size."""
-        along = self.included(what, notes)
+        along = self.included(detail, notes)
         turns, words = conversation_words(along.conversation)
         lines = context_lines(along)
         found = [ContextPartStatus("conversation", QT_TR_NOOP("Conversation"), turns, words)]
@@ -67,7 +67,7 @@ class AssistantContext:
             found.append(ContextPartStatus("step", QT_TR_NOOP("Step"), 1, _words(lines["step"])))
         if "people" in lines:
             plain = lines["people"]
-            if what == "history":
+            if detail == "history":
                 plain = context_lines(self.included("names", notes))["people"]
             found.append(ContextPartStatus("people", QT_TR_NOOP("People"), len(along.people), _words(plain)))
             if lines["people"] != plain:
@@ -94,11 +94,11 @@ class AssistantContext:
         return sorted(most.elements())
 
 
-def who_is_here(person: PersonRow, what: AssistantPeople) -> str:
+def who_is_here(person: PersonRow, detail: AssistantPeople) -> str:
     """A person as described to the language model."""
-    if what == "numbers" or not person.known:
+    if detail == "numbers" or not person.known:
         return f"person {person.number}"
-    if what == "names":
+    if detail == "names":
         return person.name
     details = (person.group and f"group {person.group}", ", ".join(person.tags), person.note, person.summary)
     known = "; ".join(filter(None, details))

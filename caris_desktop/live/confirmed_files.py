@@ -257,10 +257,10 @@ def _check(question: FileQuestion) -> None:
             known = confirmed
     if named <= known:
         return  # an edit without new references needs no question
-    shown = FileQuestion(
+    unconfirmed = FileQuestion(
         question.title, question.path, question.sha256, question.named, frozenset(known), question.then
     )
-    raise ConfirmationNeededError(shown)
+    raise ConfirmationNeededError(unconfirmed)
 
 
 def _references(external: External, value: Any, place: str) -> Iterator[FileReference]:

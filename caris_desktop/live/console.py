@@ -115,7 +115,7 @@ class Console(QObject):
         transcript = TranscriptService(state, bus, self)
         response_time = ResponseTimeService(bus, self)
         speaking = SpeakingService(
-            state, bus, self._speech.queue, parts.said_before, slow_work, do=self.do, parent=self
+            state, bus, self._speech.queue, parts.speech_history, slow_work, do=self.do, parent=self
         )
         assistant = AssistantService(
             state, bus, children, parts.assistant,
@@ -325,5 +325,5 @@ class Console(QObject):
 
     def _new_link(self, body: ProcessSpec) -> ChildProcess:
         return self._children.start(
-            body, ended=self._robot.on_child_ended, heard=self._speech.on_heard, reads=self._speech.read
+            body, ended=self._robot.on_child_ended, on_message=self._speech.on_heard, reads=self._speech.read
         )

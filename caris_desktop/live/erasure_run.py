@@ -63,28 +63,30 @@ class ForgettingEnded:
     failure: tuple[str, str, str] | None = None
 
 
-def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bool]:
+def person_of(request: ForgettingAsked) -> tuple[PersonToForget, Review | None, bool]:
     """Person to erase, decisions on texts, and whether the database knows them. Raises UserFacingError."""
     from caris_desktop.people.person_erasure import PersonToForget, find_person
     from caris_desktop.recording.forgetting.review import read_review
     from caris_desktop.recording.forgetting.study_erasure import unfinished_erasures
 
-    review = None if asked.review is None else read_review(asked.review)
-    known = find_person(asked.database, asked.who)
+    review = None if request.review is None else read_review(request.review)
+    known = find_person(request.database, request.who)
     if known is not None:
         return known, review, True
     if review is not None:
-        return PersonToForget((review.person_id or asked.who,), review.names, ()), review, False
+        return PersonToForget((review.person_id or request.who,), review.names, ()), review, False
     unfinished = [
-        person_id for person_id in unfinished_erasures(asked.study) if find_person(asked.database, person_id) is None
+        person_id
+        for person_id in unfinished_erasures(request.study)
+        if find_person(request.database, person_id) is None
     ]
-    if asked.who in unfinished or len(unfinished) == 1:
+    if request.who in unfinished or len(unfinished) == 1:
         # Only the rest of an interrupted run, which needs no name.
-        return PersonToForget((asked.who if asked.who in unfinished else unfinished[0],), (), ()), None, False
-    if asked.also_called or asked.unknown:
-        return PersonToForget((asked.who,), (), ()), None, False
+        return PersonToForget((request.who if request.who in unfinished else unfinished[0],), (), ()), None, False
+    if request.also_called or request.unknown:
+        return PersonToForget((request.who,), (), ()), None, False
     raise UserFacingError(
-        localized(QT_TR_NOOP("No person in {study} has the name or id {who}."), study=asked.study, who=asked.who),
+        localized(QT_TR_NOOP("No person in {study} has the name or id {who}."), study=request.study, who=request.who),
         QT_TR_NOOP("No person was erased; nothing was changed."),
         QT_TR_NOOP(
             "Check the name in the People panel. For a person who is not in the study's database, enter the "
@@ -93,7 +95,7 @@ def person_of(asked: ForgettingAsked) -> tuple[PersonToForget, Review | None, bo
     )
 
 
-def forget(asked: ForgettingAsked, progress: Callable[[float, str], None] = lambda _f, _w: None) -> Forgotten:
+def forget(request: ForgettingAsked, progress: Callable[[float, str], None] = lambda _f, _w: None) -> Forgotten:
     """Erase a person, or resume an interrupted run. Takes as long as re-encoding the study's videos. Raises
     UserFacingError.
     """
@@ -101,20 +103,20 @@ def forget(asked: ForgettingAsked, progress: Callable[[float, str], None] = lamb
     from caris_desktop.recording.forgetting.own_files import OwnFiles
     from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, forget_person
 
-    person, review, known = person_of(asked)
-    request = ForgetRequest(
-        asked.study,
+    person, review, known = person_of(request)
+    forget_request = ForgetRequest(
+        request.study,
         person.person_ids,
-        (*person.names, *asked.also_called),
+        (*person.names, *request.also_called),
         person.pictures,
-        recordings=asked.recordings,
-        otherwise=asked.texts,
+        recordings=request.recordings,
+        otherwise=request.texts,
         decisions={} if review is None else review.decisions,
-        review=asked.review,
-        keep_exports=asked.keep_exports,
+        review=request.review,
+        keep_exports=request.keep_exports,
         only_texts=review is not None and not known,
-        texts_of_people=partial(rewrite_texts, asked.database),
-        own_files=asked.own_files or OwnFiles(),
+        texts_of_people=partial(rewrite_texts, request.database),
+        own_files=request.own_files or OwnFiles(),
     )
     reported = -1.0
 
@@ -124,10 +126,10 @@ def forget(asked: ForgettingAsked, progress: Callable[[float, str], None] = lamb
             reported = fraction
             progress(fraction, what)
 
-    return forget_person(request, lambda: erase(asked.database, person.person_ids), report_progress)
+    return forget_person(forget_request, lambda: erase(request.database, person.person_ids), report_progress)
 
 
-def run_forgetting(connection: Connection, asked: ForgettingAsked) -> None:
+def run_forgetting(connection: Connection, request: ForgettingAsked) -> None:
     """Process body: sends ForgettingProgress and finally ForgettingEnded."""
     if hasattr(os, "nice"):
         # The robot may be driven meanwhile.
@@ -138,7 +140,7 @@ def run_forgetting(connection: Connection, asked: ForgettingAsked) -> None:
 
     try:
         try:
-            ended = ForgettingEnded(forget(asked, report_progress))
+            ended = ForgettingEnded(forget(request, report_progress))
         except UserFacingError as failure:
             ended = ForgettingEnded(None, (failure.what, failure.meaning, failure.advice))
         connection.send(ended)

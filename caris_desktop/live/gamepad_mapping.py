@@ -123,8 +123,8 @@ def default_mapping(
     present = {}
     for action, binding in bindings.items():
         parts = [part for part in binding.split("|") if _is_there(part, axis_count, button_count, hat_count)]
-        whole = len(parts) == len(binding.split("|"))
-        if parts and (whole or action in BUTTON_ACTIONS):
+        complete = len(parts) == len(binding.split("|"))
+        if parts and (complete or action in BUTTON_ACTIONS):
             present[action] = "|".join(parts)
     return GamepadMapping(
         axes={action: present[action] for action in AXIS_ACTIONS if action in present},
@@ -171,8 +171,8 @@ def shaped(x: float, y: float, dead_zone: float, curve: float) -> tuple[float, f
     reach = math.hypot(x, y)
     if reach <= dead_zone:
         return 0.0, 0.0
-    wanted = min(1.0, (reach - dead_zone) / (1.0 - dead_zone)) ** curve
-    scale = wanted / reach
+    target = min(1.0, (reach - dead_zone) / (1.0 - dead_zone)) ** curve
+    scale = target / reach
     return max(-1.0, min(1.0, x * scale)), max(-1.0, min(1.0, y * scale))
 
 

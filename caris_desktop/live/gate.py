@@ -104,9 +104,9 @@ class Gate:
         if withheld is not None:
             what, meaning = _NOT_PERMITTED[withheld]
             return Refusal(tr(what), tr(meaning), tr("Open a scenario that does."), quiet=spec.quiet)
-        asked_again = self._state.going_on.value.unconfirmed
+        to_confirm = self._state.going_on.value.unconfirmed
         unconfirmed = [
-            tr(words) for what, words in _UNCONFIRMED.items() if what in spec.confirmed and what in asked_again
+            tr(words) for what, words in _UNCONFIRMED.items() if what in spec.confirmed and what in to_confirm
         ]
         if unconfirmed:
             return Refusal(
@@ -167,8 +167,8 @@ class Gate:
         control = self._control(intent) if isinstance(intent, intents.UseControl) else None
         return control is not None and control.releases_stop
 
-    def _control(self, asked: intents.UseControl) -> RobotControl | None:
-        return next((one for one in self._state.controls.value if one.id == asked.control), None)
+    def _control(self, intent: intents.UseControl) -> RobotControl | None:
+        return next((one for one in self._state.controls.value if one.id == intent.control), None)
 
 
 def _unfit(intent: Intent, spec: IntentSpec) -> tuple[str, float] | None:

@@ -92,7 +92,7 @@ class LocalMicrophone(QObject):
         if self.child is None and not self.restarts.exhausted:
             self._begun = False
             self.child = self._children.start(
-                self._choice.body, ended=self._on_ended, heard=self.on_message, reads=self._read
+                self._choice.body, ended=self._on_ended, on_message=self.on_message, reads=self._read
             )  # fmt: skip
 
     def use(self, name: str | None) -> None:
@@ -201,13 +201,13 @@ class LocalMicrophone(QObject):
             self.open()  # shows the failure
 
     def _report_ended(self, advice: str) -> None:
-        own = self._source == WIZARD_MICROPHONE
+        is_wizards = self._source == WIZARD_MICROPHONE
         self._bus.problem(
             "warning",
-            tr("Your microphone stopped unexpectedly.") if own else tr("The microphone stopped unexpectedly."),
+            tr("Your microphone stopped unexpectedly.") if is_wizards else tr("The microphone stopped unexpectedly."),
             tr("Its sound is missing from now on.")
             if self.restarts.exhausted
             else tr("A short part of its sound is missing."),
             advice,
-            until="own_microphone" if own else "microphone",
+            until="own_microphone" if is_wizards else "microphone",
         )

@@ -56,7 +56,7 @@ class AskVersion(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class _Asked:
+class _Request:
     exchange_id: str
     endpoint: ModelEndpoint
     local_only: bool
@@ -78,7 +78,7 @@ class _Asked:
 
 
 @dataclass(slots=True)
-class _Heard:
+class _Response:
     """Response so far. Written on the asyncio thread, read from both."""
 
     pieces: list[str] = field(default_factory=list)
@@ -90,8 +90,8 @@ class _Heard:
 
 @dataclass(frozen=True, slots=True)
 class _Running:
-    asked: _Asked
-    heard: _Heard
+    request: _Request
+    response: _Response
     future: Future[None]
     on_text: Callable[[str], None]
     on_wait: Callable[[str], None]
@@ -105,9 +105,9 @@ class Asking:
         self.exchange_id = exchange_id
         self._client = client
 
-    def cancel(self, why: str = QT_TR_NOOP("cancelled by the wizard")) -> None:
+    def cancel(self, reason: str = QT_TR_NOOP("cancelled by the wizard")) -> None:
         """Cancel; ``on_end`` is called and the exchange published before this returns. No effect after the end."""
-        self._client.cancel(self.exchange_id, why)
+        self._client.cancel(self.exchange_id, reason)
 
 
 class ModelClient(QObject):
@@ -225,13 +225,13 @@ class ModelClient(QObject):
             return None
         if purpose != "question":
             return REPLIES_SLOT
-        taken = [running.asked.slot for running in self._running.values()]
+        taken = [running.request.slot for running in self._running.values()]
         return min((slot for slot in range(SLOTS) if slot != REPLIES_SLOT), key=taken.count)
 
-    def use_none(self, why: str) -> None:
-        """Run without a model; ``why`` is part of the refusals."""
+    def use_none(self, reason: str) -> None:
+        """Run without a model; ``reason`` is part of the refusals."""
         self.cancel_all(QT_TR_NOOP("the model is no longer available"))
-        self._endpoint, self._why_none = None, why
+        self._endpoint, self._why_none = None, reason
 
     def ask(
         self,
@@ -242,7 +242,7 @@ class ModelClient(QObject):
         temperature: float,
         on_text: Callable[[str], None],
         on_end: Callable[[LlmExchange], None],
-        on_wait: Callable[[str], None] = lambda _why: None,
+        on_wait: Callable[[str], None] = lambda _reason: None,
         schema: dict[str, Any] | None = None,
         jpegs: Sequence[bytes] = (),
         photo: str = "",
@@ -267,7 +267,7 @@ class ModelClient(QObject):
                 self._why_none,
                 severity="warning",
             )
-        asked = _Asked(
+        request = _Request(
             exchange_id=exchange_id or f"x-{secrets.token_hex(4)}",
             endpoint=self._endpoint,
             local_only=self._local_only,
@@ -287,35 +287,35 @@ class ModelClient(QObject):
             slot=self._slot(purpose),
             actor=actor,
         )
-        heard = _Heard()
-        future = self._asyncio.submit(self._exchange(asked, heard))
-        self._running[asked.exchange_id] = _Running(asked, heard, future, on_text, on_wait, on_end)
-        if asked.endpoint not in self._versions and (self._asking_version is None or self._asking_version.done()):
-            self._find_version(asked.endpoint, local_only=asked.local_only)
+        response = _Response()
+        future = self._asyncio.submit(self._exchange(request, response))
+        self._running[request.exchange_id] = _Running(request, response, future, on_text, on_wait, on_end)
+        if request.endpoint not in self._versions and (self._asking_version is None or self._asking_version.done()):
+            self._find_version(request.endpoint, local_only=request.local_only)
         if len(self._running) == 1:
             self.answering_changed.emit()
-        return Asking(self, asked.exchange_id)
+        return Asking(self, request.exchange_id)
 
-    def cancel(self, exchange_id: str, why: str) -> None:
+    def cancel(self, exchange_id: str, reason: str) -> None:
         """Cancel an exchange; its ``on_end`` is called before this returns. No effect after the end."""
         running = self._running.get(exchange_id)
         if running is not None:
             running.future.cancel()
             # It may just have ended, with the signal still pending.
             self._conclude(
-                running.heard.exchange
-                or _exchange(running.asked, running.heard, "cancelled", why, self._version(running))
+                running.response.exchange
+                or _exchange(running.request, running.response, "cancelled", reason, self._version(running))
             )
 
-    def cancel_all(self, why: str) -> None:
+    def cancel_all(self, reason: str) -> None:
         """Cancel all exchanges."""
         for exchange_id in tuple(self._running):
-            self.cancel(exchange_id, why)
+            self.cancel(exchange_id, reason)
 
     # Version
 
     def _version(self, running: "_Running") -> str:
-        return self._versions.get(running.asked.endpoint, "")
+        return self._versions.get(running.request.endpoint, "")
 
     def _find_version(self, endpoint: ModelEndpoint, *, local_only: bool) -> None:
         self._asking_version = self._submit(self._store_version(endpoint, local_only=local_only))
@@ -334,38 +334,38 @@ class ModelClient(QObject):
 
     # Stream
 
-    async def _exchange(self, asked: _Asked, heard: _Heard) -> None:
+    async def _exchange(self, request: _Request, response: _Response) -> None:
         reported_ns = 0
         outcome: LlmOutcome = "answered"
         detail = ""
 
         def take_version(version: str) -> None:
-            heard.version = version
+            response.version = version
 
         try:
             async for piece in self._stream_chat(
-                asked.endpoint,
-                asked.messages,
-                local_only=asked.local_only,
-                max_tokens=asked.max_tokens,
-                temperature=asked.temperature,
-                seed=asked.seed,
-                jpegs=asked.jpegs,
-                schema=asked.schema,
-                slot=asked.slot,
+                request.endpoint,
+                request.messages,
+                local_only=request.local_only,
+                max_tokens=request.max_tokens,
+                temperature=request.temperature,
+                seed=request.seed,
+                jpegs=request.jpegs,
+                schema=request.schema,
+                slot=request.slot,
                 on_version=take_version,
-                on_wait=lambda why: self._waits.emit(asked.exchange_id, why),
-                notes=heard.notes,
-                timeouts=_TIMEOUTS[asked.purpose],
+                on_wait=lambda reason: self._waits.emit(request.exchange_id, reason),
+                notes=response.notes,
+                timeouts=_TIMEOUTS[request.purpose],
             ):
                 now_ns = clock.now_ns()
                 if isinstance(piece, Withdrawn):
-                    heard.pieces.clear()
-                heard.first_token_ns = heard.first_token_ns or now_ns
-                heard.pieces.append(piece)
-                if now_ns - reported_ns >= _TELL_EVERY_NS[asked.purpose]:
+                    response.pieces.clear()
+                response.first_token_ns = response.first_token_ns or now_ns
+                response.pieces.append(piece)
+                if now_ns - reported_ns >= _TELL_EVERY_NS[request.purpose]:
                     reported_ns = now_ns
-                    self._grew.emit(asked.exchange_id, "".join(heard.pieces))
+                    self._grew.emit(request.exchange_id, "".join(response.pieces))
         except asyncio.CancelledError:
             outcome, detail = "cancelled", QT_TR_NOOP("cancelled because the program closed")
         except LanguageModelError as error:
@@ -377,10 +377,10 @@ class ModelClient(QObject):
                 localized(QT_TR_NOOP("The answer could not be read ({error}). Ask again."), error=type(error).__name__),
             )
         if outcome == "answered":
-            detail = _CUT_WORDS[heard.notes.cut]
-        exchange = _exchange(asked, heard, outcome, detail, self._versions.get(asked.endpoint, ""))
+            detail = _CUT_WORDS[response.notes.cut]
+        exchange = _exchange(request, response, outcome, detail, self._versions.get(request.endpoint, ""))
         if outcome != "cancelled":
-            heard.exchange = exchange
+            response.exchange = exchange
         self._ended.emit(exchange)
 
     def _on_grew(self, exchange_id: str, answer: str) -> None:
@@ -388,10 +388,10 @@ class ModelClient(QObject):
         if running is not None:
             running.on_text(answer)
 
-    def _on_waits(self, exchange_id: str, why: str) -> None:
+    def _on_waits(self, exchange_id: str, reason: str) -> None:
         running = self._running.get(exchange_id)
         if running is not None:
-            running.on_wait(why)
+            running.on_wait(reason)
 
     def _on_ended(self, exchange: LlmExchange) -> None:
         if exchange.exchange_id in self._running:
@@ -405,29 +405,29 @@ class ModelClient(QObject):
             self.answering_changed.emit()
 
 
-def _exchange(asked: _Asked, heard: _Heard, outcome: LlmOutcome, detail: str, version: str) -> LlmExchange:
-    parameters: dict[str, float | int | str] = {"max_tokens": asked.max_tokens}
-    if "temperature" not in heard.notes.left_out:
-        parameters["temperature"] = asked.temperature
+def _exchange(request: _Request, response: _Response, outcome: LlmOutcome, detail: str, version: str) -> LlmExchange:
+    parameters: dict[str, float | int | str] = {"max_tokens": request.max_tokens}
+    if "temperature" not in response.notes.left_out:
+        parameters["temperature"] = request.temperature
     return LlmExchange(
         stamp_ns=clock.now_ns(),
-        exchange_id=asked.exchange_id,
-        provider=asked.endpoint.provider,
-        model=asked.model,
-        messages=asked.recorded,
-        answer="".join(heard.pieces).strip(),
+        exchange_id=request.exchange_id,
+        provider=request.endpoint.provider,
+        model=request.model,
+        messages=request.recorded,
+        answer="".join(response.pieces).strip(),
         outcome=outcome,
-        asked_ns=asked.asked_ns,
-        first_token_ns=heard.first_token_ns,
+        asked_ns=request.asked_ns,
+        first_token_ns=response.first_token_ns,
         parameters=parameters,
         detail=detail,
-        model_version=heard.version or version,
-        server=asked.endpoint.server,
-        seed=None if "seed" in heard.notes.left_out else asked.seed,
-        actor=asked.actor,
-        photo=asked.photo,
-        purpose=asked.purpose,
-        turn_id=asked.turn_id,
-        revision=asked.revision,
-        cut=heard.notes.cut if outcome == "answered" else "",
+        model_version=response.version or version,
+        server=request.endpoint.server,
+        seed=None if "seed" in response.notes.left_out else request.seed,
+        actor=request.actor,
+        photo=request.photo,
+        purpose=request.purpose,
+        turn_id=request.turn_id,
+        revision=request.revision,
+        cut=response.notes.cut if outcome == "answered" else "",
     )

@@ -76,12 +76,12 @@ class PerceptionWorker(QObject):
         self._inputs: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._turns_lock = threading.Lock()
         self._turns = CameraRotation()
-        self._look_rates = DetectionRate()
+        self._detection_rates = DetectionRate()
         self._child: ChildProcess | None = None
         self.restarts = Restarts()
         self._status = PerceptionStatus()
         self._pace_reported_ns = 0
-        self._look_every_ns = 0
+        self._detection_interval_ns = 0
         self._shown_persons: tuple[PersonRow, ...] = ()
         self._everybody_reported_ns = 0
         self._everybody: tuple[PersonRow, ...] = ()
@@ -107,8 +107,8 @@ class PerceptionWorker(QObject):
     def offer(self, ref: FrameRef) -> None:
         """Offer a new frame, which replaces an unused one of its camera."""
         with self._turns_lock:
-            look_is_due = self._turns.offer(ref, now_ns=clock.now_ns())
-        if look_is_due:
+            detection_due = self._turns.offer(ref, now_ns=clock.now_ns())
+        if detection_due:
             self._inputs.put(_FRAME_WAITS)
 
     def show_camera(self, name: str) -> None:
@@ -124,7 +124,7 @@ class PerceptionWorker(QObject):
 
     def limit_detection_rate(self, seconds: float) -> None:
         """Set a minimum interval between detections, to leave the processor to others."""
-        self._look_every_ns = round(seconds * 1e9)
+        self._detection_interval_ns = round(seconds * 1e9)
 
     def forget_cameras(self) -> None:
         """Reset for another robot: its cameras differ, and nobody is present."""
@@ -149,7 +149,7 @@ class PerceptionWorker(QObject):
 
     def ask(self, intent: PeopleIntent) -> None:
         """Run a decision about people."""
-        self._inputs.put(_Asked(intent))
+        self._inputs.put(_IntentReceived(intent))
 
     def request_history(self, person_id: str, text: str) -> None:
         """Request a person's history; ``history_found`` delivers it."""
@@ -196,8 +196,8 @@ class PerceptionWorker(QObject):
         self._start_child()
         child = self._child
         ready = busy = False
-        asked: FrameRef | None = None
-        asked_ns = 0
+        pending: FrameRef | None = None
+        requested_ns = 0
         while True:
             try:
                 item = self._inputs.get(timeout=_TICK_S)
@@ -206,18 +206,18 @@ class PerceptionWorker(QObject):
             if item is _STOP:
                 break
             if isinstance(item, _UseBody):
-                self._body, ready, busy, asked, self.restarts = item.body, False, False, None, Restarts()
+                self._body, ready, busy, pending, self.restarts = item.body, False, False, None, Restarts()
                 if child is not None:
                     child.stop(grace_s=2.0)
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
                 self._start_child()
                 child = self._child
             elif item is _FORGET:
-                asked = None
+                pending = None
                 self._turning.forget()
-                self._look_rates.forget()
+                self._detection_rates.forget()
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
-            elif isinstance(item, _Asked):
+            elif isinstance(item, _IntentReceived):
                 self._publish_all(presence.do(item.intent, clock.now_ns()))
             elif isinstance(item, _HistoryRequest):
                 entries = presence.history(item.person_id, item.text)
@@ -260,8 +260,8 @@ class PerceptionWorker(QObject):
                 busy = False
                 if self._status.state == "failed":  # the remote machine is back
                     self._set_status(replace(self._status, state="ready", detail=""))
-                self._look_rates.note(item.camera, now_ns=clock.now_ns())
-                if asked is not None and (asked.camera, asked.sequence) == (item.camera, item.frame_sequence):
+                self._detection_rates.note(item.camera, now_ns=clock.now_ns())
+                if pending is not None and (pending.camera, pending.sequence) == (item.camera, item.frame_sequence):
                     people, events = presence.update(item, clock.now_ns())
                     self._publish(people)
                     self._publish_all(events)
@@ -282,14 +282,14 @@ class PerceptionWorker(QObject):
                     detail = QT_TR_NOOP("Stopped unexpectedly too often")
                     self._set_status(PerceptionStatus(state="failed", detail=detail))
             self._publish_all(presence.tick(clock.now_ns()))
-            if busy and clock.now_ns() - asked_ns > _ANSWER_WITHIN_NS:
+            if busy and clock.now_ns() - requested_ns > _ANSWER_WITHIN_NS:
                 busy = False
-            rested = clock.now_ns() - asked_ns >= self._look_every_ns
+            rested = clock.now_ns() - requested_ns >= self._detection_interval_ns
             if ready and rested and not busy and child is not None:
-                asked_ns = clock.now_ns()
+                requested_ns = clock.now_ns()
                 with self._turns_lock:
-                    asked = self._turns.take(now_ns=asked_ns)
-                busy = asked is not None and child.send(self._detection_request(asked))
+                    pending = self._turns.take(now_ns=requested_ns)
+                busy = pending is not None and child.send(self._detection_request(pending))
             self._show_persons(presence)
         if child is not None:
             child.stop(grace_s=2.0)
@@ -349,7 +349,7 @@ class PerceptionWorker(QObject):
         now_ns = clock.now_ns()
         if now_ns - self._pace_reported_ns >= _PACE_TOLD_EVERY_NS:
             self._pace_reported_ns = now_ns
-            looks_per_s = self._look_rates.per_second(now_ns=now_ns)
+            looks_per_s = self._detection_rates.per_second(now_ns=now_ns)
             self._set_status(replace(self._status, inference_ms=inference_ms, looks_per_s=looks_per_s))
 
     def _show_persons(self, presence: PresenceTracker) -> None:
@@ -368,7 +368,7 @@ class PerceptionWorker(QObject):
                 self.everybody_changed.emit(everybody)
 
 
-class _Asked:
+class _IntentReceived:
     def __init__(self, intent: PeopleIntent) -> None:
         self.intent = intent
 

@@ -28,8 +28,8 @@ class PlaybackClock:
     def position_ns(self) -> int:
         if self._since_ns is None:
             return self._position_ns
-        gone_ns = round((self._now_ns() - self._since_ns) * self._rate)
-        return min(self.end_ns, self._position_ns + gone_ns)
+        elapsed_ns = round((self._now_ns() - self._since_ns) * self._rate)
+        return min(self.end_ns, self._position_ns + elapsed_ns)
 
     def play(self) -> None:
         if self._since_ns is None:

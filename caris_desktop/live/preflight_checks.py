@@ -46,17 +46,17 @@ _USUAL_HOUR_BYTES = 2e9
 class Facts:
     """Facts used by the checks.
 
-    ``link_for_s``: time since the link's last change. ``cameras``: freshness by camera; ``robot_heard``, ``scan`` and
-    ``pose``: their freshness; ``robot_silent_s``: time since the robot's last message. ``robot_ahead_ms``: offset of
-    the robot's clock from this computer's, None if unknown. ``microphone_chosen`` is False if the wizard selected none.
-    ``loud``: it has received sound.
+    ``link_for_s``: time since the link's last change. ``cameras``: freshness by camera; ``robot_freshness``, ``scan``
+    and ``pose``: their freshness; ``robot_silent_s``: time since the robot's last message. ``robot_ahead_ms``: offset
+    of the robot's clock from this computer's, None if unknown. ``microphone_chosen`` is False if the wizard selected
+    none. ``loud``: it has received sound.
     """
 
     scenario: Scenario
     robot: RobotProfile | None = None
     link: LinkStatus = field(default_factory=LinkStatus)
     link_for_s: float = 0.0
-    robot_heard: Freshness = "none"
+    robot_freshness: Freshness = "none"
     robot_silent_s: float = 0.0
     robot_ahead_ms: float | None = None
     drive: DriveStatus = field(default_factory=DriveStatus)
@@ -92,7 +92,7 @@ class ChecklistItem:
 
 def automatic_checks(facts: Facts) -> tuple[PreflightCheck, ...]:
     """Checks that the scenario needs, in working order."""
-    return tuple(check for look in _LOOKS if (check := look(facts)) is not None)
+    return tuple(check for run_check in _CHECKS if (check := run_check(facts)) is not None)
 
 
 def ticked_checks(
@@ -161,14 +161,14 @@ def _robot(facts: Facts) -> PreflightCheck:
                 localized(QT_TR_NOOP("The connection to {robot} is unstable."), robot=name),
                 QT_TR_NOOP("Move closer to the router."),
             )
-    if facts.robot_heard in ("stale", "lost"):
+    if facts.robot_freshness in ("stale", "lost"):
         return check(
-            "minor" if facts.robot_heard == "stale" else "major",
+            "minor" if facts.robot_freshness == "stale" else "major",
             localized(QT_TR_NOOP("{robot} last sent data %n s ago.", "", round(facts.robot_silent_s)), robot=name),
             QT_TR_NOOP("Check the robot’s computer and the network."),
         )
-    tells = facts.robot is None or facts.robot.odometry is not None or facts.robot.scan is not None
-    if facts.robot_heard == "none" and tells:
+    sends_state = facts.robot is None or facts.robot.odometry is not None or facts.robot.scan is not None
+    if facts.robot_freshness == "none" and sends_state:
         silent = localized(QT_TR_NOOP("{robot} is connected and has not sent any data yet."), robot=name)
         if facts.link_for_s < _CONNECTS_WITHIN_S:
             return check("pending", silent)
@@ -510,7 +510,7 @@ def _model(facts: Facts) -> PreflightCheck | None:
     return check("pending", QT_TR_NOOP("The model is being loaded."))
 
 
-_LOOKS: tuple[Callable[[Facts], PreflightCheck | None], ...] = (
+_CHECKS: tuple[Callable[[Facts], PreflightCheck | None], ...] = (
     _robot,
     _practice,
     _emergency_stop,

@@ -34,16 +34,16 @@ class ProcessManager(QObject):
         self._closed = True
 
     def new(
-        self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Reads | None = None
+        self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], on_message: Heard, reads: Reads | None = None
     ) -> ChildProcess:
         """Create a child without starting it.
 
-        ``ended(child)`` and ``heard(message)`` are called in the GUI thread; ``heard`` gets messages that are not
+        ``ended(child)`` and ``heard(message)`` are called in the GUI thread; ``on_message`` gets messages that are not
         stream values, which go to the bus. ``reads(value, raw)`` receives everything instead, in the reader thread.
         """
 
         def read(value: Any, raw: bytes) -> None:
-            self.pass_on(heard, value, raw)
+            self.pass_on(on_message, value, raw)
 
         def on_exit(_code: int | None) -> None:
             if not self._closed:
@@ -53,10 +53,10 @@ class ProcessManager(QObject):
         return child
 
     def start(
-        self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], heard: Heard, reads: Reads | None = None
+        self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], on_message: Heard, reads: Reads | None = None
     ) -> ChildProcess:
         """Create and start a child."""
-        child = self.new(body, ended=ended, heard=heard, reads=reads)
+        child = self.new(body, ended=ended, on_message=on_message, reads=reads)
         child.start()
         return child
 
@@ -82,12 +82,12 @@ class ProcessManager(QObject):
             thread.join()
         self._ends.clear()
 
-    def pass_on(self, heard: Heard, value: Any, raw: bytes) -> None:
-        """Deliver a child's message to the bus, or to ``heard`` in the GUI thread. Any thread."""
+    def pass_on(self, on_message: Heard, value: Any, raw: bytes) -> None:
+        """Deliver a child's message to the bus, or to ``on_message`` in the GUI thread. Any thread."""
         if type(value) in BY_TYPE:
             self._bus.publish(localize_problem(value) if isinstance(value, Problem) else value, raw)
         else:
-            self.call_in_gui(heard, value)
+            self.call_in_gui(on_message, value)
 
     def call_in_gui(self, take: Callable[[Any], None], value: Any) -> None:
         """Call ``take(value)`` in the GUI thread, in order. Any thread."""

@@ -155,8 +155,8 @@ class RecorderFeed:
     def forget_streams(self, names: Iterable[str]) -> None:
         """Drop latched values of these streams of a lost link or robot."""
         with self._changed:
-            gone = {f"/{name}" for name in names}
-            self._latched = {key: raw for key, raw in self._latched.items() if f"/{key.split('/')[1]}" not in gone}
+            forgotten = {f"/{name}" for name in names}
+            self._latched = {key: raw for key, raw in self._latched.items() if f"/{key.split('/')[1]}" not in forgotten}
 
     def stop(self, message: Any) -> None:
         """End the recording: queued values and pending transcripts are still written; then ``message``, with the

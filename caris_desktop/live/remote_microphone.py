@@ -40,11 +40,11 @@ class RemoteMicrophone(QObject):
         self._reachable: Callable[[], bool] = lambda: True
         self._ask: Callable[[bool], object] | None = None
         self._whose = ""
-        self._heard_ns = self._asked_ns = self._unreachable_ns = 0
+        self._received_ns = self._requested_ns = self._unreachable_ns = 0
         self._peak = 0
         self._silence_reported = False
-        self._look = QTimer(self, interval=_LOOK_EVERY_MS)
-        self._look.timeout.connect(self.update_status)
+        self._check_timer = QTimer(self, interval=_LOOK_EVERY_MS)
+        self._check_timer.timeout.connect(self.update_status)
         bus.tap(self._hear, (AudioChunk,))
 
     def open(self, whose: str, ask: Callable[[bool], object], *, reachable: Callable[[], bool] = lambda: True) -> None:
@@ -56,9 +56,9 @@ class RemoteMicrophone(QObject):
             return
         self.close()
         self._whose, self._ask, self._reachable = whose, ask, reachable
-        self._asked_ns, self._silence_reported = clock.now_ns(), False
+        self._requested_ns, self._silence_reported = clock.now_ns(), False
         self._show("starting")
-        self._look.start()
+        self._check_timer.start()
         ask(True)
 
     def ask_again(self) -> None:
@@ -68,14 +68,14 @@ class RemoteMicrophone(QObject):
 
     def close(self) -> None:
         ask, self._ask, self._whose = self._ask, None, ""
-        self._look.stop()
+        self._check_timer.stop()
         if ask is not None:
             ask(False)
             self._status.set(_OFF)
 
     def _hear(self, chunk: AudioChunk, _raw: bytes | None) -> None:  # any thread
         if chunk.source == ROBOT_MICROPHONE:
-            self._heard_ns = clock.now_ns()
+            self._received_ns = clock.now_ns()
             self._peak = max(self._peak, int(np.abs(chunk.samples.astype(np.int32)).max(initial=0)))
 
     def update_status(self) -> None:
@@ -84,13 +84,13 @@ class RemoteMicrophone(QObject):
         before: MicrophoneStatus = self._status.value
         if not self._reachable():
             self._unreachable_ns = now_ns
-        if self._heard_ns > self._asked_ns and now_ns - self._heard_ns < _SILENT_NS:
+        if self._received_ns > self._requested_ns and now_ns - self._received_ns < _SILENT_NS:
             peak, self._peak = self._peak, 0
             self._silence_reported = False
             self._show("on", level=round(peak / 32768, 3))
             if before.state != "on":
                 self._settled()
-        elif now_ns - max(self._heard_ns, self._asked_ns) >= _SILENT_NS and not self._silence_reported:
+        elif now_ns - max(self._received_ns, self._requested_ns) >= _SILENT_NS and not self._silence_reported:
             if before.state != "failed":
                 self._show("failed", detail=QT_TR_NOOP("It sends no sound."))
                 self._settled()

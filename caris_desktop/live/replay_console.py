@@ -418,10 +418,10 @@ class ReplayConsole(QObject):
                 _log.warning("%s of the session is not shown: %s", type(event).__name__, error)
 
     def _show_scenario(self) -> None:
-        shown = self._opened if self._layout is None else replace(self._opened, layout=self._layout)
-        if shown != self._scenario:
-            self._scenario = shown
-            self._state.scenario.set(shown)
+        displayed = self._opened if self._layout is None else replace(self._opened, layout=self._layout)
+        if displayed != self._scenario:
+            self._scenario = displayed
+            self._state.scenario.set(displayed)
 
     # Intents: refused, because the session is over
 

@@ -168,8 +168,8 @@ class ReplayFeed:
         if not self._playing:
             return False
         ahead = self._ahead
-        wanted_ns = self._position_ns + round(_AHEAD_NS * max(1.0, self._rate))
-        return ahead.read_until_ns < min(wanted_ns, self._end_ns) and len(ahead.waiting) < _MAX_WAITING
+        until_ns = self._position_ns + round(_AHEAD_NS * max(1.0, self._rate))
+        return ahead.read_until_ns < min(until_ns, self._end_ns) and len(ahead.waiting) < _MAX_WAITING
 
 
 def _listed() -> list[type[Any]]:
@@ -191,11 +191,11 @@ def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns:
             if not _was_lost(value, arrived_ns, lost_ns)
         }
 
-    seen = newest(timeline.between(shown_ns - _SEEN_WITHIN_NS, shown_ns, types=(FrameRef, People, PeopleInMap)))
-    frames = [value for value in seen.values() if isinstance(value, FrameRef)]
+    latest = newest(timeline.between(shown_ns - _SEEN_WITHIN_NS, shown_ns, types=(FrameRef, People, PeopleInMap)))
+    frames = [value for value in latest.values() if isinstance(value, FrameRef)]
     # Cameras share a topic, whose newest value belongs to one of them.
     values = newest(timeline.arrivals_until(shown_ns))
-    values |= {key: value for key, value in seen.items() if not isinstance(value, FrameRef)}
+    values |= {key: value for key, value in latest.items() if not isinstance(value, FrameRef)}
     standing = [
         arrived for kind, most in _STANDING.items() for arrived in timeline.events_before(shown_ns, most, types=(kind,))
     ]
@@ -310,18 +310,18 @@ class ReplayPlayer(QObject):
 
     def step(self, frames: int) -> None:
         self.pause()
-        shown: FrameRef | None = self._state.frame.value
-        times = self._frame_times(shown.camera) if shown is not None else []
-        if shown is None or not times:
+        frame: FrameRef | None = self._state.frame.value
+        times = self._frame_times(frame.camera) if frame is not None else []
+        if frame is None or not times:
             self.seek(self._clock.position_ns() + frames * 100_000_000)
             return
         # A frame is visible from its arrival, slightly after its capture: seek behind both.
-        index = bisect.bisect_right(times, shown.stamp_ns) - 1 + frames
+        index = bisect.bisect_right(times, frame.stamp_ns) - 1 + frames
         target_ns = times[min(len(times) - 1, max(0, index))]
-        self.seek(target_ns + self._delay_ns(shown))
+        self.seek(target_ns + self._delay_ns(frame))
 
-    def _delay_ns(self, shown: FrameRef) -> int:
-        return max(0, min(200_000_000, self._clock.position_ns() - shown.stamp_ns))
+    def _delay_ns(self, frame: FrameRef) -> int:
+        return max(0, min(200_000_000, self._clock.position_ns() - frame.stamp_ns))
 
     def _jump(self) -> None:
         self._generation += 1
@@ -392,23 +392,23 @@ class ReplayPlayer(QObject):
             self._camera_chosen = True
             self._jump()
 
-    def _take_status(self, shown: StatusShown) -> None:
-        if shown.name == "camera" and self._camera_chosen:
+    def _take_status(self, status: StatusShown) -> None:
+        if status.name == "camera" and self._camera_chosen:
             return
         self._showing_status = True
         try:
-            self._put_status_back(shown)
+            self._put_status_back(status)
         finally:
             self._showing_status = False
 
-    def _put_status_back(self, shown: StatusShown) -> None:
-        if shown.name == "recording":
-            if not isinstance(shown.content, dict):
-                _log.warning("a recorded status recording is not shown: it is a %s", type(shown.content).__name__)
+    def _put_status_back(self, status: StatusShown) -> None:
+        if status.name == "recording":
+            if not isinstance(status.content, dict):
+                _log.warning("a recorded status recording is not shown: it is a %s", type(status.content).__name__)
                 return
-            shown = replace(shown, content={**shown.content, "folder": None})
-        show_status(self._state, shown, name_of=self._name_of)
-        if shown.name == "recording":
+            status = replace(status, content={**status.content, "folder": None})
+        show_status(self._state, status, name_of=self._name_of)
+        if status.name == "recording":
             self._state.recording.set(replace(self._state.recording.value, folder=self._session.folder))
 
     def _on_situation(self, situation: Situation) -> None:
@@ -427,35 +427,35 @@ class ReplayPlayer(QObject):
         for spec in STATE_STREAMS:
             if spec.name not in present and spec.name != "frame":
                 self._state.stream(spec.name).clear()
-        seen_by = {value.camera for value in values if isinstance(value, People)}
+        cameras = {value.camera for value in values if isinstance(value, People)}
         for camera in self._state.cameras.value:
-            if camera not in seen_by:
+            if camera not in cameras:
                 self._state.people_of(camera).clear()
         self._state.time_jumped.emit(situation.events)
         for value in values:
             self._take_value(value)
-        wanted = self._state.camera.value or _camera_of_people(values)
-        self._show_frames(situation.frames, wanted)
+        main_camera = self._state.camera.value or _camera_of_people(values)
+        self._show_frames(situation.frames, main_camera)
         self._awaits_situation = False
         self._state.check_freshness()
         self._notify()
 
-    def _show_frames(self, frames: Sequence[FrameRef], wanted: str) -> None:
+    def _show_frames(self, frames: Sequence[FrameRef], main_camera: str) -> None:
         """After a seek: show each camera's frame, and clear cameras that had none."""
         of_camera = {ref.camera: ref for ref in frames}
         for camera in self._state.cameras.value:
             if camera not in of_camera:
                 self._state.frame_of(camera).clear()
-        if frames and not wanted:
-            wanted = frames[-1].camera
-        if wanted not in of_camera:
+        if frames and not main_camera:
+            main_camera = frames[-1].camera
+        if main_camera not in of_camera:
             self._state.frame.clear()
         if not self._state.camera.value:
             self._showing_status = True  # not the viewer's choice
-            self._state.camera.set(wanted)
+            self._state.camera.set(main_camera)
             self._showing_status = False
         for camera, ref in of_camera.items():
-            self._video.show(self._generation, ref, nearest_key=camera != wanted)
+            self._video.show(self._generation, ref, nearest_key=camera != main_camera)
 
     def _on_frame(self, generation: int, ref: FrameRef) -> None:
         if generation != self._generation:
@@ -464,10 +464,10 @@ class ReplayPlayer(QObject):
         self._state.take(ref)
         self._showing_status = False
 
-    def _on_failed(self, why: str) -> None:
+    def _on_failed(self, reason: str) -> None:
         self._clock.pause()
         self._timer.stop()
-        self.playback.set(replace(self.playback.value, playing=False, detail=why))
+        self.playback.set(replace(self.playback.value, playing=False, detail=reason))
 
     def _notify(self) -> None:
         self.playback.set(

@@ -44,10 +44,10 @@ class ReplayVideo:
     ``shown(generation, ref)`` is called in that thread.
     """
 
-    def __init__(self, session: Session, frames: ReplayFrames, shown: Callable[[int, FrameRef], None]) -> None:
+    def __init__(self, session: Session, frames: ReplayFrames, on_frame: Callable[[int, FrameRef], None]) -> None:
         self._session = session
         self._frames = frames
-        self._shown = shown
+        self._on_frame = on_frame
         self._decoders: dict[str, _Decoder] = {}
         self._closed = False
 
@@ -56,7 +56,7 @@ class ReplayVideo:
         if self._closed:
             return
         if ref.camera not in self._decoders:
-            self._decoders[ref.camera] = _Decoder(self._session, self._frames, self._shown)
+            self._decoders[ref.camera] = _Decoder(self._session, self._frames, self._on_frame)
         self._decoders[ref.camera].show(generation, ref, nearest_key=nearest_key)
 
     def close(self) -> None:
@@ -68,19 +68,19 @@ class ReplayVideo:
 class _Decoder:
     """Decoder thread of a camera."""
 
-    def __init__(self, session: Session, frames: ReplayFrames, shown: Callable[[int, FrameRef], None]) -> None:
+    def __init__(self, session: Session, frames: ReplayFrames, on_frame: Callable[[int, FrameRef], None]) -> None:
         self._session = session
         self._frames = frames
-        self._shown = shown
+        self._on_frame = on_frame
         self._changed = threading.Condition()
-        self._wanted: tuple[int, FrameRef, bool] | None = None
+        self._request: tuple[int, FrameRef, bool] | None = None
         self._ended = False
         self._thread = threading.Thread(target=self._run, name="replay-video", daemon=True)
         self._thread.start()
 
     def show(self, generation: int, ref: FrameRef, *, nearest_key: bool) -> None:
         with self._changed:
-            self._wanted = (generation, ref, nearest_key)
+            self._request = (generation, ref, nearest_key)
             self._changed.notify()
 
     def close(self) -> None:
@@ -92,8 +92,8 @@ class _Decoder:
     def _run(self) -> None:
         reader = VideoReader(self._session)
         try:
-            while (wanted := self._next()) is not None:
-                generation, ref, nearest_key = wanted
+            while (request := self._next()) is not None:
+                generation, ref, nearest_key = request
                 try:
                     picture = reader.frame_at(ref.camera, ref.stamp_ns, nearest_key=nearest_key)
                 except Exception:
@@ -101,17 +101,17 @@ class _Decoder:
                     continue
                 if picture is not None:
                     self._frames.add(ref, picture.image_bgr)
-                    self._shown(generation, ref)
+                    self._on_frame(generation, ref)
         finally:
             reader.close()
 
     def _next(self) -> tuple[int, FrameRef, bool] | None:
         """Next request; None to end."""
         with self._changed:
-            while self._wanted is None and not self._ended:
+            while self._request is None and not self._ended:
                 self._changed.wait()
-            wanted, self._wanted = self._wanted, None
-            return None if self._ended else wanted
+            request, self._request = self._request, None
+            return None if self._ended else request
 
 
 class ReplayThumbnails:
@@ -123,7 +123,7 @@ class ReplayThumbnails:
         self._session = session
         self._made = made
         self._changed = threading.Condition()
-        self._wanted: OrderedDict[tuple[str, int], None] = OrderedDict()
+        self._pending: OrderedDict[tuple[str, int], None] = OrderedDict()
         self._ended = False
         self._thread = threading.Thread(target=self._run, name="replay-thumbnails", daemon=True)
 
@@ -132,10 +132,10 @@ class ReplayThumbnails:
 
     def request(self, camera: str, at_ns: int) -> None:
         with self._changed:
-            self._wanted[(camera, at_ns)] = None
-            self._wanted.move_to_end((camera, at_ns))
-            while len(self._wanted) > 200:
-                self._wanted.popitem(last=False)
+            self._pending[(camera, at_ns)] = None
+            self._pending.move_to_end((camera, at_ns))
+            while len(self._pending) > 200:
+                self._pending.popitem(last=False)
             self._changed.notify()
 
     def close(self) -> None:
@@ -150,11 +150,11 @@ class ReplayThumbnails:
         try:
             while True:
                 with self._changed:
-                    while not self._wanted and not self._ended:
+                    while not self._pending and not self._ended:
                         self._changed.wait()
                     if self._ended:
                         return
-                    camera, at_ns = self._wanted.popitem(last=True)[0]
+                    camera, at_ns = self._pending.popitem(last=True)[0]
                 try:
                     found = reader.info_at(camera, at_ns)
                     # No image long after a frame, as in a pause or after the end of the video.

@@ -59,12 +59,12 @@ def _own_place(folder: Path) -> Path | None:
         for left in folder.iterdir():
             if left.name.isdecimal() and not _runs(left.name):
                 left.unlink(missing_ok=True)  # left by a killed console
-        own = folder / str(os.getpid())
-        own.unlink(missing_ok=True)
+        socket_path = folder / str(os.getpid())
+        socket_path.unlink(missing_ok=True)
     except OSError:
         _log.exception("replays cannot stop this console's robot")
         return None
-    return own
+    return socket_path
 
 
 def _runs(pid: str) -> bool:
@@ -100,7 +100,7 @@ def show_window(folder: Path, pid: int) -> bool:
 class RobotConnections(QObject):
     """Server side: lets replays stop this console's robot, and sends them its state."""
 
-    window_asked = Signal()  # by a second start of the console
+    window_requested = Signal()  # by a second start of the console
 
     def __init__(self, console: WizardConsole, folder: Path, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -119,10 +119,10 @@ class RobotConnections(QObject):
         """Start listening. On failure the console works without; replays then find none."""
         self._console.run_in_background(lambda: _own_place(self._folder), self._listen)
 
-    def _listen(self, own: Path | None) -> None:
-        if own is None or self._ended:
+    def _listen(self, socket_path: Path | None) -> None:
+        if socket_path is None or self._ended:
             return
-        if not self._server.listen(str(own)):
+        if not self._server.listen(str(socket_path)):
             _log.error("replays cannot stop this console's robot: %s", self._server.errorString())
 
     def shutdown(self) -> None:
@@ -146,7 +146,7 @@ class RobotConnections(QObject):
         elif order == "emergency_stop":
             self._console.do(intents.EmergencyStop())
         elif order == "show_window":
-            self.window_asked.emit()
+            self.window_requested.emit()
         else:
             return
         _log.info("another window asked for %s", order)
@@ -189,17 +189,17 @@ class LiveRobots(QObject):
         self._unconfirmed: dict[str, list[str]] = {}
         self._slow_work = BackgroundWorker(self)
         self._looking = False
-        self._look = QTimer(self, interval=_LOOK_EVERY_MS)
-        self._look.timeout.connect(self._find_consoles)
+        self._search_timer = QTimer(self, interval=_LOOK_EVERY_MS)
+        self._search_timer.timeout.connect(self._find_consoles)
         self._patience = QTimer(self, singleShot=True, interval=CONFIRMED_WITHIN_MS)
         self._patience.timeout.connect(self._on_not_confirmed)
 
     def start(self) -> None:
-        self._look.start()
+        self._search_timer.start()
         self._find_consoles()
 
     def shutdown(self) -> None:
-        self._look.stop()
+        self._search_timer.stop()
         self._slow_work.finish(lambda _words, wait: wait())
         self._patience.stop()
         consoles, self._consoles = self._consoles, {}
@@ -216,13 +216,13 @@ class LiveRobots(QObject):
 
     def _ask(self, order: Order, nobody: Callable[[], None]) -> None:
         """Send to known consoles at once, and to new ones when found."""
-        asked = set(self._consoles)
-        self._send(order, asked)
+        recipients = set(self._consoles)
+        self._send(order, recipients)
 
         def found(paths: list[Path]) -> None:
             self._connect_new(paths)
-            self._send(order, set(self._consoles) - asked)
-            if not (asked or self._consoles):
+            self._send(order, set(self._consoles) - recipients)
+            if not (recipients or self._consoles):
                 nobody()
 
         self._slow_work.do(lambda: _found_consoles(self._folder), found, lambda _failure: nobody())
@@ -312,11 +312,11 @@ class _Lines:
         self,
         socket: QLocalSocket,
         on_message: Callable[["_Lines", dict[str, Any]], None],
-        on_gone: Callable[["_Lines"], None],
+        on_closed: Callable[["_Lines"], None],
     ) -> None:
         self._socket = socket
         self._on_message = on_message
-        self._on_gone = on_gone
+        self._on_closed = on_closed
         self._unread = b""
         socket.readyRead.connect(self.read)
         socket.disconnected.connect(self._on_disconnected)
@@ -345,5 +345,5 @@ class _Lines:
         self._socket.deleteLater()
 
     def _on_disconnected(self) -> None:
-        self._on_gone(self)
+        self._on_closed(self)
         self._socket.deleteLater()

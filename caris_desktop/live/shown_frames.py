@@ -32,7 +32,7 @@ class ShownFrames:
         self._given: BlurDemand | None = None
         self._to_be_shown: frozenset[str] = frozenset()
         self._to_be_given: frozenset[str] = frozenset()
-        self._looks: dict[str, deque[People]] = {}
+        self._detections: dict[str, deque[People]] = {}
         self._lock = threading.Lock()
         state.scenario.changed.connect(self._on_scenario_changed)
         state.persons.changed.connect(self._on_persons_changed)
@@ -42,7 +42,7 @@ class ShownFrames:
         """Add detected people of a frame. Any thread."""
         if self._given is not None:
             with self._lock:
-                self._looks.setdefault(people.camera, deque(maxlen=_KEPT_LOOKS)).append(people)
+                self._detections.setdefault(people.camera, deque(maxlen=_KEPT_LOOKS)).append(people)
 
     def read(self, ref: FrameRef) -> NDArray[np.uint8] | None:
         return self._covered(ref, self._shown, self._to_be_shown)
@@ -60,17 +60,23 @@ class ShownFrames:
         if image_bgr is None or demand is None:
             return image_bgr
         with self._lock:
-            looks = [each for each in self._looks.get(ref.camera, ()) if abs(ref.stamp_ns - each.stamp_ns) <= NEAR_NS]
-        if looks and ref.stamp_ns - looks[-1].stamp_ns <= _SEEN_WITHIN_NS:
-            blur.cover(image_bgr, parts_at(ref.stamp_ns, looks, demand, consenting, blur), demand.what)
+            detections = [
+                each for each in self._detections.get(ref.camera, ()) if abs(ref.stamp_ns - each.stamp_ns) <= NEAR_NS
+            ]
+        if detections and ref.stamp_ns - detections[-1].stamp_ns <= _SEEN_WITHIN_NS:
+            blur.cover(image_bgr, parts_at(ref.stamp_ns, detections, demand, consenting, blur), demand.what)
         else:
             blur.cover_all(image_bgr)
         return image_bgr
 
     def _on_scenario_changed(self, scenario: Scenario | None) -> None:
-        wanted = None if scenario is None else scenario.blur
-        self._given = BlurDemand(wanted.who, wanted.what) if wanted is not None and wanted.who != "nobody" else None
-        self._shown = self._given if wanted is not None and wanted.shown else None
+        blur_settings = None if scenario is None else scenario.blur
+        self._given = (
+            BlurDemand(blur_settings.who, blur_settings.what)
+            if blur_settings is not None and blur_settings.who != "nobody"
+            else None
+        )
+        self._shown = self._given if blur_settings is not None and blur_settings.shown else None
 
     def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
         self._to_be_shown = frozenset(person.person_id for person in persons if "video" in person.consents)

@@ -17,8 +17,8 @@ _log = logging.getLogger(__name__)
 AT_MOST = 500
 
 
-class SaidBefore:
-    """Maintains ``state.said_before``, unique and oldest first, and the file ``path``.
+class SpeechHistory:
+    """Maintains ``state.speech_history``, unique and oldest first, and the file ``path``.
 
     Sentences with a name known to the study are not saved: they last for this run, and at most until any person is
     erased.
@@ -39,20 +39,20 @@ class SaidBefore:
         self._slow_work.do(lambda: _read(self._path), self._on_read, _notify)
 
     def add(self, sentence: str) -> None:
-        self._state.said_before.set(_newest((*self._state.said_before.value, sentence)))
+        self._state.speech_history.set(_newest((*self._state.speech_history.value, sentence)))
         self.write()
 
     def write(self) -> None:
         """Save again, since the study may know new names."""
         text = "".join(
             f"{json.dumps(sentence, ensure_ascii=False)}\n"
-            for sentence in self._nameless(self._state.said_before.value)
+            for sentence in self._nameless(self._state.speech_history.value)
         )
         self._slow_work.do(lambda: _write(self._path, text), lambda _done: None, _notify)
 
     def forget(self) -> None:
         """Remove every sentence with a name, since after an erasure it is unknown whose name it is."""
-        self._state.said_before.set(self._nameless(self._state.said_before.value))
+        self._state.speech_history.set(self._nameless(self._state.speech_history.value))
         self.write()
 
     def _nameless(self, sentences: Iterable[str]) -> tuple[str, ...]:
@@ -64,7 +64,7 @@ class SaidBefore:
         self._name_parts |= parts_of(self._names())
 
     def _on_read(self, sentences: tuple[str, ...]) -> None:
-        self._state.said_before.set(_newest((*sentences, *self._state.said_before.value)))
+        self._state.speech_history.set(_newest((*sentences, *self._state.speech_history.value)))
 
 
 def parts_of(names: Iterable[str]) -> set[str]:

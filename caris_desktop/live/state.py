@@ -199,9 +199,9 @@ class LiveState(QObject):
     an AssistantSetup, ``going_on`` a CrashRecoveryStatus, ``practice`` a PracticeStatus, ``health`` the Health of each
     child process by name.
 
-    ``said_before`` (tuple of sentences, oldest first) is the typed speech history, including earlier sessions;
-    ``phrase_group`` is the index of the group on the phrase keys, ``fillers_said`` a count. ``chosen_utterance`` is the
-    id of the utterance selected in the queue, ``held_marks`` are the ids of marks whose key is down.
+    ``speech_history`` (tuple of sentences, oldest first) is the typed speech history, including earlier sessions;
+    ``phrase_group`` is the index of the group on the phrase keys, ``fillers_spoken`` a count. ``chosen_utterance`` is
+    the id of the utterance selected in the queue, ``held_marks`` are the ids of marks whose key is down.
 
     ``event_happened(event)`` carries each event once. ``time_jumped(events)`` reports a seek in a replay: accumulated
     data is void, and these are the newest events before that time, oldest first.
@@ -230,9 +230,9 @@ class LiveState(QObject):
         self.recording = LiveValue(RecordingStatus(), self)
         self.speech = LiveValue(SpeechStatus(), self)
         self.voice = LiveValue(VoiceStatus(), self)
-        self.said_before = LiveValue((), self)
+        self.speech_history = LiveValue((), self)
         self.phrase_group = LiveValue(0, self)
-        self.fillers_said = LiveValue(0, self)
+        self.fillers_spoken = LiveValue(0, self)
         self.chosen_utterance = LiveValue("", self)
         self.held_marks = LiveValue(frozenset(), self)
         self.assistant = LiveValue(AssistantStatus(), self)
@@ -355,15 +355,15 @@ class LiveState(QObject):
 
     def _stay_with_selected_person(self, event: Any) -> None:
         """Keep the selection on the same person when their identity changes."""
-        meant = self.selected_person.value
+        selected = self.selected_person.value
         match event:
-            case PersonIdentified(person_id=before, is_person_id=now) if before == meant:
+            case PersonIdentified(person_id=before, is_person_id=now) if before == selected:
                 self.selected_person.set(now)
-            case PersonRejected(person_id=now, is_person_id=before) if before == meant:
+            case PersonRejected(person_id=now, is_person_id=before) if before == selected:
                 self.selected_person.set(now)
-            case PeopleMerged(person_id=before, into_person_id=now) if before == meant:
+            case PeopleMerged(person_id=before, into_person_id=now) if before == selected:
                 self.selected_person.set(now)
-            case PersonForgotten(person_id=before) if before == meant:
+            case PersonForgotten(person_id=before) if before == selected:
                 self.selected_person.set("")
 
     def choose_camera(self, name: str) -> None:

@@ -108,19 +108,19 @@ class _Watch(QObject):
         self._tell(self._name, value)
 
 
-def show_status(state: LiveState, shown: StatusShown, *, name_of: Callable[[str], str | None]) -> None:
+def show_status(state: LiveState, status: StatusShown, *, name_of: Callable[[str], str | None]) -> None:
     """Restore a recorded status. ``name_of``: names not in the recording, if known."""
-    kind = STATUS_TYPES.get(shown.name)
+    kind = STATUS_TYPES.get(status.name)
     if kind is None:
         return
     try:
-        value = _value_of(shown.name, kind, _retranslated(shown.content))
+        value = _value_of(status.name, kind, _retranslated(status.content))
     except (ValueError, KeyError, TypeError) as error:
-        _log.warning("a recorded status %s is not shown: %s", shown.name, error)
+        _log.warning("a recorded status %s is not shown: %s", status.name, error)
         return
-    if shown.name == "persons":
+    if status.name == "persons":
         value = tuple(_with_names(row, name_of) for row in value)
-    getattr(state, shown.name).set(value)
+    getattr(state, status.name).set(value)
 
 
 def _retranslated(content: Any) -> Any:

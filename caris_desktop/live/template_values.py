@@ -30,11 +30,11 @@ def words_now(state: LiveState, person_id: str, *, naming: bool) -> dict[str, Wo
     return found
 
 
-def given_words(gap: str, said: str, person_id: str) -> Words:
+def given_words(gap: str, value: str, person_id: str) -> Words:
     """Template value typed by the wizard. A name is not recorded, even if it belongs to no known person."""
     if gap != NAME:
-        return Words(said, said)
-    return Words(said, mark_of(person_id) if person_id else f"{{{NAME}}}")
+        return Words(value, value)
+    return Words(value, mark_of(person_id) if person_id else f"{{{NAME}}}")
 
 
 def current_place(state: LiveState) -> str:

@@ -249,5 +249,5 @@ def _cannot(path: Path, verb: Verb) -> LocalizedText:
     return localized(_CANNOT[verb], path=path)
 
 
-def _for_this_reason(path: Path, verb: Verb, why: object) -> LocalizedText:
-    return joined((_cannot(path, verb), localized(QT_TR_NOOP("The system reports: {why}."), why=why)))
+def _for_this_reason(path: Path, verb: Verb, reason: object) -> LocalizedText:
+    return joined((_cannot(path, verb), localized(QT_TR_NOOP("The system reports: {why}."), why=reason)))

@@ -74,36 +74,36 @@ class Decisions:
         self._portraits = portraits
         self._done: deque[_Done] = deque(maxlen=MOST_UNDONE)
 
-    def do(self, asked: PeopleIntent, now_ns: int) -> list[Event]:
+    def do(self, intent: PeopleIntent, now_ns: int) -> list[Event]:
         """Events of an intent; a Problem if it cannot be executed."""
-        match asked:
+        match intent:
             case intents.NamePerson(person_id=person_id, name=name):
-                return self._name(person_id, _one_line(name), now_ns, asked.actor)
+                return self._name(person_id, _one_line(name), now_ns, intent.actor)
             case intents.SetPersonGroup(person_id=person_id, group=group):
-                return self._describe(person_id, "group", {"group": _one_line(group)}, now_ns, asked.actor)
+                return self._describe(person_id, "group", {"group": _one_line(group)}, now_ns, intent.actor)
             case intents.TagPerson(person_id=person_id, tags=tags):
-                wanted = tuple(dict.fromkeys(filter(None, map(_one_line, tags))))[:MAX_TAGS]
-                return self._describe(person_id, "tags", {"tags": wanted}, now_ns, asked.actor)
+                cleaned = tuple(dict.fromkeys(filter(None, map(_one_line, tags))))[:MAX_TAGS]
+                return self._describe(person_id, "tags", {"tags": cleaned}, now_ns, intent.actor)
             case intents.NotePerson(person_id=person_id, note=note):
                 shortened = note.strip()[:MAX_NOTE_LENGTH]
-                return self._describe(person_id, "note", {"note": shortened}, now_ns, asked.actor)
+                return self._describe(person_id, "note", {"note": shortened}, now_ns, intent.actor)
             case intents.ConfirmPerson(person_id=person_id, is_person_id=is_person_id):
                 visit = self._visits.find(person_id)
                 if visit is None or not self._exists(is_person_id):
                     return [_unknown(now_ns)]
-                return self.identify(visit, is_person_id, now_ns, asked.actor)
+                return self.identify(visit, is_person_id, now_ns, intent.actor)
             case intents.RejectPerson(person_id=person_id, is_person_id=is_person_id):
-                return self._reject(person_id, is_person_id, now_ns, asked.actor)
+                return self._reject(person_id, is_person_id, now_ns, intent.actor)
             case intents.MergePeople(person_id=person_id, into_person_id=into_person_id):
-                return self._merge(person_id, into_person_id, now_ns, asked.actor)
+                return self._merge(person_id, into_person_id, now_ns, intent.actor)
             case intents.SplitPerson(person_id=person_id, visit_id=visit_id):
-                return self._split(person_id, visit_id, now_ns, asked.actor)
+                return self._split(person_id, visit_id, now_ns, intent.actor)
             case intents.NoteConsent():
-                return self._note_consent(asked, now_ns)
+                return self._note_consent(intent, now_ns)
             case intents.UndoPeople():
-                return self._undo(now_ns, asked.actor)
+                return self._undo(now_ns, intent.actor)
             case intents.ForgetPerson(person_id=person_id):
-                return self._forget(person_id, now_ns, asked.actor)
+                return self._forget(person_id, now_ns, intent.actor)
 
     def identify(
         self, visit: Visit, is_person_id: str, now_ns: int, actor: Actor = CONSOLE, *, both_here: bool = False
@@ -244,13 +244,13 @@ class Decisions:
             PersonAppeared(now_ns, new_id, visit.track, number),
         ]
 
-    def _note_consent(self, asked: intents.NoteConsent, now_ns: int) -> list[Event]:
-        if not self._exists(asked.person_id):
+    def _note_consent(self, intent: intents.NoteConsent, now_ns: int) -> list[Event]:
+        if not self._exists(intent.person_id):
             return [_unknown(now_ns)]
-        root = self._root(asked.person_id)
-        back = self._known.note_consent(root, asked.kind, given=asked.given, actor=asked.actor)
+        root = self._root(intent.person_id)
+        back = self._known.note_consent(root, intent.kind, given=intent.given, actor=intent.actor)
         self._remember("consent", root, "", back)
-        return [ConsentNoted(now_ns, root, asked.kind, asked.given, asked.actor)]
+        return [ConsentNoted(now_ns, root, intent.kind, intent.given, intent.actor)]
 
     def _undo(self, now_ns: int, actor: Actor) -> list[Event]:
         if not self._done:
@@ -276,12 +276,12 @@ class Decisions:
         try:
             ids = set(self._known.forget(root)) | {visit.visit_id for visit in visits}
         except PeopleStoreError as error:
-            what = str(error)
+            message = str(error)
             return [
                 Problem(
                     now_ns,
                     "error",
-                    tr(what),
+                    tr(message),
                     tr("The person is not erased yet."),
                     tr("Try again when the problem is fixed."),
                     cause=ANSWER,

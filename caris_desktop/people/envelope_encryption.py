@@ -32,20 +32,22 @@ def new_key() -> bytes:
     return _cipher().generate_key(_KEY_BITS)
 
 
-def seal(key: bytes, person_id: str, what: str, content: bytes) -> bytes:
+def seal(key: bytes, person_id: str, content_kind: str, content: bytes) -> bytes:
     """Encrypt, bound to the person and field, so that content cannot be moved to another person."""
     nonce = secrets.token_bytes(_NONCE_BYTES)
-    return nonce + _cipher()(key).encrypt(nonce, content, f"{person_id}/{what}".encode())
+    return nonce + _cipher()(key).encrypt(nonce, content, f"{person_id}/{content_kind}".encode())
 
 
-def unseal(key: bytes, person_id: str, what: str, content: bytes) -> bytes:
+def unseal(key: bytes, person_id: str, content_kind: str, content: bytes) -> bytes:
     """Decrypt; empty if damaged, so that one person's data does not block the others."""
     from cryptography.exceptions import InvalidTag
 
     try:
-        return _cipher()(key).decrypt(content[:_NONCE_BYTES], content[_NONCE_BYTES:], f"{person_id}/{what}".encode())
+        return _cipher()(key).decrypt(
+            content[:_NONCE_BYTES], content[_NONCE_BYTES:], f"{person_id}/{content_kind}".encode()
+        )
     except (InvalidTag, ValueError):
-        _log.warning("%s of %s cannot be read", what, person_id)
+        _log.warning("%s of %s cannot be read", content_kind, person_id)
         return b""
 
 

@@ -85,13 +85,13 @@ class Gallery:
         begins = np.cumsum([0, *(len(array) for array in stacked[:-1])])
         return cls(tuple(known), np.concatenate(stacked).astype(np.float32), begins)
 
-    def likeness(self, seen: Vectors) -> NDArray[np.float64]:
-        """Cosine similarity of each of ``person_ids`` to each of ``seen``, (m, length), by the closest view. Shape
+    def likeness(self, vectors: Vectors) -> NDArray[np.float64]:
+        """Cosine similarity of each of ``person_ids`` to each of ``vectors``, (m, length), by the closest view. Shape
         (people, m).
         """
-        if not self.person_ids or self.vectors.shape[1] != seen.shape[1]:
-            return np.zeros((0, len(seen)))
-        alike = (self.vectors @ seen.T).astype(np.float64)
+        if not self.person_ids or self.vectors.shape[1] != vectors.shape[1]:
+            return np.zeros((0, len(vectors)))
+        alike = (self.vectors @ vectors.T).astype(np.float64)
         return np.maximum.reduceat(alike, self.begins, axis=0)
 
 

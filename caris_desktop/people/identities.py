@@ -71,7 +71,7 @@ class Judgement:
     guesses: tuple[Guess, ...] = ()
     stranger: float = 1.0
     sure: bool = False
-    looks: int = 0
+    embedding_count: int = 0
 
     @property
     def best(self) -> Guess | None:
@@ -193,36 +193,36 @@ class Identities:
 
     # Embeddings
 
-    def still_the_same(self, person_id: str, looks: PersonLooks) -> Literal["yes", "doubtful", "somebody else"]:
+    def still_the_same(self, person_id: str, embedding: PersonLooks) -> Literal["yes", "doubtful", "somebody else"]:
         """Check an embedding against the visit's views, to detect a track that switched to another person.
 
         One deviating embedding may be bad; several in a row are another person.
         """
-        by: _By = (looks.kind, looks.model)
+        by: _By = (embedding.kind, embedding.model)
         views = self._views.get(person_id, {}).get(by)
-        if looks.quality < GOOD_QUALITY or views is None or views.count < _LEARNED_FROM:
+        if embedding.quality < GOOD_QUALITY or views is None or views.count < _LEARNED_FROM:
             return "yes"
-        recent = self._recent.setdefault(person_id, {}).setdefault(by, _Recent(first_ns=looks.stamp_ns))
-        alike = float((views.vectors() @ looks.vector).max())
+        recent = self._recent.setdefault(person_id, {}).setdefault(by, _Recent(first_ns=embedding.stamp_ns))
+        alike = float((views.vectors() @ embedding.vector).max())
         recent.unlike = 0 if alike >= _MISTAKEN_BELOW else recent.unlike + 1
         if not recent.unlike:
             return "yes"
         return "somebody else" if recent.unlike >= _MISTAKEN_LOOKS else "doubtful"
 
-    def likeness(self, person_id: str, looks: PersonLooks) -> float | None:
+    def likeness(self, person_id: str, embedding: PersonLooks) -> float | None:
         """Cosine similarity of an embedding to the visit's views; None without views by that network."""
-        views = self._views.get(person_id, {}).get((looks.kind, looks.model))
-        return None if views is None or not views.count else float((views.vectors() @ looks.vector).max())
+        views = self._views.get(person_id, {}).get((embedding.kind, embedding.model))
+        return None if views is None or not views.count else float((views.vectors() @ embedding.vector).max())
 
-    def see(self, person_id: str, looks: PersonLooks) -> bool:
+    def see(self, person_id: str, embedding: PersonLooks) -> bool:
         """Add an embedding; False if its quality is too low."""
-        if looks.quality < GOOD_QUALITY:
+        if embedding.quality < GOOD_QUALITY:
             return False
-        by: _By = (looks.kind, looks.model)
-        self._views.setdefault(person_id, {}).setdefault(by, Views()).add(looks.vector, looks.quality)
-        recent = self._recent.setdefault(person_id, {}).setdefault(by, _Recent(first_ns=looks.stamp_ns))
-        recent.vectors.append(looks.vector)
-        recent.last_ns = looks.stamp_ns
+        by: _By = (embedding.kind, embedding.model)
+        self._views.setdefault(person_id, {}).setdefault(by, Views()).add(embedding.vector, embedding.quality)
+        recent = self._recent.setdefault(person_id, {}).setdefault(by, _Recent(first_ns=embedding.stamp_ns))
+        recent.vectors.append(embedding.vector)
+        recent.last_ns = embedding.stamp_ns
         recent.count += 1
         return True
 
@@ -236,7 +236,7 @@ class Identities:
         """
         evidence: dict[str, dict[LooksKind, float]] = {}
         wins: dict[str, float] = {}
-        looks = lasted_ns = 0
+        embedding_count = lasted_ns = 0
         for by, recent in self._recent.get(person_id, {}).items():
             gallery = self._gallery(by)
             alike = gallery.likeness(np.stack(recent.vectors))
@@ -244,7 +244,7 @@ class Identities:
             candidates = [
                 row for row, known in enumerate(gallery.person_ids) if known not in impossible and known != person_id
             ]
-            looks = max(looks, len(recent.vectors))
+            embedding_count = max(embedding_count, len(recent.vectors))
             lasted_ns = max(lasted_ns, recent.last_ns - recent.first_ns)
             if not candidates or not len(alike):
                 continue
@@ -255,8 +255,8 @@ class Identities:
                 known = gallery.person_ids[candidate]
                 evidence.setdefault(known, {})[by[0]] = line.scale * (float(means[row]) - line.stranger_at)
                 wins[known] = max(wins.get(known, 0.0), float(shares[row]))
-        if looks < _SUGGEST_AFTER_LOOKS or not evidence:
-            return Judgement(looks=looks)
+        if embedding_count < _SUGGEST_AFTER_LOOKS or not evidence:
+            return Judgement(embedding_count=embedding_count)
         guesses = _guesses(evidence)
         stranger = 1.0 - sum(guess.confidence for guess in guesses)
         best, second = guesses[0], guesses[1] if len(guesses) > 1 else None
@@ -264,13 +264,13 @@ class Identities:
         if second is not None and frozenset((best.person_id, second.person_id)) in confused:
             margin *= 2.0
         sure = (
-            looks >= _SURE_AFTER_LOOKS
+            embedding_count >= _SURE_AFTER_LOOKS
             and lasted_ns >= _SURE_AFTER_NS
             and wins[best.person_id] >= _SURE_SHARE
             and best.evidence - (0.0 if second is None else second.evidence) >= margin
         )
         likely = tuple(guess for guess in guesses if guess.confidence >= SUGGEST_FROM)
-        return Judgement(likely, max(stranger, 0.0), sure and bool(likely), looks)
+        return Judgement(likely, max(stranger, 0.0), sure and bool(likely), embedding_count)
 
     def held(self) -> int:
         """Number of stored vectors, for memory monitoring."""

@@ -69,7 +69,7 @@ class KnownPeople:
         try:
             store.expire(day_began_utc_ns=self._day_began_utc_ns())
             everybody = store.everybody()
-            consents, rejections, looks = store.consents(), store.rejections(), store.embeddings()
+            consents, rejections, embeddings = store.consents(), store.rejections(), store.embeddings()
         except PeopleStoreError as error:
             self._problem = str(error)
             return
@@ -77,7 +77,7 @@ class KnownPeople:
         self._rejections = set(rejections)
         for person in everybody:
             self._take_in(person)
-        for each in looks:
+        for each in embeddings:
             self.identities.remember(each.person_id, each.kind, each.model, each.vectors)
         for person_id, root in self._roots.items():
             self.identities.link(person_id, root)
@@ -253,10 +253,12 @@ class KnownPeople:
             if kind == "face" and not may_keep_face:
                 self.identities.drop("face", [person_id])
                 continue
-            looks = StoredEmbeddings(person_id, kind, model, self._day_of(kind), vectors)
+            stored = StoredEmbeddings(person_id, kind, model, self._day_of(kind), vectors)
             expires_utc_ns = self._end_of_day_utc_ns() if kind == "clothing" else None
             self._write(
-                lambda store, looks=looks, expires=expires_utc_ns: store.store_embeddings(looks, expires_utc_ns=expires)  # type: ignore[misc]
+                lambda store, stored=stored, expires=expires_utc_ns: store.store_embeddings(
+                    stored, expires_utc_ns=expires
+                )  # type: ignore[misc]
             )
 
     def _day_of(self, kind: LooksKind) -> str:

@@ -34,8 +34,8 @@ class MultiCameraTracks:
         """Note that the track is in its camera's image now."""
         self._together.see(track, now_ns)
 
-    def add_embeddings(self, looks: PersonLooks) -> None:
-        self._together.add_embeddings(looks)
+    def add_embeddings(self, embedding: PersonLooks) -> None:
+        self._together.add_embeddings(embedding)
 
     def take_places(self, places: PeopleInMap) -> None:
         for place in places.people:
@@ -76,8 +76,8 @@ class MultiCameraTracks:
         return events
 
     def _in_view_of(self, visit: Visit, camera: str) -> bool:
-        seen = (self._together.seen_ns(track) for track in visit.tracks if track[0] == camera)
-        return any(visit.last_seen_ns - at_ns <= _IN_VIEW_NS for at_ns in seen)
+        times_ns = (self._together.seen_ns(track) for track in visit.tracks if track[0] == camera)
+        return any(visit.last_seen_ns - at_ns <= _IN_VIEW_NS for at_ns in times_ns)
 
     def _is_decided(self, visit: Visit) -> bool:
         return visit.identified or self._known.is_known(visit.person_id)
@@ -91,9 +91,9 @@ class MultiCameraTracks:
 
     def _part(self, visit: Visit) -> None:
         """Detach tracks with a different position, which become candidates again."""
-        its_own = (visit.camera, visit.track)
-        for track in tuple(visit.tracks - {its_own}):
-            if track[0] != visit.camera and self._together.verdict(its_own, track) == "different":
+        main_track = (visit.camera, visit.track)
+        for track in tuple(visit.tracks - {main_track}):
+            if track[0] != visit.camera and self._together.verdict(main_track, track) == "different":
                 self._visits.detach(track)
 
 
@@ -128,11 +128,11 @@ class Spot:
 
 @dataclass(slots=True)
 class Sighting:
-    """Recent detections of one track. ``looks`` sums unit vectors by network."""
+    """Recent detections of one track. ``embeddings`` sums unit vectors by network."""
 
     camera: str
     spots: deque[Spot] = field(default_factory=lambda: deque(maxlen=_PLACES_KEPT))
-    looks: dict[str, tuple[NDArray[np.float64], int]] = field(default_factory=dict)
+    embeddings: dict[str, tuple[NDArray[np.float64], int]] = field(default_factory=dict)
     last_ns: int = 0
 
 
@@ -150,8 +150,8 @@ class Likeness:
     @property
     def score(self) -> float:
         """Ranking score, comparable only between candidates for the same person."""
-        by_looks = 0.0 if self.alike is None else _ALIKE_WEIGHT * self.alike
-        return by_looks - (self.apart if self.pairs else 0.0)
+        by_appearance = 0.0 if self.alike is None else _ALIKE_WEIGHT * self.alike
+        return by_appearance - (self.apart if self.pairs else 0.0)
 
 
 def compared(one: Sighting, other: Sighting) -> Likeness:
@@ -188,45 +188,47 @@ class CrossCameraMatcher:
     """Recent detections of all cameras, and which tracks are one person. Time is injected."""
 
     def __init__(self) -> None:
-        self._seen: dict[Track, Sighting] = {}
+        self._sightings: dict[Track, Sighting] = {}
 
     def see(self, track: Track, now_ns: int) -> None:
         """Note that the track is in its camera's image now."""
-        self._seen.setdefault(track, Sighting(track[0])).last_ns = now_ns
-        for gone in [each for each, seen in self._seen.items() if now_ns - seen.last_ns > _FORGET_AFTER_NS]:
-            del self._seen[gone]
+        self._sightings.setdefault(track, Sighting(track[0])).last_ns = now_ns
+        for expired in [
+            each for each, sighting in self._sightings.items() if now_ns - sighting.last_ns > _FORGET_AFTER_NS
+        ]:
+            del self._sightings[expired]
 
     def take_spot(self, track: Track, spot: Spot) -> None:
-        seen = self._seen.get(track)
-        if seen is not None:
-            seen.spots.append(spot)
+        sighting = self._sightings.get(track)
+        if sighting is not None:
+            sighting.spots.append(spot)
 
-    def add_embeddings(self, looks: PersonLooks) -> None:
-        seen = self._seen.get((looks.camera, looks.track))
-        if seen is None or looks.kind != "clothing":
+    def add_embeddings(self, embedding: PersonLooks) -> None:
+        sighting = self._sightings.get((embedding.camera, embedding.track))
+        if sighting is None or embedding.kind != "clothing":
             return
-        total, count = seen.looks.get(looks.model, (np.zeros(len(looks.vector)), 0))
-        seen.looks[looks.model] = (total + looks.vector, count + 1)
+        total, count = sighting.embeddings.get(embedding.model, (np.zeros(len(embedding.vector)), 0))
+        sighting.embeddings[embedding.model] = (total + embedding.vector, count + 1)
 
     def seen_ns(self, track: Track) -> int:
         """Last detection of the track; long ago if unknown."""
-        seen = self._seen.get(track)
-        return -_FORGET_AFTER_NS if seen is None else seen.last_ns
+        sighting = self._sightings.get(track)
+        return -_FORGET_AFTER_NS if sighting is None else sighting.last_ns
 
     def forget(self) -> None:
         """Clear all tracks after a restart of the trackers."""
-        self._seen.clear()
+        self._sightings.clear()
 
     def verdict(self, one: Track, other: Track) -> Verdict:
         """:func:`same_person` for two tracks."""
         if one[0] == other[0]:
             return "different"
-        first, second = self._seen.get(one), self._seen.get(other)
+        first, second = self._sightings.get(one), self._sightings.get(other)
         return "unknown" if first is None or second is None else same_person(compared(first, second))
 
     def partners(self, track: Track) -> tuple[Track, ...]:
         """Tracks of other cameras that are the same person: at most one per camera, and none if ambiguous."""
-        cameras = dict.fromkeys(camera for camera, _ in self._seen if camera != track[0])
+        cameras = dict.fromkeys(camera for camera, _ in self._sightings if camera != track[0])
         found = (self._partner(track, camera) for camera in cameras)
         return tuple(partner for partner in found if partner is not None)
 
@@ -236,13 +238,13 @@ class CrossCameraMatcher:
         return best if best is not None and self._clearly_best(best, track[0]) == track else None
 
     def _clearly_best(self, track: Track, camera: str) -> Track | None:
-        mine = self._seen.get(track)
+        mine = self._sightings.get(track)
         if mine is None:
             return None
         rated = []
-        for other, seen in self._seen.items():
+        for other, sighting in self._sightings.items():
             if other[0] == camera:
-                likeness = compared(mine, seen)
+                likeness = compared(mine, sighting)
                 if same_person(likeness) != "different":
                     rated.append((likeness.score, other, likeness))
         rated.sort(key=lambda each: -each[0])
@@ -255,8 +257,8 @@ class CrossCameraMatcher:
 
 def _alike(one: Sighting, other: Sighting) -> float | None:
     """Cosine similarity of the mean embeddings, by a network with enough of both."""
-    for model, (total, count) in one.looks.items():
-        their_total, their_count = other.looks.get(model, (total, 0))
+    for model, (total, count) in one.embeddings.items():
+        their_total, their_count = other.embeddings.get(model, (total, 0))
         if min(count, their_count) >= _ALIKE_ALONE_LOOKS:
             lengths = float(np.linalg.norm(total) * np.linalg.norm(their_total))
             return float(total @ their_total) / lengths if lengths else None

@@ -176,14 +176,14 @@ class PeopleStore:
 
     # Data
 
-    def store_embeddings(self, looks: StoredEmbeddings, *, expires_utc_ns: int | None) -> None:
+    def store_embeddings(self, embeddings: StoredEmbeddings, *, expires_utc_ns: int | None) -> None:
         """Store embeddings, replacing those of the same day, kind and model. Raises KeyError for an unknown id."""
         with self._file.writing():
-            width = np.array(looks.vectors.shape[1], "<u4").tobytes()
-            sealed = self._seal(looks.person_id, "looks", width + looks.vectors.astype("<f4").tobytes())
+            width = np.array(embeddings.vectors.shape[1], "<u4").tobytes()
+            sealed = self._seal(embeddings.person_id, "looks", width + embeddings.vectors.astype("<f4").tobytes())
             self._database.execute(
                 "INSERT OR REPLACE INTO looks VALUES (?, ?, ?, ?, ?, ?)",
-                (looks.person_id, looks.kind, looks.model, looks.day, expires_utc_ns, sealed),
+                (embeddings.person_id, embeddings.kind, embeddings.model, embeddings.day, expires_utc_ns, sealed),
             )
 
     def drop_embeddings(self, person_id: str, kind: LooksKind) -> None:
@@ -209,14 +209,16 @@ class PeopleStore:
         today.
         """
         with self._file.writing():
-            gone = self._database.execute("DELETE FROM looks WHERE expires_utc_ns <= ?", (self._utc_now_ns(),)).rowcount
-            gone += self._database.execute(
+            removed = self._database.execute(
+                "DELETE FROM looks WHERE expires_utc_ns <= ?", (self._utc_now_ns(),)
+            ).rowcount
+            removed += self._database.execute(
                 "DELETE FROM portraits WHERE person_id IN (SELECT person_id FROM people WHERE about IS NULL "
                 "AND is_person_id = '' AND last_seen_utc_ns < ?) "
                 "AND person_id NOT IN (SELECT person_id FROM consents WHERE kind = 'photo' AND given)",
                 (day_began_utc_ns,),
             ).rowcount
-        if gone:
+        if removed:
             with self._file.explained("written"):
                 self._database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
@@ -326,9 +328,9 @@ class PeopleStore:
 
     def history(self, person_id: str, text: str = "", *, at_most: int = MOST_HISTORY_FOUND) -> tuple[HistoryEntry, ...]:
         """History of a person (visits, speech, photos, notes), newest first, filtered by all words of ``text``."""
-        wanted = text.casefold().split()
+        query_words = text.casefold().split()
         entries = merge(self.visits(person_id), self._decrypted_history(person_id), key=lambda entry: -entry.utc_ns)
-        found = (entry for entry in entries if all(word in entry.text.casefold() for word in wanted))
+        found = (entry for entry in entries if all(word in entry.text.casefold() for word in query_words))
         return tuple(islice(found, at_most))
 
     def _decrypted_history(self, person_id: str) -> Iterator[HistoryEntry]:
@@ -345,7 +347,12 @@ class PeopleStore:
     def traces_of(self, person_id: str) -> Traces:
         """Search terms for this person's erasure; read them before it."""
         ids = self.ids_of(person_id)
-        vectors = [row.tobytes() for each in ids for looks in self.embeddings(person_id=each) for row in looks.vectors]
+        vectors = [
+            row.tobytes()
+            for each in ids
+            for embeddings in self.embeddings(person_id=each)
+            for row in embeddings.vectors
+        ]
         jpegs = self._of_all_ids(
             person_id,
             "SELECT portraits.person_id, jpeg, key FROM portraits JOIN keys USING (person_id) WHERE person_id IN ({})",
@@ -400,8 +407,8 @@ class PeopleStore:
             raise KeyError(person_id)
         return bytes(row[0])
 
-    def _seal(self, person_id: str, what: str, content: bytes) -> bytes:
-        return seal(self._key_of(person_id), person_id, what, content)
+    def _seal(self, person_id: str, content_kind: str, content: bytes) -> bytes:
+        return seal(self._key_of(person_id), person_id, content_kind, content)
 
 
 _SELECT = (

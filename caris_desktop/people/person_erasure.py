@@ -93,9 +93,9 @@ def _advice(database: Path) -> str:
 def _id_of(store: PeopleStore, who: str) -> str | None:
     if store.get(who) is not None:
         return who
-    wanted = " ".join(who.split()).casefold()
+    name = " ".join(who.split()).casefold()
     called = [
-        person for person in store.everybody() if person.name and " ".join(person.name.split()).casefold() == wanted
+        person for person in store.everybody() if person.name and " ".join(person.name.split()).casefold() == name
     ]
     roots = {store.ids_of(person.person_id)[0]: person for person in called}
     if len(roots) > 1:
@@ -111,5 +111,5 @@ def _id_of(store: PeopleStore, who: str) -> str | None:
 
 
 def _described(person_id: str, person: StoredPerson) -> str:
-    seen = datetime.fromtimestamp(person.last_seen_utc_ns // 1_000_000_000, UTC).astimezone()
-    return localized(QT_TR_NOOP("{id}, last seen {time}"), id=person_id, time=f"{seen:%Y-%m-%d %H:%M}")
+    seen_at = datetime.fromtimestamp(person.last_seen_utc_ns // 1_000_000_000, UTC).astimezone()
+    return localized(QT_TR_NOOP("{id}, last seen {time}"), id=person_id, time=f"{seen_at:%Y-%m-%d %H:%M}")

@@ -170,7 +170,7 @@ class PresenceTracker:
         self._in_frame: dict[str, frozenset[Track]] = {}
         self._patience = PresenceTimeout(round(leave_after_s * 1e9))
         self._speaking = ""
-        self._heard = HeardHistory(self._known)
+        self._participant_history = HeardHistory(self._known)
         self._portraits_fetched: dict[str, bool] = {}
 
     def use_settings(self, settings: RecognitionSettings, *, may_decide: bool = True) -> None:
@@ -223,26 +223,26 @@ class PresenceTracker:
         self._known.turn_day()
         return [*events, *self._known.problems(now_ns)]
 
-    def add_embeddings(self, looks: PersonLooks) -> list[Event]:
+    def add_embeddings(self, embedding: PersonLooks) -> list[Event]:
         """Add an appearance embedding, for learning and identification."""
         if self._settings.recognise != "nobody":
-            self._cameras.add_embeddings(looks)
-        visit = self._visits.of_track((looks.camera, looks.track))
-        candidate = self._candidates.get((looks.camera, looks.track))
+            self._cameras.add_embeddings(embedding)
+        visit = self._visits.of_track((embedding.camera, embedding.track))
+        candidate = self._candidates.get((embedding.camera, embedding.track))
         if visit is None and candidate is not None and self._settings.recognise != "nobody":
-            candidate.add_embeddings(looks)
-        if visit is None or not visit.here or visit.forgotten or not self._may_learn_face(visit, looks):
+            candidate.add_embeddings(embedding)
+        if visit is None or not visit.here or visit.forgotten or not self._may_learn_face(visit, embedding):
             return []
-        if looks.kind == "clothing" and not visit.by_hand and len({camera for camera, _ in visit.tracks}) == 1:
-            match self._known.identities.still_the_same(visit.visit_id, looks):
+        if embedding.kind == "clothing" and not visit.by_hand and len({camera for camera, _ in visit.tracks}) == 1:
+            match self._known.identities.still_the_same(visit.visit_id, embedding):
                 case "doubtful":
                     return []
                 case "somebody else":
-                    return self._somebody_else_stands_there(visit, looks.stamp_ns)
-        if not self._known.identities.see(visit.visit_id, looks):
+                    return self._somebody_else_stands_there(visit, embedding.stamp_ns)
+        if not self._known.identities.see(visit.visit_id, embedding):
             return []
-        visit.looks += 1
-        return [] if visit.identified or self._known.is_known(visit.person_id) else self._recognise(visit, looks)
+        visit.embedding_count += 1
+        return [] if visit.identified or self._known.is_known(visit.person_id) else self._recognise(visit, embedding)
 
     def take_portrait(self, portrait: PersonPortrait) -> None:
         """Add the best portrait of a visit so far."""
@@ -295,24 +295,24 @@ class PresenceTracker:
             case SessionEnded():
                 self._known.session = ""
             case PhotoTaken(person_id=person_id, person_ids=person_ids, file_name=file_name):
-                for seen in dict.fromkeys(each for each in (person_id, *person_ids) if each):
-                    self._known.add_history(self._visit_id(seen), "photo", file_name)
+                for shown_id in dict.fromkeys(each for each in (person_id, *person_ids) if each):
+                    self._known.add_history(self._visit_id(shown_id), "photo", file_name)
             case UtteranceChanged(speaker="participant", state=state, person_id=person_id):
                 self._speaking = person_id if state in ("requested", "started") else ""
                 if state == "finished":
                     visit_id = self._visit_id(person_id) if person_id else ""
-                    self._heard.hear(event.utterance_id, visit_id, event.text)
+                    self._participant_history.hear(event.utterance_id, visit_id, event.text)
             case UtteranceCorrected():
-                self._heard.correct(event, self._visit_id)
+                self._participant_history.correct(event, self._visit_id)
             case UtteranceChanged(speaker="robot", state="finished" | "interrupted", person_id=person_id) if person_id:
                 self._known.add_history(self._visit_id(person_id), "said", event.text)
 
     # Decisions
 
-    def do(self, asked: PeopleIntent, now_ns: int) -> list[Event]:
+    def do(self, intent: PeopleIntent, now_ns: int) -> list[Event]:
         """Events of an intent; a Problem if it cannot be executed."""
         here = self._visits.here()
-        events = self._decisions.do(asked, now_ns)
+        events = self._decisions.do(intent, now_ns)
         for visit in here:
             if not visit.here and visit in self._visits:
                 self._end(visit)
@@ -331,14 +331,14 @@ class PresenceTracker:
     def everybody(self) -> tuple[PersonRow, ...]:
         """People present, people who left, and people known from earlier sessions, without duplicates."""
         rows = self.persons(include_left=True)
-        seen = {row.person_id for row in rows}
+        present_ids = {row.person_id for row in rows}
         before = tuple(
             PersonRow(
                 known.person_id, -1, self._name_of(known.person_id), here=False, since_ns=0, last_seen_ns=0,
                 known=True, group=known.about.group, tags=known.about.tags, note=known.about.note,
                 portrait=self._portrait_of(known.person_id), consents=self._known.consents(known.person_id),
             )
-            for known in self._known.everybody() if known.person_id not in seen
+            for known in self._known.everybody() if known.person_id not in present_ids
         )  # fmt: skip
         return (*sorted(rows, key=lambda row: not row.here), *before)
 
@@ -476,11 +476,11 @@ class PresenceTracker:
             return "photo" in self._known.consents(visit.person_id)
         return self._settings.portraits == "everybody"
 
-    def _may_learn_face(self, visit: Visit, looks: PersonLooks) -> bool:
+    def _may_learn_face(self, visit: Visit, embedding: PersonLooks) -> bool:
         """The face of an identified person is learned only with consent."""
         if self._settings.recognise == "nobody":
             return False
-        if looks.kind == "clothing":
+        if embedding.kind == "clothing":
             return True
         decided = visit.identified or visit.settled or self._known.is_known(visit.person_id)
         if self._settings.recognise != "faces":
@@ -505,7 +505,7 @@ class PresenceTracker:
             PersonAppeared(now_ns, new_id, other.track, number),
         ]
 
-    def _recognise(self, visit: Visit, looks: PersonLooks) -> list[Event]:
+    def _recognise(self, visit: Visit, embedding: PersonLooks) -> list[Event]:
         here = self._visits.here()
         impossible = {other.person_id for other in here} | self._known.rejected_for(visit.visit_id)
         visit.judgement = judgement = self._known.identities.judge(
@@ -515,14 +515,18 @@ class PresenceTracker:
         visit.resembles_somebody = best is not None
         if best is None:
             visit.suggested_id = ""
-            if not visit.settled and visit.looks >= _STRANGER_AFTER_LOOKS and judgement.stranger >= _STRANGER_FROM:
+            if (
+                not visit.settled
+                and visit.embedding_count >= _STRANGER_AFTER_LOOKS
+                and judgement.stranger >= _STRANGER_FROM
+            ):
                 self._settle(visit)
             return []
         confirm_at = 1.0 if visit.by_hand else self._settings.confirm_at
         sure = judgement.sure and best.confidence >= confirm_at and confirm_at < 1.0
         if sure and not self._contested(visit, here):
             visit.suggested_id = ""
-            return self._decisions.identify(visit, best.person_id, looks.stamp_ns)
+            return self._decisions.identify(visit, best.person_id, embedding.stamp_ns)
         # A wizard cannot answer a question about an unnamed person who left.
         nameless = {each for each in self._known.identities.people() if not self._known.is_known(each)}
         visit.judgement = judgement = self._known.identities.judge(
@@ -537,7 +541,7 @@ class PresenceTracker:
         visit.suggested_id = best.person_id
         return [
             PersonSuggested(
-                looks.stamp_ns,
+                embedding.stamp_ns,
                 visit.visit_id,
                 best.person_id,
                 round(best.confidence, 3),
@@ -559,7 +563,7 @@ class PresenceTracker:
 
     def _settle(self, visit: Visit) -> None:
         """Add the visit to the gallery as a new person."""
-        if visit.looks and not visit.forgotten:
+        if visit.embedding_count and not visit.forgotten:
             visit.settled = True
             if "face" not in self._known.consents(visit.person_id):
                 self._known.identities.drop("face", [visit.visit_id])
@@ -643,17 +647,17 @@ class PresenceTimeout:
 
     def __init__(self, least_ns: int) -> None:
         self._least_ns = least_ns
-        self._looks_ns: dict[str, deque[int]] = {}
+        self._detections_ns: dict[str, deque[int]] = {}
         self._late_ns: dict[str, deque[int]] = {}
 
     def note_detection(self, camera: str, taken_ns: int, known_ns: int) -> None:
-        self._looks_ns.setdefault(camera, deque(maxlen=_LOOKS)).append(taken_ns)
+        self._detections_ns.setdefault(camera, deque(maxlen=_LOOKS)).append(taken_ns)
         self._late_ns.setdefault(camera, deque(maxlen=_LOOKS)).append(known_ns - taken_ns)
 
     def in_pictures_ns(self, camera: str) -> int:
         """Timeout in image time: from the last detection to a later image without the person."""
-        looks_ns = self._looks_ns.get(camera, ())
-        apart_ns = max((after - before for before, after in itertools.pairwise(looks_ns)), default=0)
+        detections_ns = self._detections_ns.get(camera, ())
+        apart_ns = max((after - before for before, after in itertools.pairwise(detections_ns)), default=0)
         return max(self._least_ns, min(round(_LOOKS_MISSED * apart_ns), _MOST_NS))
 
     def now_ns(self, camera: str) -> int:
@@ -674,37 +678,37 @@ class HeardHistory:
 
     def __init__(self, known: KnownPeople) -> None:
         self._known = known
-        self._heard: dict[str, _Heard] = {}
+        self._entries: dict[str, _Heard] = {}
         self._corrections = Corrections()
 
     def hear(self, utterance_id: str, person_id: str, text: str) -> None:
         """Add an utterance. ``person_id`` is the visit's own id, empty for an unknown speaker."""
-        self._heard[utterance_id] = _Heard(person_id, text, "", "")
-        if len(self._heard) > _KEPT:
-            del self._heard[next(iter(self._heard))]
-        self._write(self._heard[utterance_id], person_id, text)
+        self._entries[utterance_id] = _Heard(person_id, text, "", "")
+        if len(self._entries) > _KEPT:
+            del self._entries[next(iter(self._entries))]
+        self._write(self._entries[utterance_id], person_id, text)
 
     def correct(self, event: UtteranceCorrected, visit_of: Callable[[str], str]) -> None:
         """Apply a correction. ``visit_of`` returns the visit of a person."""
         self._corrections.take(event)
-        heard, made = self._heard.get(event.utterance_id), self._corrections.of(event.utterance_id)
-        if heard is None:
+        entry, made = self._entries.get(event.utterance_id), self._corrections.of(event.utterance_id)
+        if entry is None:
             return
-        person_id = heard.person_id
+        person_id = entry.person_id
         if made.person_id is not None:
             person_id = visit_of(made.person_id) if made.person_id else ""
         if made.speaker not in (None, "participant"):
             person_id = ""
-        self._write(heard, person_id, heard.text if made.text is None else made.text)
+        self._write(entry, person_id, entry.text if made.text is None else made.text)
 
-    def _write(self, heard: "_Heard", person_id: str, text: str) -> None:
-        if (person_id, text) == (heard.kept_with, heard.kept):
+    def _write(self, entry: "_Heard", person_id: str, text: str) -> None:
+        if (person_id, text) == (entry.stored_for, entry.stored_text):
             return
-        if heard.kept_with:
-            self._known.take_back_history(heard.kept_with, "heard", heard.kept)
+        if entry.stored_for:
+            self._known.take_back_history(entry.stored_for, "heard", entry.stored_text)
         if person_id:
             self._known.add_history(person_id, "heard", text)
-        heard.kept_with, heard.kept = person_id, text
+        entry.stored_for, entry.stored_text = person_id, text
 
 
 @dataclass(slots=True)
@@ -713,8 +717,8 @@ class _Heard:
 
     person_id: str
     text: str
-    kept_with: str
-    kept: str
+    stored_for: str
+    stored_text: str
 
 
 JOINED_WITHIN_NS = 30_000_000_000
@@ -722,7 +726,7 @@ JOINED_WITHIN_NS = 30_000_000_000
 SHORT_GAP_NS = 3_000_000_000
 """For so long a tracker or a turn of the camera loses somebody; then appearance or place alone is enough."""
 DECIDED_WITHIN_NS = 1_500_000_000
-"""A track that may be somebody who was lost waits for its looks no longer than this."""
+"""A track that may be somebody who was lost waits for its embeddings no longer than this."""
 _LOOKS_KEPT, _LOOKS_TO_JOIN = 6, 2
 # The same clothes reach 0.89 to 0.98, the most similar stranger 0.88 (see LINES in identities).
 _ALIKE_FROM, _AHEAD_BY = 0.89, 0.02
@@ -742,16 +746,16 @@ class Candidate:
     frames: int
     first_seen_ns: int
     last_seen_ns: int
-    looks: list[PersonLooks] = field(default_factory=list)
+    embeddings: list[PersonLooks] = field(default_factory=list)
     spot: Spot | None = None
 
-    def add_embeddings(self, looks: PersonLooks) -> None:
-        if looks.kind == "clothing" and looks.quality >= GOOD_QUALITY:
-            self.looks = [*self.looks, looks][-_LOOKS_KEPT:]
+    def add_embeddings(self, embedding: PersonLooks) -> None:
+        if embedding.kind == "clothing" and embedding.quality >= GOOD_QUALITY:
+            self.embeddings = [*self.embeddings, embedding][-_LOOKS_KEPT:]
 
     def is_undecided(self, now_ns: int) -> bool:
         """True while another embedding may still identify the person."""
-        return len(self.looks) < _LOOKS_TO_JOIN and now_ns - self.first_seen_ns < DECIDED_WITHIN_NS
+        return len(self.embeddings) < _LOOKS_TO_JOIN and now_ns - self.first_seen_ns < DECIDED_WITHIN_NS
 
 
 Likeness = Callable[[str, PersonLooks], float | None]
@@ -777,7 +781,7 @@ def same_visit(
             continue
         if away_m is None and gap_ns > SHORT_GAP_NS:
             continue
-        alike = _alike(visit, candidate.looks, likeness)
+        alike = _alike(visit, candidate.embeddings, likeness)
         if alike is not None:
             if alike >= _ALIKE_FROM:
                 possible.append((alike, visit))
@@ -791,8 +795,8 @@ def same_visit(
     return possible[0][1]
 
 
-def _alike(visit: Visit, looks: Sequence[PersonLooks], likeness: Likeness) -> float | None:
-    similarities = [alike for each in looks if (alike := likeness(visit.visit_id, each)) is not None]
+def _alike(visit: Visit, embeddings: Sequence[PersonLooks], likeness: Likeness) -> float | None:
+    similarities = [alike for each in embeddings if (alike := likeness(visit.visit_id, each)) is not None]
     return sum(similarities) / len(similarities) if similarities else None
 
 

@@ -25,7 +25,7 @@ class Visit:
     last_seen_ns: int
     from_utc_ns: int = 0
     here: bool = True
-    looks: int = 0
+    embedding_count: int = 0
     settled: bool = False
     by_hand: bool = False
     forgotten: bool = False  # erased on request: no embedding is learned or stored any more

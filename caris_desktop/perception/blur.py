@@ -49,10 +49,10 @@ def head_of(keypoints: NDArray[np.float64], height_px: float) -> Corners | None:
     ``keypoints`` are COCO's of one person, shape (17, 3): x, y in pixels, visibility; ``height_px`` is that of the box.
     None if fewer than two of them are visible.
     """
-    seen = keypoints[:5][keypoints[:5, 2] >= _SEEN]
-    if len(seen) < 2:
+    visible = keypoints[:5][keypoints[:5, 2] >= _SEEN]
+    if len(visible) < 2:
         return None
-    low, high = seen[:, :2].min(axis=0), seen[:, :2].max(axis=0)
+    low, high = visible[:, :2].min(axis=0), visible[:, :2].max(axis=0)
     half_px = max(float((high - low).max()), _LEAST_HEAD_OF_HEIGHT * height_px)
     x, y = ((low + high) / 2).tolist()
     return x - half_px, y - half_px, x + half_px, y + half_px

@@ -26,7 +26,7 @@ class CameraRotation:
     def __init__(self) -> None:
         self._newest: dict[str, FrameRef] = {}
         self._looked_ns: dict[str, int] = {}
-        self._shown = ""
+        self._camera = ""
         self._first = ""
         self._last = ""
         self._lead_came_ns: int | None = None
@@ -34,14 +34,14 @@ class CameraRotation:
 
     def show(self, camera: str) -> None:
         """Set the displayed camera."""
-        self._shown = camera
+        self._camera = camera
         self._lead_came_ns = None
 
     def forget(self) -> None:
         """Clear everything for other cameras."""
         self._newest.clear()
         self._looked_ns.clear()
-        self._shown = self._first = self._last = ""
+        self._camera = self._first = self._last = ""
         self._lead_came_ns = None
 
     def offer(self, ref: FrameRef, *, now_ns: int) -> bool:
@@ -77,7 +77,7 @@ class CameraRotation:
 
     @property
     def _lead(self) -> str:
-        return self._shown or self._first
+        return self._camera or self._first
 
 
 class DetectionRate:

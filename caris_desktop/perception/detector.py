@@ -51,8 +51,8 @@ def person_classes(detector: Detector, weights: Weights) -> tuple[int, ...]:
         When none does.
     """
     names = detector.class_names
-    wanted = {name.lower() for name in weights.person_class_names}
-    classes = tuple(number for number, name in enumerate(names) if name.lower() in wanted)
+    lowered = {name.lower() for name in weights.person_class_names}
+    classes = tuple(number for number, name in enumerate(names) if name.lower() in lowered)
     if classes:
         return classes
     unnamed = all(name == f"class{number}" for number, name in enumerate(names))

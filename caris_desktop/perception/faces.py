@@ -104,17 +104,17 @@ class StudyFaces:
     def taken(
         self,
         image_bgr: NDArray[np.uint8],
-        look: DetectionRequest,
+        request: DetectionRequest,
         boxes: Sequence[TrackedBox],
         keypoints: NDArray[np.float64] | None,
     ) -> list[PersonLooks]:
         """As :meth:`Faces.taken`; empty if faces are not permitted. Raises FaceModelError, once."""
-        if not look.faces:
+        if not request.faces:
             return []
         path, self._path = self._path, None
         if path is not None and path.is_file():
             self._faces = Faces(FaceModel(path, threads=self._threads))
-        return [] if self._faces is None else self._faces.taken(image_bgr, look.frame, boxes, keypoints)
+        return [] if self._faces is None else self._faces.taken(image_bgr, request.frame, boxes, keypoints)
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,8 +190,8 @@ def _guessed(image_bgr: NDArray[np.uint8], box: TrackedBox) -> FaceCrop | None:
 def _similarity(points: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Similarity transform of the points to the reference positions, shape (2, 3): Umeyama 1991, least squares."""
     middle, goal = points.mean(axis=0), places.mean(axis=0)
-    away, wanted = points - middle, places - goal
-    u, stretch, vt = np.linalg.svd(wanted.T @ away)
+    away, centred_places = points - middle, places - goal
+    u, stretch, vt = np.linalg.svd(centred_places.T @ away)
     mirror = np.array([1.0, np.sign(np.linalg.det(u @ vt))])
     turn = u @ np.diag(mirror) @ vt
     scale = float((stretch * mirror).sum() / (away**2).sum())

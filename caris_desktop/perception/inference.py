@@ -63,7 +63,9 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
         log.exception("the detector could not be started")
         _fail(connection, _start_problem())
     load_s = (clock.now_ns() - started_ns) / 1e9
-    log.info("detector %s ready after %.1f s, looks by %s", perceiver.label, load_s, perceiver.looks_model or "nothing")
+    log.info(
+        "detector %s ready after %.1f s, looks by %s", perceiver.label, load_s, perceiver.appearance_model or "nothing"
+    )
     server = without_credentials(settings.detector.server)
     recognises = _recognises(perceiver, settings)
     connection.send(InferenceReady(clock.now_ns(), perceiver.label, load_s, server, recognises))
@@ -75,7 +77,7 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
 
 
 def _recognises(perceiver: Perceiver, settings: InferenceSettings) -> tuple[LooksKind, ...]:
-    clothing: tuple[LooksKind, ...] = ("clothing",) if perceiver.looks_model else ()
+    clothing: tuple[LooksKind, ...] = ("clothing",) if perceiver.appearance_model else ()
     has_faces = settings.face_model is not None and settings.face_model.is_file()
     return (*clothing, "face") if has_faces else clothing
 
@@ -89,7 +91,7 @@ def _open(connection: Connection, settings: InferenceSettings) -> Perceiver:
                 settings.weights_path,
                 tracker=settings.tracker,
                 threads=settings.threads,
-                recognise_looks=settings.recognise_looks,
+                recognise_appearance=settings.recognise_appearance,
                 allow_download=settings.allow_download,
                 confidence=settings.confidence,
                 settings=settings.detector,
@@ -107,15 +109,15 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
     failures, away = 0, ""
     faces = StudyFaces(settings.face_model, threads=settings.threads)
     while True:
-        look = newest(connection)
-        ref = look.frame
+        request = newest(connection)
+        ref = request.frame
         began_ns = clock.now_ns()
         image_bgr = frames.read(ref)
         if image_bgr is None:
             connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
             continue
         try:
-            perceived = perceiver.perceive(image_bgr, look)
+            perceived = perceiver.perceive(image_bgr, request)
         except DetectorAwayError as error:
             if str(error) != away:
                 away = str(error)
@@ -133,10 +135,10 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
         failures, away = 0, ""
         work_s = (clock.now_ns() - began_ns) / 1e9
         connection.send(_people(ref, perceived, work_s))
-        for message in (*_embeddings(ref, perceived.boxes, perceiver.looks_model), *perceived.portraits):
+        for message in (*_embeddings(ref, perceived.boxes, perceiver.appearance_model), *perceived.portraits):
             connection.send(message)
         try:
-            for face in faces.taken(image_bgr, look, perceived.boxes, perceived.detections.keypoints):
+            for face in faces.taken(image_bgr, request, perceived.boxes, perceived.detections.keypoints):
                 connection.send(face)
         except FaceModelError as error:
             connection.send(_faces_problem(str(error)))
@@ -175,9 +177,11 @@ def person_box(box: TrackedBox, pose: Pose) -> PersonBox:
 
 def _embeddings(ref: FrameRef, tracked: list[TrackedBox], model: str) -> list[PersonLooks]:
     return [
-        PersonLooks(ref.stamp_ns, ref.camera, box.track, "clothing", model, box.looks.astype(np.float32), box.quality)
+        PersonLooks(
+            ref.stamp_ns, ref.camera, box.track, "clothing", model, box.embedding.astype(np.float32), box.quality
+        )
         for box in tracked
-        if box.looks is not None
+        if box.embedding is not None
     ]
 
 
@@ -190,10 +194,10 @@ def _fail(connection: Connection, problem: Problem) -> NoReturn:
 
 def newest(connection: Connection) -> DetectionRequest:
     """Wait for a frame; drop all waiting ones but the last. Raises EOFError when the connection closes."""
-    look: DetectionRequest = connection.recv()
+    request: DetectionRequest = connection.recv()
     while connection.poll():
-        look = connection.recv()
-    return look
+        request = connection.recv()
+    return request
 
 
 def rest_s(work_s: float, settings: InferenceSettings) -> float:
@@ -233,11 +237,11 @@ def _appearance_problem(trouble: str) -> Problem:
     )
 
 
-def _away_problem(why: str) -> Problem:
+def _away_problem(reason: str) -> Problem:
     return Problem(
         clock.now_ns(),
         "warning",
-        localized(QT_TR_NOOP("{why}."), why=why),
+        localized(QT_TR_NOOP("{why}."), why=reason),
         QT_TR_NOOP(
             "The server detects people instead of this computer: no boxes are shown until it responds. "
             "Everything else works."

@@ -43,7 +43,7 @@ class InferenceSettings:
     """Settings of an inference run; picklable.
 
     ``weights_path`` is the user's file, None for ``detector``, which may have to be downloaded: the search runs in the
-    process. ``recognise_looks``: re-identify people with an appearance network next to the detector or in a models
+    process. ``recognise_appearance``: re-identify people with an appearance network next to the detector or in a models
     folder, if there is one. Of the trackers, ``own`` is :mod:`caris_desktop.perception.kalman_tracker`; the others
     are for comparison. ``max_hz`` limits the frame rate, ``max_load`` the busy fraction, so that a slow model leaves
     CPU time to others. ``niceness`` is added to the process's own (where supported). ``face_model`` is the study's face
@@ -52,7 +52,7 @@ class InferenceSettings:
 
     weights_path: Path | None = None
     detector: DetectorSettings = field(default_factory=DetectorSettings)
-    recognise_looks: bool = True
+    recognise_appearance: bool = True
     allow_download: bool = True
     tracker: TrackerName = "own"
     confidence: float = LEAST_CONFIDENCE

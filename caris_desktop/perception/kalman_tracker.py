@@ -59,19 +59,19 @@ AppearanceOf = Callable[[Sequence[int]], Floats]
 class Followed:
     """One person in one frame. ``box`` is the row of the detection; ``number`` is never reused for another person.
 
-    ``looks`` is the appearance embedding, if it was computed in this frame.
+    ``embedding`` is the appearance embedding, if it was computed in this frame.
     """
 
     number: int
     box: int
-    looks: Floats | None = field(default=None, compare=False)
+    embedding: Floats | None = field(default=None, compare=False)
 
 
 @dataclass(slots=True, eq=False)
 class _Track(Motion):
     number: int = 0
     evidence: float = 0.0
-    looks_like: Floats | None = None
+    embedding: Floats | None = None
     well_seen: bool = False
     doubted: bool = False
     looked_s: float = -math.inf
@@ -90,7 +90,7 @@ class CameraTracker:
         self._began = False
         self._stamp_s: float | None = None
         self._pauses_s: deque[float] = deque(maxlen=_PAUSES)
-        self._looks_left = 0.0
+        self._embeddings_left = 0.0
 
     def follow(
         self,
@@ -122,7 +122,10 @@ class CameraTracker:
         since_s = math.inf if self._stamp_s is None else max(0.0, stamp_s - self._stamp_s)
         if self._stamp_s is not None:
             self._pauses_s.append(since_s)
-        self._stamp_s, self._looks_left = stamp_s, min(_LOOKS_AT_MOST, self._looks_left + _LOOKS_PER_S * since_s)
+        self._stamp_s, self._embeddings_left = (
+            stamp_s,
+            min(_LOOKS_AT_MOST, self._embeddings_left + _LOOKS_PER_S * since_s),
+        )
         # Tracks lost for longer are matched by appearance only.
         for track in self._tracks:
             if stamp_s - track.seen_s <= self._presence_timeout_s(LOST_S):
@@ -130,7 +133,7 @@ class CameraTracker:
         sure = np.flatnonzero(confidences >= SURE).tolist()
         perhaps = np.flatnonzero((confidences >= PERHAPS) & (confidences < SURE)).tolist()
         waiting = [track for track in self._tracks if stamp_s - track.seen_s <= self._presence_timeout_s(LOST_S)]
-        views = _Views(appearance_of, at_most=int(self._looks_left))
+        views = _Views(appearance_of, at_most=int(self._embeddings_left))
         views.compute(_doubtful(waiting, sure, corners_px, stamp_s))
         pairs: list[tuple[_Track, int]] = []
         for buffer in BUFFERS:
@@ -154,7 +157,7 @@ class CameraTracker:
         self._learn_appearance(pairs, view_qualities(corners_px, confidences, picture_px), stamp_s, views)
         followed = [Followed(track.number, box, views.of(box)) for track, box in pairs if self._counts(track, stamp_s)]
         self._forget(stamp_s)
-        self._looks_left -= len(views)
+        self._embeddings_left -= len(views)
         self._began = True
         return followed
 
@@ -189,25 +192,25 @@ class CameraTracker:
         for track, box in pairs:
             track.doubted |= bool(qualities[box] < _GOOD_VIEW)
         for track, box in (*new, *due):
-            looks, good = views.of(box), bool(qualities[box] >= _GOOD_VIEW)
-            if looks is None or (track.well_seen and not good):
+            embedding, good = views.of(box), bool(qualities[box] >= _GOOD_VIEW)
+            if embedding is None or (track.well_seen and not good):
                 continue
-            if track.confirmed and not self._exchange_mistaken(track, looks, here, qualities, views):
-                self._end_if_other_person(track, looks, stamp_s)
+            if track.confirmed and not self._exchange_mistaken(track, embedding, here, qualities, views):
+                self._end_if_other_person(track, embedding, stamp_s)
             track.doubted = False
-            track.looks_like = looks if good and not track.well_seen else _mixed(track.looks_like, looks)
+            track.embedding = embedding if good and not track.well_seen else _mixed(track.embedding, embedding)
             track.well_seen, track.looked_s = track.well_seen or good, stamp_s
 
     def _exchange_mistaken(
-        self, track: _Track, looks: Floats, here: dict[int, int], qualities: Floats, views: "_Views"
+        self, track: _Track, embedding: Floats, here: dict[int, int], qualities: Floats, views: "_Views"
     ) -> bool:
         """Undo an identity switch: a track whose appearance clearly matches another track instead of its own."""
-        own = _apart(track.looks_like, looks)
-        if own <= _UNLIKE:
+        distance = _apart(track.embedding, embedding)
+        if distance <= _UNLIKE:
             return False
         others = [other for other in self._tracks if other is not track and other.confirmed and other.well_seen]
-        other = min(others, key=lambda each: _apart(each.looks_like, looks), default=None)
-        if other is None or _apart(other.looks_like, looks) > min(_LOOKS_SAME, own - _MISTAKEN_BY):
+        other = min(others, key=lambda each: _apart(each.embedding, embedding), default=None)
+        if other is None or _apart(other.embedding, embedding) > min(_LOOKS_SAME, distance - _MISTAKEN_BY):
             return False
         box = here.get(id(other))
         if box is not None:
@@ -215,20 +218,20 @@ class CameraTracker:
                 return False
             views.compute([box])
             theirs = views.of(box)
-            if theirs is None or _apart(track.looks_like, theirs) > _apart(other.looks_like, theirs) - _MISTAKEN_BY:
+            if theirs is None or _apart(track.embedding, theirs) > _apart(other.embedding, theirs) - _MISTAKEN_BY:
                 return False
         track.number, other.number = other.number, track.number
-        track.looks_like, other.looks_like = other.looks_like, track.looks_like
+        track.embedding, other.embedding = other.embedding, track.embedding
         return True
 
-    def _end_if_other_person(self, track: _Track, looks: Floats, stamp_s: float) -> None:
+    def _end_if_other_person(self, track: _Track, embedding: Floats, stamp_s: float) -> None:
         """End a track that continued on another person: the box matches no known appearance."""
-        if not (track.doubted and track.well_seen and _apart(track.looks_like, looks) > _STRANGE):
+        if not (track.doubted and track.well_seen and _apart(track.embedding, embedding) > _STRANGE):
             return
         away_s = stamp_s - self._presence_timeout_s(LOST_S) - 1e-3  # known by appearance only, without a position
-        gone = replace(track, mean=track.mean.copy(), covariance=track.covariance.copy(), seen_s=away_s)
-        self._tracks.append(gone)
-        track.number, track.looks_like, track.well_seen = self._new_number(), None, False
+        ended = replace(track, mean=track.mean.copy(), covariance=track.covariance.copy(), seen_s=away_s)
+        self._tracks.append(ended)
+        track.number, track.embedding, track.well_seen = self._new_number(), None, False
 
     def _counts(self, track: _Track, stamp_s: float) -> bool:
         if not track.confirmed and track.evidence >= (_CONFIRM_AFTER if self._began else SURE):
@@ -236,7 +239,7 @@ class CameraTracker:
             if back is not None:
                 self._tracks.remove(back)
                 track.number = back.number
-                track.looks_like = _mixed(back.looks_like, track.looks_like)
+                track.embedding = _mixed(back.embedding, track.embedding)
             elif not likely or track.well_seen or stamp_s - track.first_s >= _WAIT_FOR_VIEW_S:
                 track.number = self._new_number()
         return track.confirmed
@@ -245,12 +248,12 @@ class CameraTracker:
         """Lost track that a new one matches by appearance unambiguously; and whether any track might match."""
         away = sorted(
             (
-                (_apart(each.looks_like, track.looks_like), number)
+                (_apart(each.embedding, track.embedding), number)
                 for number, each in enumerate(self._tracks)
-                if each.confirmed and each.seen_s < stamp_s and each.looks_like is not None
+                if each.confirmed and each.seen_s < stamp_s and each.embedding is not None
             )
         )
-        if track.looks_like is None or not away:
+        if track.embedding is None or not away:
             return None, False
         nearest = away[0][0]
         clear = len(away) == 1 or away[1][0] - nearest >= _LOOKS_MARGIN
@@ -262,7 +265,7 @@ class CameraTracker:
             track
             for track in self._tracks
             if stamp_s - track.seen_s
-            <= (tentative_s if not track.confirmed else lost_s if track.looks_like is None else REMEMBERED_S)
+            <= (tentative_s if not track.confirmed else lost_s if track.embedding is None else REMEMBERED_S)
         ]
 
     def _presence_timeout_s(self, usual_s: float) -> float:
@@ -322,10 +325,10 @@ def _doubtful(tracks: list[_Track], boxes: list[int], corners_px: Floats, stamp_
     return [box for box, is_clear in zip(boxes, clear.tolist(), strict=True) if not is_clear]
 
 
-def _mixed(before: Floats | None, looks: Floats | None) -> Floats | None:
-    if before is None or looks is None:
-        return looks if before is None else before
-    mixed = _LOOKS_KEPT * before + (1 - _LOOKS_KEPT) * looks
+def _mixed(before: Floats | None, embedding: Floats | None) -> Floats | None:
+    if before is None or embedding is None:
+        return embedding if before is None else before
+    mixed = _LOOKS_KEPT * before + (1 - _LOOKS_KEPT) * embedding
     return np.asarray(mixed / np.linalg.norm(mixed))
 
 
@@ -350,8 +353,10 @@ def _pairs(
     overlap = overlaps(corners_of(tracks), corners_px[boxes], buffer)
     cost = 1.0 - overlap * (0.5 + 0.5 * confidences[boxes][None, :])
     if views is not None:
-        looks = [views.of(box) for box in boxes]
-        cost += [[_LOOKS_COUNT * (_apart(track.looks_like, each) - _LOOKS_USUAL) for each in looks] for track in tracks]
+        embeddings = [views.of(box) for box in boxes]
+        cost += [
+            [_LOOKS_COUNT * (_apart(track.embedding, each) - _LOOKS_USUAL) for each in embeddings] for track in tracks
+        ]
     return [(tracks[row], boxes[column]) for row, column in assigned(cost, 1.0) if overlap[row, column] >= least]
 
 

@@ -25,12 +25,12 @@ NOBODY_FOUND = 0.0
 
 @dataclass(slots=True)
 class _TrackSegment:
-    """All boxes of one track number. ``looks`` is a sum over good views."""
+    """All boxes of one track number. ``embedding`` is a sum over good views."""
 
     number: int
     pictures: set[int]
     first: TrackedBox
-    looks: Floats | None = None
+    embedding: Floats | None = None
 
 
 def looked_back(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]) -> list[list[TrackedBox]]:
@@ -53,8 +53,8 @@ def linked(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]) 
         if a is b or a.pictures & b.pictures or _apart(a, b, unknown=0.0) > _LOOKS_LIKELY:
             continue
         a.pictures |= b.pictures
-        if b.looks is not None:
-            a.looks = b.looks if a.looks is None else a.looks + b.looks
+        if b.embedding is not None:
+            a.embedding = b.embedding if a.embedding is None else a.embedding + b.embedding
         one_for = {number: a.number if one == b.number else one for number, one in one_for.items()}
     return one_for
 
@@ -81,14 +81,14 @@ def _off_path(
 ) -> float:
     """Distance of the start of ``b`` from the extrapolated ``a``, in box heights; infinite after too long a gap."""
     last, begins = max(a.pictures), min(b.pictures)
-    gone_s = stamps_s[begins] - stamps_s[last]
-    if gone_s > _NEAR_S:
+    gap_s = stamps_s[begins] - stamps_s[last]
+    if gap_s > _NEAR_S:
         return float("inf")
     before = min((at for at in a.pictures if stamps_s[last] - stamps_s[at] <= _WAY_OF_S), default=last)
     ended, earlier = _middle(_box(pictures, last, a.number)), _middle(_box(pictures, before, a.number))
     way = (ended - earlier) / max(1e-9, stamps_s[last] - stamps_s[before]) if before != last else np.zeros(2)
     height_px = max(1.0, b.first.height_px)
-    return float(np.linalg.norm(_middle(b.first) - ended - way * gone_s) / height_px)
+    return float(np.linalg.norm(_middle(b.first) - ended - way * gap_s) / height_px)
 
 
 def _intervals(pictures: Sequence[Sequence[TrackedBox]]) -> dict[int, _TrackSegment]:
@@ -97,30 +97,30 @@ def _intervals(pictures: Sequence[Sequence[TrackedBox]]) -> dict[int, _TrackSegm
         for box in boxes:
             stretch = stretches.setdefault(box.track, _TrackSegment(box.track, set(), box))
             stretch.pictures.add(at)
-            if box.looks is not None and box.quality >= _GOOD_VIEW:
-                seen = box.quality * box.looks
-                stretch.looks = seen if stretch.looks is None else stretch.looks + seen
+            if box.embedding is not None and box.quality >= _GOOD_VIEW:
+                weighted = box.quality * box.embedding
+                stretch.embedding = weighted if stretch.embedding is None else stretch.embedding + weighted
     return stretches
 
 
 def _apart(a: _TrackSegment, b: _TrackSegment, *, unknown: float) -> float:
     """Cosine distance of the mean embeddings."""
-    if a.looks is None or b.looks is None:
+    if a.embedding is None or b.embedding is None:
         return unknown
-    return 1.0 - float(a.looks @ b.looks / (np.linalg.norm(a.looks) * np.linalg.norm(b.looks)))
+    return 1.0 - float(a.embedding @ b.embedding / (np.linalg.norm(a.embedding) * np.linalg.norm(b.embedding)))
 
 
 def _filled(pictures: list[list[TrackedBox]], stamps_s: Sequence[float]) -> list[list[TrackedBox]]:
     filled = [list(boxes) for boxes in pictures]
-    seen: dict[int, tuple[int, TrackedBox]] = {}
+    last_boxes: dict[int, tuple[int, TrackedBox]] = {}
     for at, boxes in enumerate(pictures):
         for box in boxes:
-            before = seen.get(box.track)
+            before = last_boxes.get(box.track)
             if before is not None and at - before[0] > 1 and stamps_s[at] - stamps_s[before[0]] <= _FILLED_S:
                 for between in range(before[0] + 1, at):
                     part = (stamps_s[between] - stamps_s[before[0]]) / max(1e-9, stamps_s[at] - stamps_s[before[0]])
                     filled[between].append(_between(before[1], box, part))
-            seen[box.track] = (at, box)
+            last_boxes[box.track] = (at, box)
     return filled
 
 

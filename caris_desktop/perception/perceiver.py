@@ -41,30 +41,30 @@ class Perceived:
 
 
 class Perceiver:
-    """Pipeline for one thread. ``label`` is the detector's; ``looks_model`` names the re-identification network, empty
-    without one.
+    """Pipeline for one thread. ``label`` is the detector's; ``appearance_model`` names the re-identification network,
+    empty without one.
     """
 
     def __init__(
         self,
         chosen: Chosen,
         tracker: PersonTracker,
-        looks_model: str,
+        appearance_model: str,
         *,
         trouble: str = "",
         things: tuple[str, ...] = (),
     ) -> None:
         detector = chosen.detector
         self.label = detector.label
-        self.looks_model = looks_model
+        self.appearance_model = appearance_model
         self.trouble = trouble
         """What could not be opened and can be done without, in a sentence; empty if nothing."""
         self.class_names = detector.class_names
-        wanted = {name.lower() for name in things}
+        lowered = {name.lower() for name in things}
         self._things = {
             row: name
             for row, name in enumerate(detector.class_names)
-            if name.lower() in wanted and row not in chosen.people
+            if name.lower() in lowered and row not in chosen.people
         }
         self.unknown_things = tuple(
             name for name in things if name.lower() not in {known.lower() for known in self._things.values()}
@@ -76,22 +76,22 @@ class Perceiver:
         self._tracker = tracker
         self._portraits = PortraitTaker()
 
-    def perceive(self, image_bgr: NDArray[np.uint8], look: DetectionRequest) -> Perceived:
+    def perceive(self, image_bgr: NDArray[np.uint8], request: DetectionRequest) -> Perceived:
         """Process the next frame of a camera: uint8 BGR, shape (height, width, 3)."""
         began_s = time.perf_counter()
         detections = self._detector.detect(image_bgr)
         detected_s = time.perf_counter()
-        boxes = self._tracker.track(detections, image_bgr, look)
+        boxes = self._tracker.track(detections, image_bgr, request)
         tracked_s = time.perf_counter()
-        portraits = self._portraits.taken(image_bgr, look.frame, boxes)
+        portraits = self._portraits.taken(image_bgr, request.frame, boxes)
         poses = {}
         if detections.keypoints is not None:
-            stamp_s = look.frame.stamp_ns / 1e9
+            stamp_s = request.frame.stamp_ns / 1e9
             poses = {
                 box.track: self._poses.of(box.track, detections.keypoints[box.detection], stamp_s) for box in boxes
             }
         things = self._things_of(detections)
-        unfollowed = self._unfollowed(detections, boxes) if look.to_cover else ()
+        unfollowed = self._unfollowed(detections, boxes) if request.to_cover else ()
         detector_s, tracker_s = detected_s - began_s, tracked_s - detected_s
         return Perceived(boxes, poses, things, unfollowed, portraits, detections, detector_s, tracker_s)
 
@@ -129,7 +129,7 @@ def open_perceiver(
     *,
     tracker: TrackerName,
     threads: int,
-    recognise_looks: bool,
+    recognise_appearance: bool,
     allow_download: bool = True,
     confidence: float = LEAST_CONFIDENCE,
     settings: DetectorSettings | None = None,
@@ -144,10 +144,10 @@ def open_perceiver(
     """
     settings = settings or DetectorSettings()
     chosen = open_chosen(weights_path, settings, confidence=confidence, threads=threads, allow_download=allow_download)
-    appearance, trouble = _appearance((models_folder, chosen.folder), threads) if recognise_looks else (None, "")
+    appearance, trouble = _appearance((models_folder, chosen.folder), threads) if recognise_appearance else (None, "")
     people = PersonTracker(chosen.people, tracker=tracker, appearance=appearance)
-    looks_model = "" if appearance is None else appearance.name
-    return Perceiver(chosen, people, looks_model, trouble=trouble, things=settings.things)
+    appearance_model = "" if appearance is None else appearance.name
+    return Perceiver(chosen, people, appearance_model, trouble=trouble, things=settings.things)
 
 
 def _appearance(first: Iterable[Path | None], threads: int) -> tuple[AppearanceModel | None, str]:

@@ -25,7 +25,7 @@ _SAME_PERSON = 0.7
 class TrackedBox:
     """One person in one frame; ``track`` is constant while the person is tracked.
 
-    ``detection`` is the row of the detection. ``quality`` is the view quality, 0..1, and ``looks`` the embedding of
+    ``detection`` is the row of the detection. ``quality`` is the view quality, 0..1, and ``embedding`` the one of
     unit length, if computed in this frame.
     """
 
@@ -37,7 +37,7 @@ class TrackedBox:
     confidence: float
     detection: int
     quality: float = 0.0
-    looks: NDArray[np.float64] | None = field(default=None, compare=False)
+    embedding: NDArray[np.float64] | None = field(default=None, compare=False)
 
 
 LibraryName = Literal["bytetrack", "botsort"]
@@ -46,11 +46,11 @@ LibraryName = Literal["bytetrack", "botsort"]
 class LibraryTracker:
     """Ultralytics' trackers, for the boxes of any detector.
 
-    Tracker of one camera. Track numbers count from 1 for each. ``with_looks``: it is given embeddings of all boxes,
-    which BoT-SORT uses.
+    Tracker of one camera. Track numbers count from 1 for each. ``with_appearance``: it is given embeddings of all
+    boxes, which BoT-SORT uses.
     """
 
-    def __init__(self, name: LibraryName, *, with_looks: bool = False) -> None:
+    def __init__(self, name: LibraryName, *, with_appearance: bool = False) -> None:
         from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
 
         prepare_ultralytics(threads=1)
@@ -59,7 +59,7 @@ class LibraryTracker:
         from ultralytics.utils.checks import check_yaml
 
         settings = IterableSimpleNamespace(**YAML.load(check_yaml(f"{name}.yaml")))
-        self.uses_looks = settings.with_reid = with_looks and name == "botsort"
+        self.uses_appearance = settings.with_reid = with_appearance and name == "botsort"
         self._tracker: Any = TRACKER_MAP[name](settings)
 
     def follow(
@@ -67,14 +67,14 @@ class LibraryTracker:
         corners_px: NDArray[np.float64],
         confidences: NDArray[np.float64],
         image_bgr: NDArray[np.uint8],
-        looks: NDArray[np.float64] | None = None,
+        embeddings: NDArray[np.float64] | None = None,
     ) -> list[tuple[int, int]]:
         """Add the next frame; return the track number and row of each assigned box."""
         from ultralytics.engine.results import Boxes
 
         rows = np.column_stack([corners_px, confidences, np.zeros(len(confidences))]).astype(np.float32)
         boxes = Boxes(rows.reshape(-1, 6), image_bgr.shape[:2])
-        found = self._tracker.update(boxes, image_bgr, None if looks is None else looks.astype(np.float32))
+        found = self._tracker.update(boxes, image_bgr, None if embeddings is None else embeddings.astype(np.float32))
         return [(int(row[4]), int(row[7])) for row in found]
 
 
@@ -98,20 +98,22 @@ class PersonTracker:
         if tracker == "bytetrack" or tracker == "botsort":  # noqa: PLR1714 - mypy narrows only so
             LibraryTracker(tracker)  # load the library before the first frame, since it takes seconds
 
-    def track(self, detections: Detections, image_bgr: NDArray[np.uint8], look: DetectionRequest) -> list[TrackedBox]:
+    def track(
+        self, detections: Detections, image_bgr: NDArray[np.uint8], request: DetectionRequest
+    ) -> list[TrackedBox]:
         """Tracked people among the detections in the next frame of a camera: uint8 BGR, shape (height, width, 3)."""
         rows = _people(detections, self._person_classes)
         corners_px, confidences = detections.corners_px[rows], detections.confidences[rows]
         if self._tracker == "own" or self._tracker == "deepsort":  # noqa: PLR1714 - mypy narrows only so
-            camera = look.frame.camera
+            camera = request.frame.camera
             if camera not in self._ours:
                 kind = CameraTracker if self._tracker == "own" else DeepSort
                 self._ours[camera] = _Followed(kind(self._new_number))
             appearance_of = self._embeddings_in(image_bgr, corners_px)
-            found = self._ours[camera].follow(corners_px, confidences, look, appearance_of)
+            found = self._ours[camera].follow(corners_px, confidences, request, appearance_of)
         else:
-            found = self._follow_with(self._tracker, corners_px, confidences, image_bgr, look.frame.camera)
-        qualities = view_qualities(corners_px, confidences, _size_px(look.frame))
+            found = self._follow_with(self._tracker, corners_px, confidences, image_bgr, request.frame.camera)
+        qualities = view_qualities(corners_px, confidences, _size_px(request.frame))
         tracked = []
         for each in found:
             left, top, right, bottom = corners_px[each.box].tolist()
@@ -125,7 +127,7 @@ class PersonTracker:
                     float(confidences[each.box]),
                     int(rows[each.box]),
                     float(qualities[each.box]),
-                    each.looks,
+                    each.embedding,
                 )
             )
         return tracked
@@ -144,12 +146,12 @@ class PersonTracker:
         image_bgr: NDArray[np.uint8],
         camera: str,
     ) -> list[Followed]:
-        theirs = self._theirs.pop(camera, None) or LibraryTracker(name, with_looks=self._appearance is not None)
+        theirs = self._theirs.pop(camera, None) or LibraryTracker(name, with_appearance=self._appearance is not None)
         self._theirs[camera] = theirs
-        looks = None
-        if theirs.uses_looks and self._appearance is not None and len(corners_px):
-            looks = self._appearance.embed(image_bgr, list(corners_px))
-        found = theirs.follow(corners_px, confidences, image_bgr, looks)
+        embeddings = None
+        if theirs.uses_appearance and self._appearance is not None and len(corners_px):
+            embeddings = self._appearance.embed(image_bgr, list(corners_px))
+        found = theirs.follow(corners_px, confidences, image_bgr, embeddings)
         return [
             Followed(self._numbers.setdefault((camera, number), len(self._numbers) + 1), row) for number, row in found
         ]
@@ -169,7 +171,7 @@ _NEVER = 1e5
 class _Track(Motion):
     number: int
     hits: int = 1
-    looks: deque[Floats] = field(default_factory=lambda: deque(maxlen=_LOOKS_KEPT))
+    embeddings: deque[Floats] = field(default_factory=lambda: deque(maxlen=_LOOKS_KEPT))
 
     @property
     def confirmed(self) -> bool:
@@ -201,29 +203,29 @@ class DeepSort:
         for track in self._tracks:
             track.advance(stamp_s, shift_px)
         boxes = np.flatnonzero(confidences >= _LEAST_CONFIDENCE).tolist()
-        looks = dict(zip(boxes, appearance_of(boxes), strict=True)) if appearance_of is not None and boxes else {}
+        embeddings = dict(zip(boxes, appearance_of(boxes), strict=True)) if appearance_of is not None and boxes else {}
         pairs: list[tuple[_Track, int]] = []
         # The longer a track is lost, the larger its uncertainty and the more boxes match it.
         confirmed = sorted((track for track in self._tracks if track.confirmed), key=lambda track: -track.seen_s)
         before_s = max((track.seen_s for track in self._tracks), default=stamp_s)
         for _, same_age in itertools.groupby(confirmed, key=lambda track: track.seen_s):
-            pairs += _by_appearance(list(same_age), _left(boxes, pairs), corners_px, looks)
-        seen = {id(track) for track, _ in pairs}
+            pairs += _by_appearance(list(same_age), _left(boxes, pairs), corners_px, embeddings)
+        matched_ids = {id(track) for track, _ in pairs}
         others = [
             track
             for track in self._tracks
-            if id(track) not in seen and (not track.confirmed or track.seen_s == before_s)
+            if id(track) not in matched_ids and (not track.confirmed or track.seen_s == before_s)
         ]
         pairs += _by_overlap(others, _left(boxes, pairs), corners_px)
         for track, box in pairs:
             track.see(corners_px[box], stamp_s)
             track.hits += 1
-            if box in looks:
-                track.looks.append(looks[box])
+            if box in embeddings:
+                track.embeddings.append(embeddings[box])
         for box in _left(boxes, pairs):
             track = _Track(*first_seen(corners_px[box], stamp_s), number=0)
-            if box in looks:
-                track.looks.append(looks[box])
+            if box in embeddings:
+                track.embeddings.append(embeddings[box])
             self._tracks.append(track)
         self._tracks = [
             track for track in self._tracks if stamp_s - track.seen_s <= (_LOST_S if track.confirmed else 0.0)
@@ -231,26 +233,26 @@ class DeepSort:
         for track, _ in pairs:
             if track.confirmed and not track.number:
                 track.number = self._new_number()
-        return [Followed(track.number, box, looks.get(box)) for track, box in pairs if track.confirmed]
+        return [Followed(track.number, box, embeddings.get(box)) for track, box in pairs if track.confirmed]
 
 
 def _by_appearance(
-    tracks: list[_Track], boxes: list[int], corners_px: Floats, looks: dict[int, Floats]
+    tracks: list[_Track], boxes: list[int], corners_px: Floats, embeddings: dict[int, Floats]
 ) -> list[tuple[_Track, int]]:
     if not tracks or not boxes:
         return []
-    cost = np.array([[_apart(track, corners_px[box], looks.get(box)) for box in boxes] for track in tracks])
+    cost = np.array([[_apart(track, corners_px[box], embeddings.get(box)) for box in boxes] for track in tracks])
     return [(tracks[row], boxes[column]) for row, column in assigned(cost, _LOOKS_AT_MOST_APART)]
 
 
-def _apart(track: _Track, corners: Floats, looks: Floats | None) -> float:
+def _apart(track: _Track, corners: Floats, embedding: Floats | None) -> float:
     """Minimum cosine distance over a track's views; without a network, scaled Mahalanobis distance."""
     unlikely = track.unlikeliness(corners)
     if unlikely > _GATE:
         return _NEVER
-    if looks is None or not track.looks:
+    if embedding is None or not track.embeddings:
         return _LOOKS_AT_MOST_APART * unlikely / _GATE
-    return float(1.0 - max(view @ looks for view in track.looks))
+    return float(1.0 - max(view @ embedding for view in track.embeddings))
 
 
 def _by_overlap(tracks: list[_Track], boxes: list[int], corners_px: Floats) -> list[tuple[_Track, int]]:
@@ -276,10 +278,10 @@ class _Followed:
         self,
         corners_px: NDArray[np.float64],
         confidences: NDArray[np.float64],
-        look: DetectionRequest,
+        request: DetectionRequest,
         appearance_of: AppearanceOf | None,
     ) -> list[Followed]:
-        stamp_s, shift_px = look.frame.shown_ns / 1e9, self._shift_px(look)
+        stamp_s, shift_px = request.frame.shown_ns / 1e9, self._shift_px(request)
         if isinstance(self.follower, DeepSort):
             return self.follower.follow(
                 corners_px, confidences, stamp_s, shift_px=shift_px, appearance_of=appearance_of
@@ -289,17 +291,17 @@ class _Followed:
             confidences,
             stamp_s,
             shift_px=shift_px,
-            picture_px=_size_px(look.frame),
+            picture_px=_size_px(request.frame),
             appearance_of=appearance_of,
         )
 
-    def _shift_px(self, look: DetectionRequest) -> tuple[float, float]:
+    def _shift_px(self, request: DetectionRequest) -> tuple[float, float]:
         """Image shift by the camera's rotation since the last frame; for small angles, in pixels."""
-        before, self.looked = self.looked, look.looked
-        if before is None or look.looked is None:
+        before, self.looked = self.looked, request.looked
+        if before is None or request.looked is None:
             return 0.0, 0.0
-        focal_px = look.focal_per_width * look.frame.width_px
-        return focal_px * (look.looked[0] - before[0]), focal_px * (before[1] - look.looked[1])
+        focal_px = request.focal_per_width * request.frame.width_px
+        return focal_px * (request.looked[0] - before[0]), focal_px * (before[1] - request.looked[1])
 
 
 def _size_px(frame: FrameRef) -> tuple[float, float]:

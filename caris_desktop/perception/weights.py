@@ -210,8 +210,8 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
     """Detector of a scenario. Its checksum comes from the same author and grants nothing: a .pt is
     loaded without code.
     """
-    wanted = choice.sha256.strip().lower()
-    if wanted and not _SHA256.fullmatch(wanted):
+    sha256 = choice.sha256.strip().lower()
+    if sha256 and not _SHA256.fullmatch(sha256):
         raise WeightsError(
             localized(
                 QT_TR_NOOP("The checksum of the detector {source} is not a SHA-256 checksum"), source=choice.source
@@ -221,7 +221,7 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
             ),
         )
     if _ADDRESS.match(choice.source):
-        path = _fetched(choice.source, wanted, folders[-1], allow_download=allow_download)
+        path = _fetched(choice.source, sha256, folders[-1], allow_download=allow_download)
     else:
         path = _path_of(choice, folders)
         _check_form(path)
@@ -233,7 +233,7 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
             searched=(f"{path}: {error}",),
             advice=QT_TR_NOOP("Correct the file permissions"),
         ) from error
-    if path.suffix.lower() == ".pt" and not wanted:
+    if path.suffix.lower() == ".pt" and not sha256:
         raise WeightsError(
             localized(
                 QT_TR_NOOP(
@@ -248,7 +248,7 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
                 found=found,
             ),
         )
-    if wanted and found != wanted:
+    if sha256 and found != sha256:
         raise WeightsError(
             localized(
                 QT_TR_NOOP("The detector {name} is not the file that the scenario expects: its checksum is different"),
@@ -256,7 +256,7 @@ def _named(choice: DetectorChoice, folders: tuple[Path, ...], *, allow_download:
             ),
             searched=(
                 localized(
-                    QT_TR_NOOP("{path}: SHA-256 {found}, expected {wanted}"), path=path, found=found, wanted=wanted
+                    QT_TR_NOOP("{path}: SHA-256 {found}, expected {wanted}"), path=path, found=found, wanted=sha256
                 ),
             ),
             advice=localized(
@@ -340,8 +340,8 @@ def _why_nothing_in(folder: Path) -> str:
             "its {name} is not the file published by ultralytics; to use it, configure it as the detector"
         )
         return localized(another, name=DOWNLOADED_NAME)
-    why = QT_TR_NOOP("no YOLOv8 detector found") if folder.is_dir() else QT_TR_NOOP("no such folder")
-    return localized(why)
+    reason = QT_TR_NOOP("no YOLOv8 detector found") if folder.is_dir() else QT_TR_NOOP("no such folder")
+    return localized(reason)
 
 
 def _of_file(path: Path) -> Weights:

@@ -89,9 +89,9 @@ def run(args: argparse.Namespace) -> int:
     if one and finished.written:
         print(f"Exported {args.session} to {args.out}")
     elif not one:
-        whole = len(set(finished.written) & set(export_folders(request)))
+        exported = len(set(finished.written) & set(export_folders(request)))
         together = "".join(f" and {path.name} for all" for path in finished.written if path.name in BY_FORMAT)
-        print(f"Exported {whole} of {len(sessions)} sessions{together} to {args.out}")
+        print(f"Exported {exported} of {len(sessions)} sessions{together} to {args.out}")
     return 1 if damaged or finished.problems else 0
 
 

@@ -35,10 +35,10 @@ def with_texts(png: bytes, texts: Mapping[str, str]) -> bytes:
     Texts are written as iTXt (UTF-8, uncompressed), which holds any language. Raises PhotoFileError.
     """
     parts = [_SIGNATURE]
-    for kind, content, whole in _chunks(png):
+    for kind, content, chunk in _chunks(png):
         entry = _text(kind, content)
         if entry is None or entry[0] not in texts:
-            parts.append(whole)
+            parts.append(chunk)
         if kind == b"IHDR":
             parts += [
                 _chunk(b"iTXt", name.encode("latin-1") + b"\0\0\0\0\0" + text.encode("utf-8", "replace"))

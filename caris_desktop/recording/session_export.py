@@ -218,7 +218,7 @@ def export_all(
     remove_partial_exports(request.out)
     targets = export_folders(request)
     weights = [_BASE_WEIGHT_BYTES + _size_bytes(folder / "events.mcap") for folder in request.sessions]
-    done_weight, whole_weight = 0, sum(weights) or 1
+    done_weight, total_weight = 0, sum(weights) or 1
     written: list[Path] = []
     problems: list[str] = []
     notices: list[str] = []
@@ -229,7 +229,7 @@ def export_all(
     for number, (folder, target, weight) in enumerate(zip(request.sessions, targets, weights, strict=True)):
 
         def report(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
-            report_progress((before + weight * min(1.0, max(0.0, fraction))) / whole_weight, what)
+            report_progress((before + weight * min(1.0, max(0.0, fraction))) / total_weight, what)
 
         report(0.0, localized("{session}", session=folder.absolute().name))  # a name, not a translatable text
         try:
@@ -247,8 +247,8 @@ def export_all(
             problems.append(_message_for(folder.name, error))
             left = len(request.sessions) - number - 1
             if left:
-                what = QT_TR_NOOP("%n further session(s) were not exported: the disk is full.", "", left)
-                problems.append(what)
+                message = QT_TR_NOOP("%n further session(s) were not exported: the disk is full.", "", left)
+                problems.append(message)
             break
         except ExportError as error:
             problems.append(_message_for(folder.name, error))

@@ -94,22 +94,22 @@ async def tls_context(settings: SecuritySettings, host: str, port: int) -> ssl.S
 async def certificate_refusal(error: ssl.SSLCertVerificationError, host: str, port: int) -> SecurityError:
     """Error for a refused certificate, with its fingerprint for comparison."""
     try:
-        shown = await asyncio.to_thread(certificate_of, host, port)
+        certificate = await asyncio.to_thread(certificate_of, host, port)
     except (OSError, ValueError):
-        shown = None
-    what, advice = why_refused(error, host, shown)
+        certificate = None
+    what, advice = why_refused(error, host, certificate)
     advice = (
         *advice,
         QT_TR_NOOP(
             "If the certificate is the robot's own, enter its file under Security ('ca_file' in the robot profile)."
         ),
     )
-    if shown is not None:
+    if certificate is not None:
         confirm = QT_TR_NOOP(
             "Or confirm its SHA-256 fingerprint there ('certificate_sha256') if the robot itself has the "
             "same one: {fingerprint}"
         )
-        advice = (*advice, localized(confirm, fingerprint=fingerprint_of(shown)))
+        advice = (*advice, localized(confirm, fingerprint=fingerprint_of(certificate)))
     return SecurityError(joined(what), joined(advice))
 
 

@@ -276,9 +276,9 @@ class BridgeSocket:
         return self.protocol is not None and self.protocol.wire.is_open
 
     @property
-    def heard_s(self) -> float:
+    def received_s(self) -> float:
         """When anything last came over it."""
-        return -math.inf if self._wire is None else self._wire.heard_s
+        return -math.inf if self._wire is None else self._wire.received_s
 
     @property
     def is_free(self) -> bool:
@@ -353,13 +353,13 @@ class BridgeSocket:
         elif self.protocol is not None:
             self._factory.receive(payload, self.protocol)
 
-    def server_heard_s(self) -> float:
-        return self._factory.server_heard_s()
+    def server_received_s(self) -> float:
+        return self._factory.server_received_s()
 
-    def wire_heard(self) -> None:
+    def wire_recovered(self) -> None:
         self.silent = False
         if self.protocol is not None:
-            self._factory.socket_heard()
+            self._factory.socket_recovered()
 
     def wire_silent(self) -> None:
         self.silent = True

@@ -96,10 +96,10 @@ class WireOwner(Protocol):
     def wire_received(self, payload: bytes) -> None:
         """Whole message, text or binary."""
 
-    def server_heard_s(self) -> float:
+    def server_received_s(self) -> float:
         """When anything last came from the same server over another connection, on the loop's clock."""
 
-    def wire_heard(self) -> None:
+    def wire_recovered(self) -> None:
         """The trouble is over: data arrived, and pings are answered."""
 
     def wire_silent(self) -> None:
@@ -136,8 +136,8 @@ class Wire(asyncio.Protocol):
         self.opened: asyncio.Future[None] = self._loop.create_future()
         self._open = False
         self._over = False
-        self._heard_s = self._loop.time()
-        self._began_s = self._heard_s
+        self._received_s = self._loop.time()
+        self._began_s = self._received_s
         self._silent = False
         self._pieces: list[bytes] = []
         self._pings: dict[bytes, _Ping] = {}
@@ -155,9 +155,9 @@ class Wire(asyncio.Protocol):
         return self._open and not self._over
 
     @property
-    def heard_s(self) -> float:
+    def received_s(self) -> float:
         """When anything last came."""
-        return self._heard_s
+        return self._received_s
 
     @property
     def unsent_bytes(self) -> int:
@@ -281,10 +281,10 @@ class Wire(asyncio.Protocol):
                 self._left_open = self._loop.call_later(_OBEYS_WITHIN_S, self.drop)
             return
         # Bytes of an incomplete TLS record count as a sign of life, too.
-        self._heard_s = self._loop.time()
-        if self._silent and not self._unanswered(self._heard_s):
+        self._received_s = self._loop.time()
+        if self._silent and not self._unanswered(self._received_s):
             self._silent = False
-            self._owner.wire_heard()
+            self._owner.wire_recovered()
         if self._tls is None:
             self._take_bytes(data)
         elif not self._tls.established:
@@ -369,7 +369,7 @@ class Wire(asyncio.Protocol):
         self._open = True
         self._watched_s = self._next_ping_s = self._loop.time()
         # The first answer over a slow network takes as long as the handshake did.
-        self._heard_s = 2.0 * self._watched_s - self._began_s
+        self._received_s = 2.0 * self._watched_s - self._began_s
         self._watch = self._loop.call_later(self._watch_s, self._supervise)
         if not self.opened.done():
             self.opened.set_result(None)
@@ -397,11 +397,11 @@ class Wire(asyncio.Protocol):
         self._watch = self._loop.call_later(self._watch_s, self._supervise)
         if late_s > self._watch_s:
             # This process was suspended; the peer's data is still unread in the socket.
-            self._heard_s = min(now_s, self._heard_s + late_s)
+            self._received_s = min(now_s, self._received_s + late_s)
             self._pings = {
                 token: _Ping(min(now_s, ping.sent_s + late_s), ping.answered) for token, ping in self._pings.items()
             }
-        silent_s = now_s - max(self._heard_s, self._owner.server_heard_s())
+        silent_s = now_s - max(self._received_s, self._owner.server_received_s())
         if silent_s >= self._timings.dead_after_s:
             self.give_up(localized(QT_TR_NOOP("no data received for {silent_s} s"), silent_s=f"{silent_s:.1f}"))
             return

@@ -109,7 +109,7 @@ class _Goal:
     """Goal sent by a control."""
 
     command: UseControl
-    heard: bool = False
+    answered: bool = False
 
 
 @dataclass(slots=True)
@@ -130,7 +130,7 @@ class _Server:
 
     def goal_active(self, wire_id: str) -> None:
         if wire_id in self.goals:
-            self.goals[wire_id].heard = True
+            self.goals[wire_id].answered = True
 
     def goal_feedback(self, wire_id: str, _: Message) -> None:
         self.goal_active(wire_id)
@@ -153,7 +153,7 @@ class RobotControls:
         self,
         ros: RosbridgeClient,
         dialect: Dialect,
-        own: tuple[RobotControl, ...],
+        profile_controls: tuple[RobotControl, ...],
         watched: SubscriptionWatchdog,
         *,
         robot: RobotInterfaceNames,
@@ -165,7 +165,7 @@ class RobotControls:
         self._loop = asyncio.get_running_loop()
         self._ros = ros
         self._dialect = dialect
-        self._own = own
+        self._profile_controls = profile_controls
         self._robot = robot
         self._velocity_topic = velocity_topic
         self._emit = emit
@@ -191,7 +191,7 @@ class RobotControls:
         self._driving_permitted = driving_permitted
         if not driving_permitted:
             self.cancel_goals(QT_TR_NOOP("the scenario does not permit driving"))
-        offered = {control.id: decided(control, self._robot) for control in (*self._own, *controls)}
+        offered = {control.id: decided(control, self._robot) for control in (*self._profile_controls, *controls)}
         if offered == self._controls:
             # A repeated offer comes from a receiver that lost the values.
             self._report_values_soon()
@@ -199,8 +199,8 @@ class RobotControls:
         self._controls = offered
         self._listen()
         # Velocity topics are not even advertised: that would set a type chosen by the control.
-        wanted = [control.effect for control in offered.values() if not self._sends_velocity(control)]
-        topics = {(effect.topic, effect.type) for effect in wanted if isinstance(effect, PublishMessage)}
+        effects = [control.effect for control in offered.values() if not self._sends_velocity(control)]
+        topics = {(effect.topic, effect.type) for effect in effects if isinstance(effect, PublishMessage)}
         for key in [key for key in self._publishers if key not in topics]:
             self._publishers.pop(key).unadvertise()
         for topic, type_ in topics - self._publishers.keys():
@@ -208,7 +208,7 @@ class RobotControls:
             publisher = RosbridgeTopic(self._ros, topic, self._spelled(type_))
             publisher.advertise()
             self._publishers[topic, type_] = publisher
-        actions = {(effect.action, effect.type) for effect in wanted if isinstance(effect, SendActionGoal)}
+        actions = {(effect.action, effect.type) for effect in effects if isinstance(effect, SendActionGoal)}
         for key in [key for key in self._servers if key not in actions]:
             server = self._servers.pop(key)
             self._fail_goals(server, QT_TR_NOOP("the scenario has changed"), cancel=True)
@@ -270,8 +270,8 @@ class RobotControls:
 
     def _learn_types(self) -> None:
         if self._ros.is_connected:
-            wanted = {_kind_and_type(control.effect) for control in self._controls.values() if control.effect}
-            for kind, type_ in sorted(wanted):
+            interfaces = {_kind_and_type(control.effect) for control in self._controls.values() if control.effect}
+            for kind, type_ in sorted(interfaces):
                 self._in_background(self._learn(kind, type_))
 
     async def _learn(self, kind: TypeKind, type_: str) -> None:
@@ -331,8 +331,8 @@ class RobotControls:
             message = coerce_to_definition(content, definition, rounds=control.kind == "slider")
         except MessageMismatchError as error:
             logger.warning("Control %s: %s", control.id, error)
-            why = translation.localized(QT_TR_NOOP("nothing was sent: {why}"), why=error)
-            self._notify(command, "failed", why)
+            reason = translation.localized(QT_TR_NOOP("nothing was sent: {why}"), why=error)
+            self._notify(command, "failed", reason)
             return
         match effect:
             case PublishMessage(topic=topic, type=type_):
@@ -359,8 +359,8 @@ class RobotControls:
             return
         # Field of Trigger, SetBool and similar services.
         succeeded = answer.get("success", True) is not False
-        said = answer.get("message")
-        detail = said[:LONGEST_TEXT_SHOWN] if isinstance(said, str) else ""
+        message = answer.get("message")
+        detail = message[:LONGEST_TEXT_SHOWN] if isinstance(message, str) else ""
         self._notify(
             command,
             "succeeded" if succeeded else "failed",
@@ -379,7 +379,7 @@ class RobotControls:
 
     def _give_up(self, server: _Server, wire_id: str) -> None:
         goal = server.goals.get(wire_id)
-        if goal is not None and not goal.heard and wire_id not in server.lost:
+        if goal is not None and not goal.answered and wire_id not in server.lost:
             del server.goals[wire_id]
             server.cancel(wire_id)
             late = translation.localized(

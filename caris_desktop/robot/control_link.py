@@ -638,12 +638,12 @@ class ControlLink:
             self._lease.forget()
         self._report.changed("trouble", QT_TR_NOOP("No response from the robot for a moment"))
 
-    def link_heard(self) -> None:
+    def link_recovered(self) -> None:
         self._silent = False
         self._drives_count_from_ns = now_ns()
         self._stop_what_moves()
         self._report.changed("connected")
-        self._maps.link_heard()
+        self._maps.link_recovered()
 
     def link_lost(self, reason: str) -> None:
         self._connected = False

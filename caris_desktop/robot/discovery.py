@@ -167,7 +167,7 @@ async def explore_robot(
                 tell(QT_TR_NOOP("Querying the robot"))
                 offer = await take_offer(ros)
                 tell(QT_TR_NOOP("Listening for frames and joints"))
-                offer = await _with_what_is_heard(ros, offer)
+                offer = await _with_received_streams(ros, offer)
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot at %s does not tell what it has: %s", without_credentials(address), error)
             raise _no_rosapi(error) from error
@@ -188,11 +188,11 @@ async def take_offer(ros: RosbridgeClient) -> RobotOffer:
             actions[name] = await _type_of(ros, "action_type", "ActionType", action=name)
     # Most informative types first: a large robot has hundreds of topics, with two queries each.
     ranked = sorted((_interest(kind), topic) for topic, kind in inventory.topics.items() if _interest(kind) is not None)
-    asked = [topic for _rank, topic in ranked[:_MOST_ASKED]]
-    publishers = await _count_nodes(ros, asked, "publishers", "Publishers")
-    subscribers = await _count_nodes(ros, asked, "subscribers", "Subscribers")
+    topics = [topic for _rank, topic in ranked[:_MOST_ASKED]]
+    publishers = await _count_nodes(ros, topics, "publishers", "Publishers")
+    subscribers = await _count_nodes(ros, topics, "subscribers", "Subscribers")
     # A topic with neither has nodes unknown to rosapi.
-    used = [topic for topic in asked if publishers[topic] or subscribers[topic]]
+    used = [topic for topic in topics if publishers[topic] or subscribers[topic]]
     return RobotOffer(
         inventory.topics,
         services,
@@ -235,13 +235,13 @@ async def check_streams(
                 inventory = await take_inventory(ros)
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot does not tell what it has: %s", error)
-            why = localized(
+            reason = localized(
                 QT_TR_NOOP(
                     "{why} Only the streams in the profile are checked; everything else on the robot is unknown."
                 ),
                 why=what_rosapi_said(error),
             )
-            say(StreamCheck("rosapi", "rosapi", "/rosapi", "quiet", None, None, why))
+            say(StreamCheck("rosapi", "rosapi", "/rosapi", "quiet", None, None, reason))
         if inventory is not None and inventory.dialect not in (None, Dialect(profile.ros)):
             raise ExploreError(
                 localized(
@@ -253,13 +253,13 @@ async def check_streams(
                 localized(QT_TR_NOOP("Write 'ros: {found}' instead."), found=3 - profile.ros),
             )
         offset_ns = await _clock_offset_ns(ros)
-        ears: list[_StreamListener] = []
+        listeners: list[_StreamListener] = []
         inputs: list[tuple[NamedTopic, str]] = []
         tree = TransformTree()
         for named in named_in(profile):
             if inventory is None:
                 if named.published:
-                    ears.append(
+                    listeners.append(
                         _StreamListener(ros, profile, named, in_dialect(Dialect(profile.ros), named.types[0]), tree)
                     )
                 else:
@@ -276,18 +276,18 @@ async def check_streams(
                 say(_unfit(named, localized(carries, kind=kind, expected=" / ".join(named.types))))
             elif named.published:
                 kind = kind or in_dialect(Dialect(profile.ros), named.types[0])
-                ears.append(_StreamListener(ros, profile, named, kind, tree))
+                listeners.append(_StreamListener(ros, profile, named, kind, tree))
             else:
                 inputs.append((named, kind or in_dialect(Dialect(profile.ros), named.types[0])))
         for check in _offered_checks(profile, inventory):
             say(check)
         await asyncio.sleep(seconds)
-        bridge_reports = inventory is not None and await _bridge_subscribes(ros, ears)
+        bridge_reports = inventory is not None and await _bridge_subscribes(ros, listeners)
         for named, kind in inputs:
             say(await _listened_to(ros, named, kind, bridge_reports=bridge_reports))
-        for ear in ears:
-            say(ear.verdict(offset_ns))
-            ear.close()
+        for listener in listeners:
+            say(listener.verdict(offset_ns))
+            listener.close()
     order = {named.field: number for number, named in enumerate(named_in(profile))}
     return tuple(sorted(done, key=lambda check: order.get(check.field, len(order))))
 
@@ -379,8 +379,8 @@ async def _names(ros: RosbridgeClient, service: str, kind: str, key: str, /, **a
 
 
 async def _count_nodes(ros: RosbridgeClient, topics: list[str], service: str, kind: str) -> dict[str, int]:
-    answers = await asyncio.gather(*(_names(ros, service, kind, service, topic=topic) for topic in topics))
-    return {topic: len(nodes) for topic, nodes in zip(topics, answers, strict=True)}
+    node_lists = await asyncio.gather(*(_names(ros, service, kind, service, topic=topic) for topic in topics))
+    return {topic: len(nodes) for topic, nodes in zip(topics, node_lists, strict=True)}
 
 
 def _actionlib_servers(topics: Mapping[str, str]) -> dict[str, str]:
@@ -408,7 +408,7 @@ def _interest(kind: str) -> int | None:
     return next((rank for rank, wanted in enumerate(_OF_INTEREST) if same_type(kind, wanted)), None)
 
 
-async def _with_what_is_heard(ros: RosbridgeClient, offer: RobotOffer) -> RobotOffer:
+async def _with_received_streams(ros: RosbridgeClient, offer: RobotOffer) -> RobotOffer:
     frames: set[str] = set()
     joints: dict[str, None] = {}
 
@@ -419,22 +419,22 @@ async def _with_what_is_heard(ros: RosbridgeClient, offer: RobotOffer) -> RobotO
     def take_joints(message: Any) -> None:
         joints.update(dict.fromkeys(joint_messages.decode_joint_state(message).positions))
 
-    wanted: tuple[tuple[str, Callable[[Any], None]], ...] = (
+    readers: tuple[tuple[str, Callable[[Any], None]], ...] = (
         ("tf2_msgs/TFMessage", take_transforms),
         ("tf/tfMessage", take_transforms),
         ("sensor_msgs/JointState", take_joints),
     )
-    ears: list[RosbridgeTopic] = []
+    listeners: list[RosbridgeTopic] = []
     for topic, kind in offer.topics.items():
-        for known, take in wanted:
-            if same_type(kind, known) and len(ears) < _MOST_ASKED:
-                ear = RosbridgeTopic(ros, topic, kind, every_message=True, queue_length=20)
-                ear.subscribe(take)
-                ears.append(ear)
-    if ears:
+        for known, take in readers:
+            if same_type(kind, known) and len(listeners) < _MOST_ASKED:
+                listener = RosbridgeTopic(ros, topic, kind, every_message=True, queue_length=20)
+                listener.subscribe(take)
+                listeners.append(listener)
+    if listeners:
         await asyncio.sleep(_LISTEN_S)
-    for ear in ears:
-        ear.unsubscribe()
+    for listener in listeners:
+        listener.unsubscribe()
     return replace(offer, frames=tuple(sorted(frames)), joints=tuple(joints))
 
 
@@ -480,7 +480,7 @@ class _StreamListener:
         self._count = 0
         self._first_s = self._last_s = 0.0
         self._message: Any = None
-        self._heard_ns = 0
+        self._received_ns = 0
         every = self._tree is not None
         self._topic = RosbridgeTopic(ros, named.topic, kind, queue_length=20 if every else 1, every_message=every)
         self._topic.subscribe(self._take)
@@ -490,7 +490,7 @@ class _StreamListener:
         return self._named.topic
 
     @property
-    def heard(self) -> bool:
+    def received(self) -> bool:
         return self._count > 0
 
     def close(self) -> None:
@@ -501,7 +501,7 @@ class _StreamListener:
         self._first_s = self._first_s or self._last_s
         self._count += 1
         self._message = message
-        self._heard_ns = time.time_ns()
+        self._received_ns = time.time_ns()
         if self._tree is not None:
             transforms = message_conversion.decode_tf_message(message, unusable=lambda *_reason: None)
             self._tree.add(transforms, static=self._named.field == "tf_static")
@@ -541,7 +541,7 @@ class _StreamListener:
             stamp_ns = decode_time(header.get("stamp"))
         except ValueError:
             return None
-        return None if stamp_ns is None else (self._heard_ns + offset_ns - stamp_ns) / 1e9
+        return None if stamp_ns is None else (self._received_ns + offset_ns - stamp_ns) / 1e9
 
 
 async def _clock_offset_ns(ros: RosbridgeClient) -> int | None:
@@ -591,11 +591,11 @@ def _unfit(named: NamedTopic, detail: str) -> StreamCheck:
     return StreamCheck(named.field, named.label, named.topic, "wrong", None, None, detail)
 
 
-async def _bridge_subscribes(ros: RosbridgeClient, ears: list[_StreamListener]) -> bool:
+async def _bridge_subscribes(ros: RosbridgeClient, listeners: list[_StreamListener]) -> bool:
     """True if the robot lists rosbridge among the subscribers of received topics."""
-    for ear in ears:
-        if ear.heard:
-            names = await _names(ros, "subscribers", "Subscribers", "subscribers", topic=ear.topic)
+    for listener in listeners:
+        if listener.received:
+            names = await _names(ros, "subscribers", "Subscribers", "subscribers", topic=listener.topic)
             return any(_BRIDGE in name for name in names)
     return False
 
@@ -674,9 +674,9 @@ def _description_of(named: NamedTopic, profile: RobotProfile, tree: TransformTre
     return _DESCRIPTIONS.get(named.types[0], lambda _message: QT_TR_NOOP("Messages received."))
 
 
-def _joints(message: Any, wanted: tuple[str, str]) -> str:
+def _joints(message: Any, names: tuple[str, str]) -> str:
     known = joint_messages.decode_joint_state(message).positions
-    lacking = [joint for joint in wanted if joint not in known]
+    lacking = [joint for joint in names if joint not in known]
     # Joints may be spread over several messages, so one without them proves nothing.
     if not lacking:
         return QT_TR_NOOP("Both head joints are reported.")

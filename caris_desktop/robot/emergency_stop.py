@@ -64,8 +64,8 @@ class EmergencyStop:
         self._in_background = in_background
         self._wizard_latched = False
         self._robot_latched = False
-        self._asked = 0
-        self._asked_by: Actor = ""
+        self._attempt = 0
+        self._requested_by: Actor = ""
         # None before the robot has listed them.
         self._services: frozenset[str] | None = None
         self._reached = False
@@ -95,8 +95,8 @@ class EmergencyStop:
 
     def set(self, command: SetEmergencyStop) -> None:
         """Latch or clear by the wizard."""
-        self._asked += 1
-        self._asked_by = command.actor
+        self._attempt += 1
+        self._requested_by = command.actor
         if command.latched:
             self._reached = self._reported_unreached = False
             self._latch(wizard=True, by="wizard")
@@ -246,7 +246,7 @@ class EmergencyStop:
         self._wizard_latched = self._wizard_latched if wizard is None else wizard
         self._robot_latched = self._robot_latched if robot is None else robot
         # The robot only repeats what the wizard latched.
-        actor = self._asked_by if by == "wizard" or self._wizard_latched else ""
+        actor = self._requested_by if by == "wizard" or self._wizard_latched else ""
         if self.latched or before:
             self._stopped.set_emergency_stop(self.latched, actor)
         # The wizard's latching is reported where it was pressed, with or without a link.
@@ -281,9 +281,9 @@ class EmergencyStop:
             else:
                 self._report_result(latched=latched, reason=QT_TR_NOOP("the robot is not connected"))
             return
-        wanted = interface.service or (interface.set_service if latched else interface.clear_service)
+        default_service = interface.service or (interface.set_service if latched else interface.clear_service)
         # rosapi's list may be outdated: the stop service is called in any case.
-        service = wanted if latched or self._reached else self._offered(wanted)
+        service = default_service if latched or self._reached else self._offered(default_service)
         if service is not None and interface.service is not None:
             kind = service_type_name(self._dialect, "std_srvs", "SetBool")
             request = {interface.service_field: latched is interface.service_stop_value}
@@ -296,16 +296,16 @@ class EmergencyStop:
             self._clear_here()
 
     def _call(self, service: str, kind: str, request: dict[str, Any], *, latched: bool) -> None:
-        self._in_background(self._call_now(service, kind, request, latched=latched, asked=self._asked))
+        self._in_background(self._call_now(service, kind, request, latched=latched, attempt=self._attempt))
 
-    async def _call_now(self, service: str, kind: str, request: dict[str, Any], *, latched: bool, asked: int) -> None:
+    async def _call_now(self, service: str, kind: str, request: dict[str, Any], *, latched: bool, attempt: int) -> None:
         try:
             answer = await self._ros.ask(service, kind, request)
             reason, unanswered = "" if answer.get("success", True) else str(answer.get("message") or _REFUSED), False
         except ServiceCallError as error:
             reason, unanswered = str(error), True
         # The wizard may have changed the state in the meantime; the last request counts.
-        if asked != self._asked:
+        if attempt != self._attempt:
             return
         if latched and unanswered and self._offered(service) is None:
             self._not_reached(service)

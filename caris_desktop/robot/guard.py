@@ -68,7 +68,7 @@ class _View:
     increment_rad: float
     ranges_m: Array
     uncovered_rad: Array
-    whole: bool
+    full_circle: bool
 
     def knows(self, points_in_odom: Array, *, seen: bool) -> NDArray[np.bool_]:
         """True for points within the beams' coverage; ``seen``: and without an obstacle in between."""
@@ -138,9 +138,9 @@ class ObstacleGuard:
         self._delay_s = 0.0
         self._period_s = 0.0
         self._blocked = False
-        self._own_range_m = np.full(_BINS, np.nan)
-        self._own_since_s = np.zeros(_BINS)
-        self._own_since_m = np.zeros(_BINS)
+        self._body_range_m = np.full(_BINS, np.nan)
+        self._body_since_s = np.zeros(_BINS)
+        self._body_since_m = np.zeros(_BINS)
         self._forget_surroundings()
 
     # Measurements
@@ -185,7 +185,7 @@ class ObstacleGuard:
             angle_min_rad, increment_rad = angle_min_rad + (len(ranges_m) - 1) * increment_rad, -increment_rad
         with np.errstate(invalid="ignore"):
             # A beam without an echo reads inf, 0 or beyond the range; one that never measures reads nan or less than 0.
-            looks = ranges_m >= 0.0
+            measuring = ranges_m >= 0.0
             measured = (ranges_m >= max(scan.range_min_m, 1e-3)) & (ranges_m <= scan.range_max_m)
         measured &= np.isfinite(ranges_m)
         usable = math.isfinite(angle_min_rad) and 1e-5 < increment_rad < 1.0
@@ -200,10 +200,10 @@ class ObstacleGuard:
         angles = angle_min_rad + increment_rad * np.arange(len(ranges_m))
         points_in_laser = np.column_stack((at_laser * np.cos(angles), at_laser * np.sin(angles)))
         points_in_robot = transformed(scan.robot_from_laser, points_in_laser)
-        own = self._own_body(points_in_robot, ranges_m, measured, angles, now_s)
-        obstacle = measured & ~own
-        looks &= ~own
-        whole = len(ranges_m) * increment_rad > 2.0 * math.pi - 1.5 * increment_rad
+        on_body = self._own_body(points_in_robot, ranges_m, measured, angles, now_s)
+        obstacle = measured & ~on_body
+        measuring &= ~on_body
+        full_circle = len(ranges_m) * increment_rad > 2.0 * math.pi - 1.5 * increment_rad
         odom_from_robot = self._pose_at(scan)
         view = _View(
             stamp_s=now_s,
@@ -212,11 +212,11 @@ class ObstacleGuard:
             angle_min_rad=angle_min_rad,
             increment_rad=increment_rad,
             ranges_m=np.where(measured, ranges_m, np.inf),
-            uncovered_rad=_angle_to_nearest(looks, increment_rad, whole=whole),
-            whole=whole and bool(looks.all()),
+            uncovered_rad=_angle_to_nearest(measuring, increment_rad, full_circle=full_circle),
+            full_circle=full_circle and bool(measuring.all()),
         )
-        self._remember_what_left_the_view(view, looks, own)
-        legs = _stands_free(points_in_laser, ranges_m, measured, whole=whole)
+        self._remember_what_left_the_view(view, measuring, on_body)
+        legs = _stands_free(points_in_laser, ranges_m, measured, full_circle=full_circle)
         self._view = view
         self._store_view(view)
         self._points_in_odom = transformed(odom_from_robot, points_in_robot[obstacle])
@@ -327,7 +327,7 @@ class ObstacleGuard:
         view = self._view
         if view is None:
             return False
-        if view.whole:
+        if view.full_circle:
             return True
         fastest_mps = math.hypot(twist.forward_mps, twist.left_mps) + abs(twist.turn_radps) * self._footprint.radius_m
         until_s = self._settings.reaction_s + (self._settings.stop_distance_m + 0.1) / fastest_mps
@@ -392,7 +392,9 @@ class ObstacleGuard:
         self._view = None
         self._views.clear()
 
-    def _remember_what_left_the_view(self, view: _View, looks: NDArray[np.bool_], own: NDArray[np.bool_]) -> None:
+    def _remember_what_left_the_view(
+        self, view: _View, measuring: NDArray[np.bool_], on_body: NDArray[np.bool_]
+    ) -> None:
         """Remember earlier points outside of the new coverage or below its minimum range, except those on the robot's
         body.
         """
@@ -407,21 +409,21 @@ class ObstacleGuard:
         distance = np.hypot(x, y)
         beyond_min = np.mod(np.arctan2(y, x) - view.angle_min_rad, 2.0 * math.pi)
         beam = np.rint(beyond_min / view.increment_rad).astype(np.intp)
-        if view.whole:
-            beam %= len(looks)
-        within = beam < len(looks)
-        beam = np.minimum(beam, len(looks) - 1)
-        seen_anew = within & looks[beam] & (np.isfinite(view.ranges_m[beam]) | (distance > _NEAR_FIELD_M))
-        if own.any():
+        if view.full_circle:
+            beam %= len(measuring)
+        within = beam < len(measuring)
+        beam = np.minimum(beam, len(measuring) - 1)
+        seen_anew = within & measuring[beam] & (np.isfinite(view.ranges_m[beam]) | (distance > _NEAR_FIELD_M))
+        if on_body.any():
             in_robot = transformed(view.odom_from_robot.inverse(), self._memory_in_odom)
-            seen_anew |= within & own[beam] & (self._footprint.gap_m(in_robot) < 0.0)
+            seen_anew |= within & on_body[beam] & (self._footprint.gap_m(in_robot) < 0.0)
         keep = ~seen_anew & (distance <= _REMEMBERED_WITHIN_M) & (view.stamp_s - self._memory_s <= MEMORY_S)
         self._memory_in_odom = self._memory_in_odom[keep]
         self._memory_legs = self._memory_legs[keep]
         self._memory_s = self._memory_s[keep]
 
     def _store_view(self, view: _View) -> None:
-        if view.whole:
+        if view.full_circle:
             return
         if self._views:
             # Relative to the start of the last one, else slow motion would carry it along forever.
@@ -450,14 +452,14 @@ class ObstacleGuard:
         current_m = np.full(_BINS, np.nan)
         current_m[bins[inside]] = ranges_m[inside]
         with np.errstate(invalid="ignore"):
-            same = np.abs(current_m - self._own_range_m) < _SAME_RANGE_M
-        self._own_since_s[~same] = now_s
-        self._own_since_m[~same] = self._travelled_m
-        self._own_range_m[~same] = current_m[~same]
-        moved = self._travelled_m - self._own_since_m[bins] >= _OWN_AFTER_M
-        lasted = now_s - self._own_since_s[bins] >= _DEEP_OWN_AFTER_S
-        own: NDArray[np.bool_] = inside & (moved | (lasted & (gaps_m < -_DEEP_M)))
-        return own
+            same = np.abs(current_m - self._body_range_m) < _SAME_RANGE_M
+        self._body_since_s[~same] = now_s
+        self._body_since_m[~same] = self._travelled_m
+        self._body_range_m[~same] = current_m[~same]
+        moved = self._travelled_m - self._body_since_m[bins] >= _OWN_AFTER_M
+        lasted = now_s - self._body_since_s[bins] >= _DEEP_OWN_AFTER_S
+        on_body: NDArray[np.bool_] = inside & (moved | (lasted & (gaps_m < -_DEEP_M)))
+        return on_body
 
 
 class GuardChangeDetector:
@@ -521,25 +523,25 @@ def _alike(limit: GuardLimit, reported: GuardLimit) -> bool:
     return abs(limit.distance_m - reported.distance_m) < max(0.05, 0.1 * reported.distance_m)
 
 
-def _angle_to_nearest(looks: NDArray[np.bool_], increment_rad: float, *, whole: bool) -> Array:
+def _angle_to_nearest(measuring: NDArray[np.bool_], increment_rad: float, *, full_circle: bool) -> Array:
     """Angle of each beam to the nearest measuring one; ``inf`` if there is none."""
-    count = len(looks)
-    if looks.all():
+    count = len(measuring)
+    if measuring.all():
         return np.zeros(count)
-    if not looks.any():
+    if not measuring.any():
         return np.full(count, np.inf)
     beams = np.arange(count)
-    if whole:
-        beams, looks = np.arange(3 * count), np.tile(looks, 3)
-    before = np.maximum.accumulate(np.where(looks, beams, -(10**6)))
-    after = np.minimum.accumulate(np.where(looks, beams, 10**6)[::-1])[::-1]
+    if full_circle:
+        beams, measuring = np.arange(3 * count), np.tile(measuring, 3)
+    before = np.maximum.accumulate(np.where(measuring, beams, -(10**6)))
+    after = np.minimum.accumulate(np.where(measuring, beams, 10**6)[::-1])[::-1]
     steps = np.minimum(beams - before, after - beams)
-    nearest: Array = (steps[count : 2 * count] if whole else steps) * increment_rad
+    nearest: Array = (steps[count : 2 * count] if full_circle else steps) * increment_rad
     return nearest
 
 
 def _stands_free(
-    points_in_laser: Array, ranges_m: Array, measured: NDArray[np.bool_], *, whole: bool
+    points_in_laser: Array, ranges_m: Array, measured: NDArray[np.bool_], *, full_circle: bool
 ) -> NDArray[np.bool_]:
     """Points on a round, free-standing object no wider than a person.
 
@@ -555,7 +557,7 @@ def _stands_free(
     if len(ends) < 2:
         return free
     firsts, lasts = np.concatenate(([ends[-1] + 1 - count], ends[:-1] + 1)), ends
-    if not whole:
+    if not full_circle:
         firsts, lasts = firsts[1:], lasts[1:]
         lasts, firsts = lasts[lasts < count - 1], firsts[lasts < count - 1]
     nearer = (rise[firsts - 1] < 0.0) & (rise[lasts] > 0.0) & measured[firsts]

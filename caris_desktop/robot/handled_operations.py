@@ -38,10 +38,10 @@ class HandledOperations:
         self._loop = asyncio.get_running_loop()
         self._ros = ros
         self._handled = handled
-        self._own = secrets.token_hex(4)
+        self._sender_id = secrets.token_hex(4)
         self._numbers = itertools.count(1)
-        self._asked_s: dict[int, float] = {}
-        self._last_asked_s = 0.0
+        self._requested_s: dict[int, float] = {}
+        self._last_request_s = 0.0
         self._connected_s = 0.0
         self._offered = False
         self._comes_back = False
@@ -71,7 +71,7 @@ class HandledOperations:
         self.ask()
 
     def link_lost(self) -> None:
-        self._asked_s.clear()
+        self._requested_s.clear()
         self._offered = False
         self._comes_back = False
         self._unhandled_since_s = None
@@ -82,12 +82,12 @@ class HandledOperations:
 
     def ask(self) -> None:
         """Send a request behind the latest commands."""
-        now_s = self._last_asked_s = self._loop.time()
-        late = any(now_s - asked_s > _SECOND_QUESTION_AFTER_S for asked_s in self._asked_s.values())
+        now_s = self._last_request_s = self._loop.time()
+        late = any(now_s - requested_s > _SECOND_QUESTION_AFTER_S for requested_s in self._requested_s.values())
         number = next(self._numbers)
-        self._asked_s[number] = now_s
+        self._requested_s[number] = now_s
         if self._offered:
-            self._topic.publish({"data": f"{self._own} {number}"})
+            self._topic.publish({"data": f"{self._sender_id} {number}"})
         protocol = self._ros.factory.motion_protocol
         if protocol is not None and (late or not self._comes_back):
 
@@ -95,18 +95,18 @@ class HandledOperations:
                 if not isinstance(reason, NoAnswer):
                     self._answered(number)
 
-            question = {"op": "call_service", "id": f"{NO_SERVICE}:{self._own}:{number}", "service": NO_SERVICE}
+            question = {"op": "call_service", "id": f"{NO_SERVICE}:{self._sender_id}:{number}", "service": NO_SERVICE}
             protocol.send_ros_service_request(question, answer, answer, _WAITED_FOR_AT_MOST_S)
 
     def ask_now_and_then(self) -> None:
         """Send periodic requests, so that the state is known before the next command."""
-        if self._loop.time() - self._last_asked_s >= _ASKED_EVERY_S and len(self._asked_s) < _MOST_UNHANDLED:
+        if self._loop.time() - self._last_request_s >= _ASKED_EVERY_S and len(self._requested_s) < _MOST_UNHANDLED:
             self.ask()
 
     def stuck(self) -> bool:
         """True if rosbridge reads messages but has not handled older ones."""
         now_s = self._loop.time()
-        oldest_s = next(iter(self._asked_s.values()), now_s)
+        oldest_s = next(iter(self._requested_s.values()), now_s)
         if not self._proven_once or self._read_to_s - oldest_s < UNHANDLED_AFTER_S:
             self._unhandled_since_s = None
             return False
@@ -116,15 +116,15 @@ class HandledOperations:
         return now_s - self._unhandled_since_s >= _CONFIRMED_AFTER_S
 
     def _take(self, message: Any) -> None:
-        own, _, number = text(message_of(message, "String"), "data", "String").partition(" ")
-        if own == self._own and number.isdecimal() and int(number) in self._asked_s:
+        sender, _, number = text(message_of(message, "String"), "data", "String").partition(" ")
+        if sender == self._sender_id and number.isdecimal() and int(number) in self._requested_s:
             self._comes_back = True
             self._answered(int(number))
 
     def _answered(self, number: int) -> None:
-        asked_s = self._asked_s.get(number)
-        if asked_s is None:
+        requested_s = self._requested_s.get(number)
+        if requested_s is None:
             return
         self._proven_once = True
-        self._asked_s = {later: at_s for later, at_s in self._asked_s.items() if later > number}
-        self._handled(self._loop.time() - asked_s)
+        self._requested_s = {later: at_s for later, at_s in self._requested_s.items() if later > number}
+        self._handled(self._loop.time() - requested_s)

@@ -240,10 +240,10 @@ def scaled(twist: Twist2D, fraction: float) -> Twist2D:
     return Twist2D(twist.forward_mps * fraction, twist.left_mps * fraction, twist.turn_radps * fraction)
 
 
-def _reachable(current: float, wanted: float, step: float) -> float:
-    """Largest fraction (at most 1) of ``wanted`` reachable in one acceleration step."""
-    reach = (abs(current) if current * wanted > 0.0 else 0.0) + step
-    return 1.0 if abs(wanted) <= reach else reach / abs(wanted)
+def _reachable(current: float, target: float, step: float) -> float:
+    """Largest fraction (at most 1) of ``target`` reachable in one acceleration step."""
+    reach = (abs(current) if current * target > 0.0 else 0.0) + step
+    return 1.0 if abs(target) <= reach else reach / abs(target)
 
 
 def _bounded(value: float, lowest: float, highest: float) -> float:

@@ -112,7 +112,7 @@ class RobotMaps:
         self._offer = offer
         self._in_background(self._find_out_mapping())
 
-    def link_heard(self) -> None:
+    def link_recovered(self) -> None:
         """Repeat the state after link trouble, since displays have cleared it."""
         if self._reported:
             self._set_mapping(self._mapping)
@@ -191,13 +191,13 @@ class RobotMaps:
             case "load":
                 return await self._load(path, offer)
             case "start_mapping" | "start_localization":
-                wanted = command.operation == "start_mapping"
+                starts = command.operation == "start_mapping"
                 paused = await self._ask_paused()
                 mapping = not paused if paused is not None else self._mapping
                 # The service toggles; slam_toolbox starts in mapping mode.
-                if (mapping is not False) != wanted and offer.pause is not None:
+                if (mapping is not False) != starts and offer.pause is not None:
                     await self._call(offer.pause, "slam_toolbox", "Pause", {})
-                self._set_mapping(wanted)
+                self._set_mapping(starts)
                 return ""
 
     async def _save(self, path: str, offer: _Offer) -> str:

@@ -95,10 +95,10 @@ class RobotSound:
             else:
                 topic.unsubscribe()
 
-    def play(self, asked: PlayOnRobot) -> None:
+    def play(self, request: PlayOnRobot) -> None:
         """Send audio now, or not at all."""
         if self._speaker is not None:
-            self._speaker.publish(encode_audio_data(asked.samples))
+            self._speaker.publish(encode_audio_data(request.samples))
 
     def link_lost(self) -> None:
         self._restart()
@@ -297,7 +297,7 @@ class MediaLink:
     def link_silent(self) -> None:
         self._report.changed("trouble", QT_TR_NOOP("No video or map for a moment"))
 
-    def link_heard(self) -> None:
+    def link_recovered(self) -> None:
         self._report.changed("connected")
 
     def link_lost(self, reason: str) -> None:

@@ -270,9 +270,9 @@ def _number(value: Any, type_: str, where: str) -> float:
 def _time(value: Any, where: str) -> Any:
     names = ({"secs", "nsecs"}, {"sec", "nanosec"})
     parts = value if isinstance(value, Mapping) else {}
-    whole = all(isinstance(part, int) and not isinstance(part, bool) for part in parts.values())
+    integers = all(isinstance(part, int) and not isinstance(part, bool) for part in parts.values())
     # ROS 1's rosbridge replaces this word by the robot's time.
-    if value != "now" and not (parts and whole and any(set(parts) <= allowed for allowed in names)):
+    if value != "now" and not (parts and integers and any(set(parts) <= allowed for allowed in names)):
         raise MessageMismatchError(
             localized(QT_TR_NOOP("{where} must be a time in whole seconds and nanoseconds"), where=_named(where))
         )

@@ -41,11 +41,11 @@ class MovementCheck:
     def forget(self, now_s: float) -> None:
         """Reset for a new connection: earlier motion may still be stopping."""
         self._since_s = now_s
-        self._heard_s: float | None = None
+        self._odometry_s: float | None = None
         self._period_s = 0.0
         self._poses: deque[tuple[float, Pose2D]] = deque(maxlen=64)
         self._twist = ZERO_TWIST
-        self._tells_speed = False
+        self._odometry_has_speed = False
         self._moves_in_a_row = 0
         self._commanded_since_s: float | None = None
         self._followed_s = now_s
@@ -67,7 +67,7 @@ class MovementCheck:
                 math.hypot(twist.forward_mps, twist.left_mps) / self._limits.deceleration_mps2,
                 abs(twist.turn_radps) / self._limits.turn_deceleration_radps2,
             )
-            braking_s += 0.0 if self._tells_speed else _WINDOW_S
+            braking_s += 0.0 if self._odometry_has_speed else _WINDOW_S
             self._may_move_until_s = now_s + min(_REACTION_S + braking_s, _LONGEST_GRACE_S)
 
     def moves_by_itself(self, now_s: float) -> None:
@@ -87,20 +87,20 @@ class MovementCheck:
         """A velocity on the command topic: an echo of ours, or another sender's."""
         if not twist.moving or any(
             # A rosbridge that was stopped obeys what lay in it of the connection before.
-            now_s - max(at_s, self._since_s) <= _ECHO_WITHIN_S and _same(twist, own)
-            for at_s, own in reversed(self._sent)
+            now_s - max(at_s, self._since_s) <= _ECHO_WITHIN_S and _same(twist, sent_twist)
+            for at_s, sent_twist in reversed(self._sent)
         ):
             return
         self._foreign_s = now_s
 
     def take_odometry(self, odometry: Odometry) -> None:
         now_s = odometry.stamp_ns / 1e9
-        if self._heard_s is not None:
-            period_s = min(now_s - self._heard_s, 2.0)
+        if self._odometry_s is not None:
+            period_s = min(now_s - self._odometry_s, 2.0)
             self._period_s = period_s if not self._period_s else 0.8 * self._period_s + 0.2 * period_s
-        self._heard_s = now_s
+        self._odometry_s = now_s
         self._twist = odometry.twist
-        self._tells_speed = self._tells_speed or odometry.twist.moving
+        self._odometry_has_speed = self._odometry_has_speed or odometry.twist.moving
         self._note_pose(odometry.pose_in_odom, now_s)
         drifts = self._drifts()
         alarming = math.hypot(odometry.twist.forward_mps, odometry.twist.left_mps) > _ALARMING_MPS
@@ -119,16 +119,16 @@ class MovementCheck:
     def state(self, now_s: float) -> MovementState:
         """Present state."""
         if self._control_s is not None:
-            stands = self.stood_since_s is not None or self._heard_s is None
+            stands = self.stood_since_s is not None or self._odometry_s is None
             if stands and now_s - max(self._control_s, self.stood_since_s or 0.0) > _CONTROL_MOVES_WITHIN_S:
                 self._control_s = None
             else:
                 self.moves_by_itself(now_s)
         foreign = now_s - self._foreign_s <= _FOREIGN_COUNTS_S and now_s > self._may_move_until_s
-        if self._heard_s is None:
+        if self._odometry_s is None:
             silent = self._has_odometry and now_s - self._since_s > _FIRST_WITHIN_S
             return "commanded_elsewhere" if foreign else "silent" if silent else "unknown"
-        if now_s - self._heard_s > max(_SILENT_AFTER_S, _SILENT_PERIODS * self._period_s):
+        if now_s - self._odometry_s > max(_SILENT_AFTER_S, _SILENT_PERIODS * self._period_s):
             return "commanded_elsewhere" if foreign else "silent"
         if self._moves_in_a_row >= _MOVES_IN_A_ROW and now_s > self._may_move_until_s:
             return "uncommanded"
@@ -148,13 +148,13 @@ class MovementCheck:
         drifts_mps, drifts_radps = self._drift()
         turns = _direction(sent)[0] == "turn"
         if turns:
-            wanted, least = abs(sent.turn_radps), 0.02
+            expected, least = abs(sent.turn_radps), 0.02
             along = max(measured.turn_radps * math.copysign(1.0, sent.turn_radps), drifts_radps)
         else:
-            wanted, least = math.hypot(sent.forward_mps, sent.left_mps), 0.01
-            along = (measured.forward_mps * sent.forward_mps + measured.left_mps * sent.left_mps) / wanted
+            expected, least = math.hypot(sent.forward_mps, sent.left_mps), 0.01
+            along = (measured.forward_mps * sent.forward_mps + measured.left_mps * sent.left_mps) / expected
             along = max(along, drifts_mps)
-        return along >= max(_FOLLOWS_SHARE * wanted, least)
+        return along >= max(_FOLLOWS_SHARE * expected, least)
 
     def _drifts(self) -> bool:
         drifts_mps, drifts_radps = self._drift()
@@ -172,7 +172,7 @@ class MovementCheck:
 
     def _drift(self) -> tuple[float, float]:
         """Speeds from poses alone, for odometry without velocities."""
-        if self._tells_speed or not self._poses:
+        if self._odometry_has_speed or not self._poses:
             return 0.0, 0.0
         (begin_s, begin), (end_s, end) = self._poses[0], self._poses[-1]
         lasted_s = end_s - begin_s

@@ -39,7 +39,7 @@ NO_NAVIGATION = QT_TR_NOOP("this robot's profile does not define navigation")
 class _Goal:
     """Present goal. ``wire_id`` is its id on the robot."""
 
-    asked: GoTo
+    command: GoTo
     wire_id: str
     state: GoalState = "requested"
     distance_left_m: float | None = None
@@ -76,7 +76,7 @@ class Navigator:
         self._epoch = 0
         self._map_frame = map_frame
         self._pose_in_map: Pose2D | None = None
-        self._robot_tells_distance = False
+        self._robot_reports_distance = False
         self._server: ActionClient | None = None
         self._moves_base = server is not None and server.kind == "move_base"
         if server is not None:
@@ -109,7 +109,7 @@ class Navigator:
         if wire_id is None:
             self.refuse(command, QT_TR_NOOP("the robot is not connected"))
             return
-        self._robot_tells_distance = False
+        self._robot_reports_distance = False
         self._goal = _Goal(command, wire_id, distance_left_m=self._beeline_m(target_in_map))
         self._notify()
         epoch = self._epoch
@@ -189,8 +189,8 @@ class Navigator:
     def robot_moved(self, pose_in_map: Pose2D) -> None:
         """Set the robot's pose; the straight-line distance is used if the robot reports none."""
         self._pose_in_map = pose_in_map
-        if self._goal is not None and not self._robot_tells_distance:
-            self._progress(self._beeline_m(self._goal.asked.target_in_map))
+        if self._goal is not None and not self._robot_reports_distance:
+            self._progress(self._beeline_m(self._goal.command.target_in_map))
 
     def goal_feedback(self, wire_id: str, feedback: Message) -> None:
         goal = self._goal
@@ -200,10 +200,10 @@ class Navigator:
         decoded = decode(feedback)
         if decoded.pose_in_map is not None:
             self._pose_in_map = decoded.pose_in_map
-        self._robot_tells_distance = decoded.distance_left_m is not None
+        self._robot_reports_distance = decoded.distance_left_m is not None
         self.goal_active(wire_id)
         self._progress(
-            decoded.distance_left_m if self._robot_tells_distance else self._beeline_m(goal.asked.target_in_map)
+            decoded.distance_left_m if self._robot_reports_distance else self._beeline_m(goal.command.target_in_map)
         )
 
     def _progress(self, distance_left_m: float | None) -> None:
@@ -233,13 +233,13 @@ class Navigator:
             self._emit(
                 GoalChanged(
                     now_ns(),
-                    goal.asked.goal_id,
+                    goal.command.goal_id,
                     goal.state,
-                    goal.asked.target_in_map,
-                    goal.asked.place,
+                    goal.command.target_in_map,
+                    goal.command.place,
                     goal.distance_left_m,
                     detail,
-                    goal.cancelled_by if goal.state == "cancelled" else goal.asked.actor,
+                    goal.cancelled_by if goal.state == "cancelled" else goal.command.actor,
                 )
             )
 

@@ -45,11 +45,11 @@ class NavigationSpeed:
         self._server = server
         self._emit = emit
         self._in_background = in_background
-        self._wanted_mps: float | None = None
-        self._wanted_by: Actor = CONSOLE
+        self._requested_mps: float | None = None
+        self._requested_by: Actor = CONSOLE
         self._limit_mps: float | None = None
         self._reported_failure = False
-        self._asked = 0
+        self._attempt = 0
         self._topic: RosbridgeTopic | None = None
         interface = server.speed_limit if server is not None else None
         self._reconfigure = interface.reconfigure if interface is not None else None
@@ -63,7 +63,7 @@ class NavigationSpeed:
     def limit(self, command: LimitGoals) -> None:
         """Apply the limit of manual driving to goals too."""
         if math.isfinite(command.forward_mps) and command.forward_mps > 0.0:
-            self._wanted_mps, self._wanted_by = command.forward_mps, command.actor
+            self._requested_mps, self._requested_by = command.forward_mps, command.actor
             self.apply()
 
     def link_connected(self) -> None:
@@ -72,27 +72,27 @@ class NavigationSpeed:
 
     def link_lost(self) -> None:
         # Others may set the robot's limit meanwhile.
-        self._asked += 1
+        self._attempt += 1
         self._persist(None, CONSOLE)
 
     def apply(self) -> None:
         """Send the limit, if the robot is connected."""
-        if self._wanted_mps is None or not self._ros.is_connected:
+        if self._requested_mps is None or not self._ros.is_connected:
             return
-        self._asked += 1
-        limit_mps = self._wanted_mps
+        self._attempt += 1
+        limit_mps = self._requested_mps
         if self._server is not None and self._server.max_mps is not None:
             limit_mps = min(limit_mps, self._server.max_mps)
         if self._topic is not None:
             self._topic.publish(encode_speed_limit(limit_mps))
-            self._in_background(self._check_listeners(limit_mps, self._topic.name, asked=self._asked))
+            self._in_background(self._check_listeners(limit_mps, self._topic.name, attempt=self._attempt))
         elif self._reconfigure is not None:
             answer = self._ask_for(limit_mps, self._reconfigure)
-            self._in_background(self._hear(answer, limit_mps, self._reconfigure, asked=self._asked))
+            self._in_background(self._hear(answer, limit_mps, self._reconfigure, attempt=self._attempt))
 
     async def restore(self) -> None:
         """Restore the robot's own limit when the console leaves."""
-        self._asked += 1
+        self._attempt += 1
         if self._limit_mps is None or not self._ros.is_connected:
             return
         if self._topic is not None:
@@ -104,7 +104,7 @@ class NavigationSpeed:
             except (TimeoutError, ServiceCallError) as error:
                 logger.info("The navigation's speed stays as it was told: %s", error)
 
-    async def _check_listeners(self, limit_mps: float, topic: str, *, asked: int) -> None:
+    async def _check_listeners(self, limit_mps: float, topic: str, *, attempt: int) -> None:
         package = "rosapi" if self._dialect is Dialect.ROS1 else "rosapi_msgs"
         kind = service_type_name(self._dialect, package, "Subscribers")
         try:
@@ -114,33 +114,33 @@ class NavigationSpeed:
         except ServiceCallError as error:
             unknown = QT_TR_NOOP("the subscribers of {topic} are unknown: {why}")
             reason = localized(unknown, topic=topic, why=error)
-        self._settle(limit_mps, reason, asked=asked)
+        self._settle(limit_mps, reason, attempt=attempt)
 
-    async def _hear(self, answer: Awaitable[Any], limit_mps: float, node: str, *, asked: int) -> None:
+    async def _hear(self, answer: Awaitable[Any], limit_mps: float, node: str, *, attempt: int) -> None:
         try:
             now = decode_reconfigured(await answer, self._parameters)
         except (ServiceCallError, MessageError) as error:
-            self._settle(limit_mps, str(error), asked=asked)
+            self._settle(limit_mps, str(error), attempt=attempt)
             return
         fastest = max(now.values(), default=math.inf)
         refused = localized(QT_TR_NOOP("{node} did not accept {names}"), node=node, names=", ".join(self._parameters))
         reason = "" if fastest <= limit_mps + _SAME_MPS else refused
-        self._settle(limit_mps, reason, asked=asked)
+        self._settle(limit_mps, reason, attempt=attempt)
 
     def _ask_for(self, limit_mps: float, node: str) -> Awaitable[Any]:
         kind = service_type_name(self._dialect, "dynamic_reconfigure", "Reconfigure")
         request = encode_reconfigure(dict.fromkeys(self._parameters, limit_mps))
         return self._ros.ask(f"{node}/set_parameters", kind, request)
 
-    def _settle(self, limit_mps: float, reason: str, *, asked: int) -> None:
-        if asked != self._asked:
+    def _settle(self, limit_mps: float, reason: str, *, attempt: int) -> None:
+        if attempt != self._attempt:
             return  # a newer limit was sent meanwhile; its answer counts
-        self._persist(None if reason else limit_mps, self._wanted_by)
+        self._persist(None if reason else limit_mps, self._requested_by)
         if not reason or self._reported_failure:
             return
         self._reported_failure = True
         logger.warning("The navigation's speed: %s", reason)
-        own = self._server.max_mps if self._server is not None else None
+        profile_max_mps = self._server.max_mps if self._server is not None else None
         self._emit(
             Problem(
                 now_ns(),
@@ -151,13 +151,13 @@ class NavigationSpeed:
                 QT_TR_NOOP(
                     "When navigating, the robot drives at its own configured speed, regardless of the limit in Drive."
                 )
-                if own is None
+                if profile_max_mps is None
                 else localized(
                     QT_TR_NOOP(
                         "When navigating, the robot drives at up to {speed} m/s, as set in its profile, "
                         "regardless of the limit in Drive."
                     ),
-                    speed=f"{own:.2f}",
+                    speed=f"{profile_max_mps:.2f}",
                 ),
                 QT_TR_NOOP(
                     "Watch the robot; press Esc to stop it. Correct 'speed_limit' under 'navigation' in the "

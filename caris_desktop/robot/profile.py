@@ -113,10 +113,10 @@ def list_profiles(user_dir: Path | None = None) -> tuple[ListedProfile, ...]:
 
     The first call takes 0.2 s, later ones 1 ms for unchanged files.
     """
-    own = [_listed(path, shipped=False) for path in _own_files(user_dir or user_robots_dir())]
-    names = {profile.name for profile in own}
+    user_profiles = [_listed(path, shipped=False) for path in _own_files(user_dir or user_robots_dir())]
+    names = {profile.name for profile in user_profiles}
     shipped = [_listed(_robots_dir() / f"{name}.yaml", shipped=True) for name in shipped_profiles()]
-    return (*own, *(profile for profile in shipped if profile.name not in names))
+    return (*user_profiles, *(profile for profile in shipped if profile.name not in names))
 
 
 def load_profile(name_or_path_or_url: str, *, user_dir: Path | None = None) -> RobotProfile:
@@ -137,18 +137,18 @@ def load_profile(name_or_path_or_url: str, *, user_dir: Path | None = None) -> R
 
 def profile_file(name_or_path_or_url: str, *, user_dir: Path | None = None) -> Path | None:
     """File that :func:`load_profile` reads for this robot; None for an address. Raises ProfileError."""
-    wanted = name_or_path_or_url.strip()
-    if "://" in wanted:
+    reference = name_or_path_or_url.strip()
+    if "://" in reference:
         return None
-    if re.fullmatch(_NAME, wanted) and not Path(wanted).is_file():
-        return _file_of(wanted, user_dir or user_robots_dir())
-    return Path(wanted)
+    if re.fullmatch(_NAME, reference) and not Path(reference).is_file():
+        return _file_of(reference, user_dir or user_robots_dir())
+    return Path(reference)
 
 
 def leaves_ros_open(name_or_path_or_url: str) -> bool:
     """True for an address without a ROS version."""
-    wanted = name_or_path_or_url.strip()
-    return "://" in wanted and "ros" not in parse_qs(urlsplit(wanted).query)
+    reference = name_or_path_or_url.strip()
+    return "://" in reference and "ros" not in parse_qs(urlsplit(reference).query)
 
 
 def with_ros(url: str, ros: RosVersion) -> str:
@@ -247,9 +247,9 @@ def profile_file_name(title: str) -> str:
 
 def _profile_at_address(url: str) -> RobotProfile:
     parts = urlsplit(check_address(url))
-    asked = parse_qs(parts.query)
-    ros = asked.pop("ros", ["1"])[-1]
-    if asked or ros not in ("1", "2"):
+    query = parse_qs(parts.query)
+    ros = query.pop("ros", ["1"])[-1]
+    if query or ros not in ("1", "2"):
         raise ProfileError(
             tr("{url}: only ros=1 or ros=2 is allowed after the '?' of an address.").format(url=repr(url))
         )
@@ -272,9 +272,9 @@ def _own_files(user_dir: Path) -> list[Path]:
 
 
 def _file_of(name: str, user_dir: Path) -> Path:
-    own, shipped = user_dir / f"{name}.yaml", _robots_dir() / f"{name}.yaml"
-    if own.is_file():
-        return own
+    user_file, shipped = user_dir / f"{name}.yaml", _robots_dir() / f"{name}.yaml"
+    if user_file.is_file():
+        return user_file
     if shipped.is_file():
         return shipped
     from caris_desktop.domain.schema_validation import did_you_mean

@@ -62,8 +62,8 @@ def _speech_that_moves(profile: RobotProfile) -> Iterator[Problem]:
     }
     for path, (name, type_name) in uses.items():
         if name is not None and moves_or_releases(name, type_name, robot):
-            said = tr("{key}: {name} moves the robot or releases its emergency stop, which speech must not do.")
-            yield ("speech", *path), said.format(key=name_of(("speech", *path)), name=name)
+            template = tr("{key}: {name} moves the robot or releases its emergency stop, which speech must not do.")
+            yield ("speech", *path), template.format(key=name_of(("speech", *path)), name=name)
 
 
 def profile_data(profile: RobotProfile, folder: Path) -> dict[str, Any]:
@@ -84,8 +84,8 @@ def profile_data(profile: RobotProfile, folder: Path) -> dict[str, Any]:
                 ).format(ca_file=ca_file, folder=folder)
             )
         security = replace(security, ca_file=ca_file.relative_to(folder).as_posix())
-    said: dict[str, Any] = data_of(RobotProfile, replace(profile, security=security))
-    return {"version": PROFILE_VERSION} | said
+    data: dict[str, Any] = data_of(RobotProfile, replace(profile, security=security))
+    return {"version": PROFILE_VERSION} | data
 
 
 def _with_absolute_names(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
@@ -99,10 +99,10 @@ def _with_absolute_names(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[
             return value
         name = value if value.startswith("/") else prefix + value
         if data["ros"] == 2 and (re.search(r"/[0-9]", name) or "__" in name):
-            said = tr(
+            template = tr(
                 "{key}: {name} is not a valid ROS 2 name: no part may start with a digit or contain two _ in a row."
             )
-            wrong.append((path, said.format(key=name_of(path), name=repr(value))))
+            wrong.append((path, template.format(key=name_of(path), name=repr(value))))
         return name
 
     given = dict(data)
@@ -183,9 +183,9 @@ def _navigation_problems(navigation: Mapping[str, Any], ros: int) -> Iterator[Pr
     if "speed_limit" in navigation:
         path: KeyPath = ("navigation", "speed_limit")
         if ("reconfigure" if ros == 1 else "topic") not in navigation["speed_limit"]:
-            wanted = tr("{key}: with ros: 1, reconfigure is required.") if ros == 1 else ""
-            wanted = wanted or tr("{key}: with ros: 2, a topic is required.")
-            yield path, wanted.format(key=name_of(path))
+            missing = tr("{key}: with ros: 1, reconfigure is required.") if ros == 1 else ""
+            missing = missing or tr("{key}: with ros: 2, a topic is required.")
+            yield path, missing.format(key=name_of(path))
         elif ros == 1 and "max_mps" not in navigation:
             # Otherwise a higher limit of the wizard would exceed the manufacturer's.
             yield (

@@ -28,8 +28,8 @@ class ProfileText:
         try:
             self._source = parse_yaml(text)
         except YamlSourceError as error:
-            said = tr("{file}, line {line}: {problem}").format(file=file_name, line=error.line, problem=error)
-            raise ProfileError(f"{said.rstrip('.')}.") from error
+            message = tr("{file}, line {line}: {problem}").format(file=file_name, line=error.line, problem=error)
+            raise ProfileError(f"{message.rstrip('.')}.") from error
         if not isinstance(self._source.data, dict):
             raise ProfileError(
                 tr("{file_name}: a robot profile must be a list of 'name: value' lines.").format(file_name=file_name)

@@ -624,17 +624,17 @@ def interface_names(profile: RobotProfile) -> RobotInterfaceNames:
         profile.head.topic if profile.head is not None else None,
         *(_name_of(one) for one in profile.controls if one.is_motion and one.control_class in ("motion", "unknown")),
     )
-    own = profile.emergency_stop or EmergencyStopInterface()
+    interface = profile.emergency_stop or EmergencyStopInterface()
     fields = (
-        (own.service, own.service_field, own.service_stop_value),
-        (own.command_topic, "data", True),
-        (own.topic, "data", not own.inverted),
-        (own.set_service, "", True),
+        (interface.service, interface.service_field, interface.service_stop_value),
+        (interface.command_topic, "data", True),
+        (interface.topic, "data", not interface.inverted),
+        (interface.set_service, "", True),
     )
     return RobotInterfaceNames(
         tuple(name for name in motion if name is not None),
         tuple(StopField(name, field, stops) for name, field, stops in fields if name is not None),
-        () if own.clear_service is None else (own.clear_service,),
+        () if interface.clear_service is None else (interface.clear_service,),
     )
 
 

@@ -364,31 +364,34 @@ class _Ranking:
 
     def navigation(self) -> list[Candidate]:
         found = []
-        why: str
+        reason: str
         for action, found_type in self._offer.actions.items():
             last = action.rsplit("/", 1)[-1]
             if any(same_type(found_type, wanted) for wanted in _NAVIGATION):
-                certainty, why = 0.95, localized(QT_TR_NOOP("It is an action server of type {type}."), type=found_type)
+                certainty, reason = (
+                    0.95,
+                    localized(QT_TR_NOOP("It is an action server of type {type}."), type=found_type),
+                )
             elif not found_type and last in ("move_base", "navigate_to_pose"):
-                certainty, why = 0.75, QT_TR_NOOP("It is an action server with the usual name.")
+                certainty, reason = 0.75, QT_TR_NOOP("It is an action server with the usual name.")
             else:
                 continue
-            found.append(self._in_namespace(Candidate(action, found_type, certainty, why)))
+            found.append(self._in_namespace(Candidate(action, found_type, certainty, reason)))
         return _best_first(found)
 
     def voices(self) -> list[Candidate]:
         found = []
         for action, found_type in self._offer.actions.items():
             if any(same_type(found_type, known) for known, _ in _SPEECH_ACTIONS):
-                why = QT_TR_NOOP("It is a speech action, which reports when it has finished.")
-                found.append(Candidate(action, found_type, 0.95, why))
+                reason = QT_TR_NOOP("It is a speech action, which reports when it has finished.")
+                found.append(Candidate(action, found_type, 0.95, reason))
         for topic, found_type in self._offer.topics.items():
             spoken = same_type(found_type, "std_msgs/String") and _SPEECH_WORDS.search(topic)
             if spoken and not _HEARING_WORDS.search(topic):
                 last = topic.rsplit("/", 1)[-1]
                 certainty = 0.8 if last in ("tts", "speech", "say") else 0.55
-                why = localized(QT_TR_NOOP("It accepts text and is named “{name}”."), name=last)
-                found.append(Candidate(topic, found_type, certainty, why))
+                reason = localized(QT_TR_NOOP("It accepts text and is named “{name}”."), name=last)
+                found.append(Candidate(topic, found_type, certainty, reason))
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
     def emergency_stops(self) -> list[Candidate]:
@@ -400,15 +403,17 @@ class _Ranking:
                 continue
             switch = _SWITCH_WORDS.search(service)
             if any(same_type(found_type, known) for known, _field in _STOP_SERVICES):
-                why = QT_TR_NOOP("It is a service of type {type} with a matching name.")
+                reason = QT_TR_NOOP("It is a service of type {type} with a matching name.")
                 if switch:
-                    why = QT_TR_NOOP("It is a service of type {type} that switches the motors: false stops.")
-                found.append(Candidate(service, found_type, 0.7 if switch else 0.9, localized(why, type=found_type)))
+                    reason = QT_TR_NOOP("It is a service of type {type} that switches the motors: false stops.")
+                found.append(Candidate(service, found_type, 0.7 if switch else 0.9, localized(reason, type=found_type)))
             elif any(same_type(found_type, known) for known in _PAIRED_SERVICES):
                 release = _release_of(service, services)
                 if release is not None:
-                    why = QT_TR_NOOP("They are two services of type {type}: one stops, the other releases.")
-                    found.append(Candidate(f"{service} | {release}", found_type, 0.7, localized(why, type=found_type)))
+                    reason = QT_TR_NOOP("They are two services of type {type}: one stops, the other releases.")
+                    found.append(
+                        Candidate(f"{service} | {release}", found_type, 0.7, localized(reason, type=found_type))
+                    )
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
     def heads(self) -> list[Candidate]:
@@ -419,11 +424,11 @@ class _Ranking:
             if kind is None or (kind == "joint_trajectory" and "head" not in topic.lower() and "neck" not in topic):
                 continue
             if joints is None:
-                why = QT_TR_NOOP("Its type matches, but the joint states contain no head joints.")
-                found.append(Candidate(topic, found_type, 0.3, why))
+                reason = QT_TR_NOOP("Its type matches, but the joint states contain no head joints.")
+                found.append(Candidate(topic, found_type, 0.3, reason))
             else:
-                why = QT_TR_NOOP("It moves joints, and {pan} and {tilt} exist.")
-                found.append(Candidate(topic, found_type, 0.85, localized(why, pan=joints[0], tilt=joints[1])))
+                reason = QT_TR_NOOP("It moves joints, and {pan} and {tilt} exist.")
+                found.append(Candidate(topic, found_type, 0.85, localized(reason, pan=joints[0], tilt=joints[1])))
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
     def map_nodes(self, service: str) -> list[Candidate]:
@@ -431,8 +436,8 @@ class _Ranking:
         for name, found_type in self._offer.services.items():
             node, _, last = name.rpartition("/")
             if last == service and node:
-                why = localized(QT_TR_NOOP("It has the service {name}."), name=name)
-                found.append(Candidate(node, found_type, 0.9, why))
+                reason = localized(QT_TR_NOOP("It has the service {name}."), name=name)
+                found.append(Candidate(node, found_type, 0.9, reason))
         return _best_first(self._in_namespace(candidate) for candidate in found)
 
     def _rated(self, kind: _Kind, topic: str, found_type: str) -> Candidate:
@@ -480,12 +485,12 @@ class _Ranking:
 def _proposal(key: str, label: str, candidates: list[Candidate], *, least: float = 0.4) -> FieldProposal:
     best = candidates[0] if candidates and candidates[0].confidence >= least else None
     if best is not None:
-        why = best.why
+        reason = best.why
     elif candidates:
-        why = localized(QT_TR_NOOP("{count} of this type, none with a matching name."), count=len(candidates))
+        reason = localized(QT_TR_NOOP("{count} of this type, none with a matching name."), count=len(candidates))
     else:
-        why = QT_TR_NOOP("The robot offers nothing of this kind.")
-    return FieldProposal(key, label, best.value if best else "", tuple(candidates), why)
+        reason = QT_TR_NOOP("The robot offers nothing of this kind.")
+    return FieldProposal(key, label, best.value if best else "", tuple(candidates), reason)
 
 
 def _camera_proposal(index: int, candidates: list[Candidate]) -> FieldProposal:
@@ -664,9 +669,11 @@ def _release_of(service: str, services: Mapping[str, str]) -> str | None:
     return None
 
 
-def _has_word(words: Iterable[str], wanted: str) -> bool:
-    """True if ``wanted`` is a word, or a part between underscores of one."""
-    return any(wanted == word or wanted in word.split("_") or (len(wanted) > 5 and wanted in word) for word in words)
+def _has_word(words: Iterable[str], keyword: str) -> bool:
+    """True if ``keyword`` is a word, or a part between underscores of one."""
+    return any(
+        keyword == word or keyword in word.split("_") or (len(keyword) > 5 and keyword in word) for word in words
+    )
 
 
 def _best_first(candidates: Iterable[Candidate]) -> list[Candidate]:

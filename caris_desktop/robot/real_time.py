@@ -86,14 +86,14 @@ def _ask_realtime_kit() -> None:
     from jeepney.wrappers import unwrap_msg
 
     kit = DBusAddress("/org/freedesktop/RealtimeKit1", _RTKIT, _RTKIT)
-    own = threading.get_native_id()
-    others = [tid for thread in Path("/proc/self/task").iterdir() if (tid := int(thread.name)) != own]
+    own_tid = threading.get_native_id()
+    others = [tid for thread in Path("/proc/self/task").iterdir() if (tid := int(thread.name)) != own_tid]
     try:
         _limit_to(LONGEST_S, _RTKIT_LONGEST_S)
         with open_dbus_connection(bus="SYSTEM") as bus:
             for tid in others:
-                asked = new_method_call(kit, "MakeThreadRealtime", "tu", (tid, _PRIORITY))
-                unwrap_msg(bus.send_and_get_reply(asked, timeout=_ANSWERED_WITHIN_S))
+                call = new_method_call(kit, "MakeThreadRealtime", "tu", (tid, _PRIORITY))
+                unwrap_msg(bus.send_and_get_reply(call, timeout=_ANSWERED_WITHIN_S))
     except (OSError, ValueError, KeyError, TimeoutError, DBusErrorResponse) as error:
         logger.info("waits for its turn like other programs: %s", error)
     else:

@@ -95,10 +95,10 @@ async def take_inventory(ros: RosbridgeClient) -> RobotInventory:
 
 def what_rosapi_said(error: Exception) -> str:
     """Sentence on a failed query: no answer, or rosbridge's own text."""
-    said = error.said.strip() if isinstance(error, ServiceCallError) else ""
-    if not said:
+    reason = error.answer.strip() if isinstance(error, ServiceCallError) else ""
+    if not reason:
         return QT_TR_NOOP("rosapi does not respond.")
-    words = said if len(said) <= _SAID_AT_MOST else f"{said[:_SAID_AT_MOST]}…"
+    words = reason if len(reason) <= _SAID_AT_MOST else f"{reason[:_SAID_AT_MOST]}…"
     return localized(QT_TR_NOOP("rosbridge says “{words}”."), words=words)
 
 
@@ -143,7 +143,7 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
         if otherwise:
             sentences.append(localized("{label}: {sentence}", label=localized(named.label), sentence=otherwise))
             continue
-        wanted = " or ".join(in_dialect(dialect, one) for one in named.types)
+        expected_types = " or ".join(in_dialect(dialect, one) for one in named.types)
         if kind is None:
             if named.needed:
                 words = (
@@ -154,7 +154,7 @@ def missing_from(profile: RobotProfile, inventory: RobotInventory) -> list[str]:
                 lacks(named.field, named.label, localized(words, topic=named.topic))
         elif kind and not any(same_type(kind, one) for one in named.types):
             carries = QT_TR_NOOP("{topic} has the type {kind}, but {wanted} was expected.")
-            lacks(named.field, named.label, localized(carries, topic=named.topic, kind=kind, wanted=wanted))
+            lacks(named.field, named.label, localized(carries, topic=named.topic, kind=kind, wanted=expected_types))
     for field, label, action in actions_of(profile):
         if inventory.has_action(action) is False:
             lacks(field, label, localized(QT_TR_NOOP("the robot has no action {action}."), action=action))
@@ -377,7 +377,7 @@ class LinkProbe:
 
     def link_silent(self) -> None: ...
 
-    def link_heard(self) -> None: ...
+    def link_recovered(self) -> None: ...
 
     def link_round_trip(self, round_trip_s: float) -> None: ...
 
@@ -419,26 +419,28 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
 
 async def _silent_streams(ros: RosbridgeClient, profile: RobotProfile) -> list[str]:
     """One sentence for each continuous stream of the profile that is silent."""
-    all_heard = asyncio.Event()
-    wanted = [named for named in named_in(profile) if named.published and named.needed]
-    wanted = [named for named in wanted if named.expected_hz is not None and named.expected_hz > 1.0 / _LISTENED_S]
-    silent = {named.topic for named in wanted}
+    all_received = asyncio.Event()
+    streams = [named for named in named_in(profile) if named.published and named.needed]
+    streams = [named for named in streams if named.expected_hz is not None and named.expected_hz > 1.0 / _LISTENED_S]
+    silent = {named.topic for named in streams}
 
     def hear(topic: str) -> None:
         silent.discard(topic)
         if not silent:
-            all_heard.set()
+            all_received.set()
 
-    for named in wanted:
+    for named in streams:
         topic = RosbridgeTopic(ros, named.topic, in_dialect(Dialect(profile.ros), named.types[0]))
         topic.subscribe(lambda _message, name=named.topic: hear(name))
     if silent:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(_LISTENED_S):
-                await all_heard.wait()
+                await all_received.wait()
     nothing = QT_TR_NOOP("{label}: no messages on {topic}.")
     return [
-        localized(nothing, label=localized(named.label), topic=named.topic) for named in wanted if named.topic in silent
+        localized(nothing, label=localized(named.label), topic=named.topic)
+        for named in streams
+        if named.topic in silent
     ]
 
 

@@ -28,7 +28,7 @@ STARTED_UNTOLD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class _Utterance:
-    asked: Say
+    command: Say
     started: bool = False
 
 
@@ -76,7 +76,7 @@ class ActionVoice:
     def say(self, command: Say) -> None:
         utterance = _Utterance(command)
         if not self._ros.is_connected:
-            report_utterance(self._emit, utterance.asked, "failed", QT_TR_NOOP("the robot is not connected"))
+            report_utterance(self._emit, utterance.command, "failed", QT_TR_NOOP("the robot is not connected"))
             return
         self._waiting.append(utterance)
         if len(self._waiting) == 1:
@@ -98,7 +98,9 @@ class ActionVoice:
             self._adrift = True
             self._wait(FATE_TOLD_WITHIN_S, lambda: self._finish("failed", FATE_UNKNOWN))
         for utterance in unsent:
-            report_utterance(self._emit, utterance.asked, "failed", QT_TR_NOOP("the connection to the robot was lost"))
+            report_utterance(
+                self._emit, utterance.command, "failed", QT_TR_NOOP("the connection to the robot was lost")
+            )
 
     def link_connected(self) -> None:
         due, self._silence_due = self._silence_due, None
@@ -123,7 +125,7 @@ class ActionVoice:
             return
         if not self._waiting[0].started:
             self._waiting[0] = replace(self._waiting[0], started=True)
-            report_utterance(self._emit, self._waiting[0].asked, "started", estimated=self._reckoned)
+            report_utterance(self._emit, self._waiting[0].command, "started", estimated=self._reckoned)
         elif not self._adrift:
             return
         self._adrift = False
@@ -150,8 +152,8 @@ class ActionVoice:
         self._finish(states[ending], detail, "" if ending == "cancelled" else None)
 
     def _send_next(self) -> None:
-        asked = self._waiting[0].asked
-        self._wire_id = self._client.send(asked.utterance_id, fill_template(self._goal, asked.text))
+        command = self._waiting[0].command
+        self._wire_id = self._client.send(command.utterance_id, fill_template(self._goal, command.text))
         if self._wire_id is None:
             self._end_all("failed", QT_TR_NOOP("the robot is not connected"))
         elif self._dialect is Dialect.ROS1:
@@ -172,7 +174,7 @@ class ActionVoice:
         self._wire_id = None
         self._adrift, self._silence_due = False, None
         self._wait(None, None)
-        report_utterance(self._emit, self._waiting.popleft().asked, state, detail, actor)
+        report_utterance(self._emit, self._waiting.popleft().command, state, detail, actor)
         if self._waiting:
             self._send_next()
 
@@ -181,7 +183,7 @@ class ActionVoice:
         self._adrift, self._silence_due = False, None
         self._wait(None, None)
         while self._waiting:
-            report_utterance(self._emit, self._waiting.popleft().asked, state, detail, actor)
+            report_utterance(self._emit, self._waiting.popleft().command, state, detail, actor)
 
     def _wait(self, delay_s: float | None, then: Callable[[], None] | None) -> None:
         if self._timer is not None:
@@ -303,17 +305,17 @@ class TopicVoice:
             )
         else:
             self._start(0.0, "")
-            asked = self._waiting[0].asked
-            self._wait(estimated_duration_s(asked.text, asked.language), self._finish)
+            command = self._waiting[0].command
+            self._wait(estimated_duration_s(command.text, command.language), self._finish)
 
     def _start(self, at_most_s: float, detail: str) -> None:
         head = self._waiting.popleft()
         self._waiting.appendleft(replace(head, started=True))
-        report_utterance(self._emit, head.asked, "started", "", estimated=self._estimates)
+        report_utterance(self._emit, head.command, "started", "", estimated=self._estimates)
         self._wait(at_most_s, lambda: self._fail(detail))
 
     def _finish(self) -> None:
-        report_utterance(self._emit, self._waiting.popleft().asked, "finished", "", estimated=self._estimates)
+        report_utterance(self._emit, self._waiting.popleft().command, "finished", "", estimated=self._estimates)
         self._next()
 
     def _fail(self, detail: str) -> None:
@@ -334,7 +336,7 @@ class TopicVoice:
         self._adrift, self._silence_due, self._in_one_breath = False, None, False
         self._wait(None, None)
         while self._waiting:
-            report_utterance(self._emit, self._waiting.popleft().asked, state, detail, actor)
+            report_utterance(self._emit, self._waiting.popleft().command, state, detail, actor)
 
     def _wait(self, delay_s: float | None, then: Callable[[], None] | None) -> None:
         if self._timer is not None:
@@ -342,12 +344,12 @@ class TopicVoice:
         self._timer = self._loop.call_later(delay_s, then) if delay_s is not None and then is not None else None
 
     def _notify(self, utterance: _Utterance, state: UtteranceState, detail: str) -> None:
-        report_utterance(self._emit, utterance.asked, state, detail)
+        report_utterance(self._emit, utterance.command, state, detail)
 
 
 def report_utterance(
     emit: Callable[[UtteranceChanged], None],
-    asked: Say,
+    command: Say,
     state: UtteranceState,
     detail: str = "",
     actor: Actor | None = None,
@@ -358,15 +360,15 @@ def report_utterance(
     emit(
         UtteranceChanged(
             now_ns(),
-            asked.utterance_id,
+            command.utterance_id,
             "robot",
-            asked.recorded or asked.text,
-            asked.origin,
+            command.recorded or command.text,
+            command.origin,
             state,
             voice="robot",
             detail=detail,
-            actor=asked.actor if actor is None else actor,
-            person_id=asked.person_id,
+            actor=command.actor if actor is None else actor,
+            person_id=command.person_id,
             estimated=estimated,
         )
     )

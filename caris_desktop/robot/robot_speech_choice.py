@@ -43,11 +43,11 @@ class RobotSpeech:
         emit: Callable[[UtteranceChanged], None],
     ) -> None:
         self._voice = _voice_of(ros, dialect, speech, emit)
-        self._own = UnpromptedSpeech(ros, dialect, speech.says if speech is not None else None, emit=emit)
+        self._unprompted = UnpromptedSpeech(ros, dialect, speech.says if speech is not None else None, emit=emit)
 
     def say(self, command: Say) -> None:
         """Request speech now, or after the present utterance."""
-        self._own.asked(command.text)
+        self._unprompted.asked(command.text)
         self._voice.say(command)
 
     def silence(self, actor: Actor) -> bool:
@@ -61,7 +61,7 @@ class RobotSpeech:
         self._voice.link_connected()
 
     async def close(self) -> None:
-        self._own.close()
+        self._unprompted.close()
         await self._voice.close()
 
 
@@ -97,7 +97,7 @@ class UnpromptedSpeech:
         self, ros: RosbridgeClient, dialect: Dialect, topic: str | None, *, emit: Callable[[UtteranceChanged], None]
     ) -> None:
         self._emit = emit
-        self._asked: deque[tuple[int, str]] = deque(maxlen=_ASKED_AT_MOST)
+        self._requested: deque[tuple[int, str]] = deque(maxlen=_ASKED_AT_MOST)
         self._now: UtteranceChanged | None = None
         self._timer: asyncio.TimerHandle | None = None
         if topic is not None:
@@ -108,7 +108,7 @@ class UnpromptedSpeech:
 
     def asked(self, text: str) -> None:
         """Note a requested text."""
-        self._asked.append((now_ns(), _plain(text)))
+        self._requested.append((now_ns(), _plain(text)))
 
     def close(self) -> None:
         self._finish()
@@ -127,9 +127,9 @@ class UnpromptedSpeech:
     def _was_asked(self, text: str) -> bool:
         since_ns = now_ns() - int(LONGEST_UTTERANCE_S * 1e9)
         plain = _plain(text)
-        recent = [asked for at_ns, asked in self._asked if at_ns > since_ns]
+        recent = [text for at_ns, text in self._requested if at_ns > since_ns]
         # Some robots report a long text in parts.
-        return plain in recent or (len(plain) >= _PART_AT_LEAST and any(plain in asked for asked in recent))
+        return plain in recent or (len(plain) >= _PART_AT_LEAST and any(plain in text for text in recent))
 
     def _finish(self) -> None:
         if self._timer is not None:
@@ -396,8 +396,10 @@ class ServiceSpeaker:
         except ServiceCallError as error:
             raise NotSaidError(str(error)) from error
         if answer.get("success", True) is False:
-            said = answer.get("message")
-            raise NotSaidError(said[:200] if isinstance(said, str) and said else QT_TR_NOOP("the robot refused"))
+            message = answer.get("message")
+            raise NotSaidError(
+                message[:200] if isinstance(message, str) and message else QT_TR_NOOP("the robot refused")
+            )
 
 
 class WebSpeaker:

@@ -227,7 +227,7 @@ class Sensors:
         elapsed_s = min((self._ros.arrival_ns - before.stamp_ns) / 1e9, 1.0)
         return before.pose_in_odom @ moved_by(twist, elapsed_s)
 
-    def _complain_of_transform(self, parent: str, child: str, why: str) -> None:
+    def _complain_of_transform(self, parent: str, child: str, reason: str) -> None:
         if child not in self._reported_transforms and len(self._reported_transforms) >= 20:
             return
         self._reported_transforms.add(child)
@@ -238,7 +238,7 @@ class Sensors:
                 QT_TR_NOOP("The transform from {parent} to {child} cannot be used: {why}."),
                 parent=repr(parent[:100]),
                 child=repr(child[:100]),
-                why=why,
+                why=reason,
             ),
             meaning=QT_TR_NOOP("Frames attached to it have no position; the robot's other transforms are used."),
             advice=QT_TR_NOOP("Correct the node on the robot that publishes this transform."),
@@ -276,8 +276,8 @@ class Sensors:
 
     def _complain_of_place(self) -> None:
         since_ns = self._transforms_since_ns
-        wanted = self._profile.map is not None or self._profile.navigation is not None
-        if self._reported_lost or not wanted or since_ns is None:
+        needs_place = self._profile.map is not None or self._profile.navigation is not None
+        if self._reported_lost or not needs_place or since_ns is None:
             return
         if self._ros.arrival_ns - since_ns < PLACE_KNOWN_AFTER_NS:
             return

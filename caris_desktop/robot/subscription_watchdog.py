@@ -29,18 +29,18 @@ class _Listener:
     """
 
     def __init__(
-        self, topic: RosbridgeTopic, take: Callable[[Any], None], heard: Callable[["_Listener"], None]
+        self, topic: RosbridgeTopic, take: Callable[[Any], None], on_received: Callable[["_Listener"], None]
     ) -> None:
         self.topic = topic
-        self.heard = False
-        self.asked_anew = 0
+        self.received = False
+        self.resubscriptions = 0
         self.encoding: Literal["usual", "other", "back", "settled"] = "usual"
         self._take = take
-        self._heard = heard
+        self._on_received = on_received
 
     def hear(self, message: Any) -> None:
-        if not self.heard:
-            self._heard(self)
+        if not self.received:
+            self._on_received(self)
         self._take(message)
 
 
@@ -67,7 +67,7 @@ class SubscriptionWatchdog:
 
     def subscribe(self, topic: RosbridgeTopic, take: Callable[[Any], None]) -> None:
         """Subscribe to ``topic`` and watch it."""
-        listener = _Listener(topic, take, self._on_heard)
+        listener = _Listener(topic, take, self._on_first_message)
         self._known.append(listener)
         topic.subscribe(listener.hear)
         if self._ros.is_connected:
@@ -80,8 +80,8 @@ class SubscriptionWatchdog:
 
     def link_connected(self) -> None:
         for listener in self._known:
-            listener.heard = False
-            listener.asked_anew = 0
+            listener.received = False
+            listener.resubscriptions = 0
         self._begin()
 
     def link_lost(self) -> None:
@@ -104,11 +104,11 @@ class SubscriptionWatchdog:
         pause_s = FIRST_LOOK_S
         while True:
             await asyncio.sleep(pause_s)
-            silent = {listener.topic.name: listener for listener in self._known if not listener.heard}
+            silent = {listener.topic.name: listener for listener in self._known if not listener.received}
             if not silent:
                 return
             for name, listener in silent.items():
-                if await self._is_published(name) and not listener.heard:
+                if await self._is_published(name) and not listener.received:
                     self._change_subscription(listener)
             # A map in progress arrives later anyway; frequent requests cost the robot time.
             pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
@@ -125,8 +125,8 @@ class SubscriptionWatchdog:
         if listener.encoding == "back":
             return  # that is decided soon
         # In ROS 2 the quality of service is the likelier reason: it comes first.
-        other = self._dialect is Dialect.ROS1 or listener.asked_anew % 2 == 1
-        listener.asked_anew += 1
+        other = self._dialect is Dialect.ROS1 or listener.resubscriptions % 2 == 1
+        listener.resubscriptions += 1
         if other and listener.encoding != "settled":
             listener.encoding = "other" if listener.encoding == "usual" else "usual"
             self._resubscribe(listener, other_encoding=True)
@@ -142,7 +142,7 @@ class SubscriptionWatchdog:
         logger.info("Subscribing anew to %s, encoding %s", name, encoding)
         return str(encoding)
 
-    def _on_heard(self, listener: _Listener) -> None:
+    def _on_first_message(self, listener: _Listener) -> None:
         loop = asyncio.get_running_loop()
         if listener.encoding == "other":
             listener.encoding = "back"
@@ -153,14 +153,14 @@ class SubscriptionWatchdog:
             usual = "cbor" if listener.topic.compression == "cbor" else "json"
             waited_s = loop.time() - self._back_since_s[listener.topic.name]
             if self._ros.factory.traffic.encoding_of(listener.topic.name) == usual or waited_s > _STILL_UNDER_WAY_S:
-                listener.encoding, listener.heard = "usual", True
+                listener.encoding, listener.received = "usual", True
         else:
-            listener.heard = True
+            listener.received = True
 
     def _settle(self, listener: _Listener) -> None:
         if listener.encoding != "back" or listener not in self._known:
             return
-        listener.encoding, listener.heard = "settled", True
+        listener.encoding, listener.received = "settled", True
         encoding = self._resubscribe(listener, other_encoding=True)
         if encoding not in _ENCODINGS:
             return

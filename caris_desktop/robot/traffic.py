@@ -18,7 +18,7 @@ class _Count:
     size_bytes: int = 0
     refused: int = 0
     encoding: Literal["", "cbor", "json"] = ""
-    heard_ns: int | None = None
+    received_ns: int | None = None
     stamp_ns: int | None = None
 
 
@@ -44,7 +44,7 @@ class TrafficMeter:
         count = self._count(topic)
         count.messages += 1
         count.size_bytes += size_bytes
-        count.heard_ns = arrival_ns
+        count.received_ns = arrival_ns
 
     def decoded(self, topic: str, message: Any, *, binary: bool) -> None:
         """Note the encoding and stamp of a decoded message."""
@@ -71,17 +71,17 @@ class TrafficMeter:
         topics = []
         for topic, count in sorted(self._counts.items()):
             age_ms = None
-            if count.messages and count.stamp_ns and count.heard_ns is not None:
-                offset = offset_at(count.heard_ns)
+            if count.messages and count.stamp_ns and count.received_ns is not None:
+                offset = offset_at(count.received_ns)
                 if offset is not None:
-                    age_ms = (count.heard_ns + offset.offset_ns - count.stamp_ns) / 1e6
+                    age_ms = (count.received_ns + offset.offset_ns - count.stamp_ns) / 1e6
             topics.append(
                 TopicTraffic(
                     topic=topic,
                     type=count.type,
                     rate_hz=count.messages / period_s,
                     bytes_per_s=count.size_bytes / period_s,
-                    last_heard_s=None if count.heard_ns is None else max(0.0, (now_ns - count.heard_ns) / 1e9),
+                    last_heard_s=None if count.received_ns is None else max(0.0, (now_ns - count.received_ns) / 1e9),
                     age_ms=age_ms,
                     refused=count.refused,
                     encoding=count.encoding,

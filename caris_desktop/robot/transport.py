@@ -119,7 +119,7 @@ class LinkObserver(Protocol):
     def link_silent(self) -> None:
         """The robot has been silent for a moment."""
 
-    def link_heard(self) -> None:
+    def link_recovered(self) -> None:
         """The robot is heard again."""
 
     def link_lost(self, reason: str) -> None:
@@ -136,11 +136,11 @@ class LinkObserver(Protocol):
 
 
 class ServiceCallError(Exception):
-    """A service call failed, timed out, or the link was lost. ``said`` is the robot's answer."""
+    """A service call failed, timed out, or the link was lost. ``answer`` is the robot's answer."""
 
-    def __init__(self, text: str, said: str = "") -> None:
+    def __init__(self, text: str, answer: str = "") -> None:
         super().__init__(text)
-        self.said = said
+        self.answer = answer
 
 
 class AnswerTooLargeError(ServiceCallError):
@@ -301,9 +301,9 @@ class RosbridgeFactory:
     def _protocols(self) -> list[RosbridgeProtocol]:
         return [socket.protocol for socket in self._sockets() if socket.protocol is not None]
 
-    def server_heard_s(self) -> float:
+    def server_received_s(self) -> float:
         """When anything last came from the server, over any of the websockets."""
-        return max(socket.heard_s for socket in self._sockets())
+        return max(socket.received_s for socket in self._sockets())
 
     def connect(self) -> None:
         if self._keeper is None or self._keeper.done():
@@ -582,22 +582,22 @@ class RosbridgeFactory:
         return socket
 
     async def _open_for_calls(self, socket: BridgeSocket) -> None:
-        why = QT_TR_NOOP("the connection to the robot was lost")
+        reason = QT_TR_NOOP("the connection to the robot was lost")
         try:
             await socket.open(ask_first=self._ask_first)
         except (OSError, TimeoutError, ValueError, InvalidHandshake, InvalidURI, SecurityError) as error:
-            why, _ = explain_failure(error, self.url)
-            logger.debug("No further connection: %s", why)
-        wanted = self._questions is socket or socket in self._calls
+            reason, _ = explain_failure(error, self.url)
+            logger.debug("No further connection: %s", reason)
+        needed = self._questions is socket or socket in self._calls
         waiting, socket.waiting = socket.waiting, []
-        if wanted and socket.begin() and socket.protocol is not None:
+        if needed and socket.begin() and socket.protocol is not None:
             for each in waiting:
                 each.send(socket.protocol)
             return
         self._forget_socket(socket)
-        socket.abort(why)
+        socket.abort(reason)
         for each in waiting:
-            self.run_safely(each.fail, NoAnswer(why))
+            self.run_safely(each.fail, NoAnswer(reason))
 
     def _forget_socket(self, socket: BridgeSocket) -> None:
         if self._questions is socket:
@@ -694,11 +694,11 @@ class RosbridgeFactory:
             self._silent = True
             self.run_safely(self._observer.link_silent)
 
-    def socket_heard(self) -> None:
+    def socket_recovered(self) -> None:
         silent = self._main.silent or (self._motion is not None and self._motion.silent)
         if self._silent and not silent:
             self._silent = False
-            self.run_safely(self._observer.link_heard)
+            self.run_safely(self._observer.link_recovered)
 
     def socket_round_trip(self, socket: BridgeSocket, round_trip_s: float) -> None:
         if socket is self._main:
@@ -904,9 +904,9 @@ class RosbridgeClient(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no ty
             if not answer.done():
                 logger.debug("%s (%s) failed: %s", service, service_type, reason)
                 large = isinstance(reason, LargeAnswer)
-                said = "" if isinstance(reason, NoAnswer) else str(reason)
+                message = "" if isinstance(reason, NoAnswer) else str(reason)
                 error = (
-                    AnswerTooLargeError(service, reason) if large else ServiceCallError(f"{service}: {reason}", said)
+                    AnswerTooLargeError(service, reason) if large else ServiceCallError(f"{service}: {reason}", message)
                 )
                 answer.set_exception(error)
 

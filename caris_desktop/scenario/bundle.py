@@ -153,8 +153,8 @@ def conflicts_of(bundle: Bundle, folders: Mapping[PartKind, Path], known: Known)
     for part in (bundle.scenario, *bundle.beside):
         there = known(part.kind, part.name)
         if there is not None and there[1].strip() != part.text.strip():
-            own = there[0].parent == folders[part.kind]
-            found.append(NameConflict(part, *there, own, _free(part, known)))
+            is_users = there[0].parent == folders[part.kind]
+            found.append(NameConflict(part, *there, is_users, _free(part, known)))
     return tuple(found)
 
 
@@ -262,12 +262,12 @@ def _texts(archive: zipfile.ZipFile) -> Iterator[tuple[str, str]]:
 
 def _check_version(about: str, path: Path) -> None:
     try:
-        said = parse_json(about)
+        manifest = parse_json(about)
     except ValueError:
-        said = None
-    if not isinstance(said, dict) or said.get("format") != "caris-scenario":
+        manifest = None
+    if not isinstance(manifest, dict) or manifest.get("format") != "caris-scenario":
         raise BundleError(tr("{name} is not a scenario file, or it is damaged.").format(name=path.name))
-    if said.get("version") != BUNDLE_VERSION:
+    if manifest.get("version") != BUNDLE_VERSION:
         raise BundleError(
             tr("{name} was written by another version of this program. Update the program to read the file.").format(
                 name=path.name

@@ -137,9 +137,9 @@ class ScenarioDocument:
 
     def value(self, path: KeyPath) -> Any:
         """Value at a place or its default; ABSENT if there is none."""
-        said = self.said(path)
-        if said is not ABSENT or not path:
-            return said
+        value = self.written_value(path)
+        if value is not ABSENT or not path:
+            return value
         above, last = self.value(path[:-1]), path[-1]
         if isinstance(last, int) or value_at(above, (last,)) is not ABSENT:
             return value_at(above, (last,))
@@ -148,7 +148,7 @@ class ScenarioDocument:
         except KeyError:
             return ABSENT
 
-    def said(self, path: KeyPath) -> Any:
+    def written_value(self, path: KeyPath) -> Any:
         """Value at a place in the file itself."""
         found = value_at(self.data, path)
         if found is ABSENT and path and isinstance(path[-1], str):
@@ -206,7 +206,7 @@ class ScenarioDocument:
 
     def set(self, path: KeyPath, value: Any) -> None:
         """Set a value. Successive changes at one place are one undo step. Renaming an entry updates its references."""
-        if self.said(path) == value and type(self.said(path)) is type(value):
+        if self.written_value(path) == value and type(self.written_value(path)) is type(value):
             return
         before = self._before_step(path)
         if isinstance(value, str) and (along := self._referring(before.data, path)):
@@ -227,13 +227,17 @@ class ScenarioDocument:
         if (shorter := self._as_text(path)) is not None:
             self._change(path, with_value_at(self.data, path[:-1], shorter), path[:-1], shorter)
             return
-        gone = path
+        removed = path
         data = without_at(self.data, path)
         # Remove a group that existed only for this.
-        while len(gone) > 1 and value_at(data, gone[:-1]) == {} and value_at(self.saved_data, gone[:-1]) is ABSENT:
-            gone = gone[:-1]
-            data = without_at(data, gone)
-        self._change(path, data, gone, ABSENT)
+        while (
+            len(removed) > 1
+            and value_at(data, removed[:-1]) == {}
+            and value_at(self.saved_data, removed[:-1]) is ABSENT
+        ):
+            removed = removed[:-1]
+            data = without_at(data, removed)
+        self._change(path, data, removed, ABSENT)
 
     def add(self, path: KeyPath, entry: Any) -> None:
         """Insert an entry into a list, at the index at the end of ``path``."""
@@ -398,11 +402,11 @@ class ScenarioDocument:
         ids = {entry.get(_ID) for entry in entries if isinstance(entry, Mapping)}
         return [
             place
-            for place, rule, said in references(Scenario, data)
+            for place, rule, value in references(Scenario, data)
             if rule.refers[:-1] == path[:-2]
-            and said not in rule.else_one_of
+            and value not in rule.else_one_of
             # An id takes precedence over an equal title.
-            and (said == name if key == _ID else key == rule.refers[-1] and _same(said, name) and said not in ids)
+            and (value == name if key == _ID else key == rule.refers[-1] and _same(value, name) and value not in ids)
         ]
 
     def _rename(self, before: _State, path: KeyPath, name: str, along: list[KeyPath]) -> None:
@@ -411,7 +415,7 @@ class ScenarioDocument:
         """
         others = value_at(before.data, path[:-2])
         taken = any(
-            isinstance(said := value_at(entry, path[-1:]), str) and _same(said, name)
+            isinstance(value := value_at(entry, path[-1:]), str) and _same(value, name)
             for number, entry in enumerate(others)
             if number != path[-2]
         )

@@ -36,7 +36,7 @@ def gesture_problems(gestures: Iterable[Gesture], of_phrases: Iterable[str]) -> 
     """Duplicate keys, including those ``of_phrases``; paths are relative to their list."""
     gestures = tuple(gestures)
     by_place = tr("the key {key} is already assigned to the gesture '{title}' by its position.")
-    its_own = tr("the key {key} is already assigned to the gesture '{title}'.")
+    taken_text = tr("the key {key} is already assigned to the gesture '{title}'.")
     taken = {
         key: by_place.format(key=key, title=gesture.title)
         for key, gesture in zip(KEYS_BY_PLACE, gestures, strict=False)
@@ -46,4 +46,4 @@ def gesture_problems(gestures: Iterable[Gesture], of_phrases: Iterable[str]) -> 
     for index, gesture in enumerate(gestures):
         if gesture.key and gesture.key in taken:
             yield (index, "key"), taken[gesture.key]
-        taken[gesture.key] = its_own.format(key=gesture.key, title=gesture.title)
+        taken[gesture.key] = taken_text.format(key=gesture.key, title=gesture.title)

@@ -118,7 +118,7 @@ def phrase_problems(entries: Iterable[PhraseEntry]) -> Iterator[Problem]:
             ),
         )
     titles: set[str] = set()
-    said_by: dict[str, str] = {}
+    phrase_by_key: dict[str, str] = {}
     for index, entry in enumerate(entries):
         if isinstance(entry, PhraseGroup):
             if entry.group.casefold() in titles:
@@ -131,7 +131,7 @@ def phrase_problems(entries: Iterable[PhraseEntry]) -> Iterator[Problem]:
             inside = [((index,), entry)]
         for path, phrase in inside:
             if isinstance(phrase, Phrase) and phrase.key:
-                if phrase.key in said_by:
+                if phrase.key in phrase_by_key:
                     taken = tr("the key {key} is already assigned to '{phrase}'.")
-                    yield (*path, "key"), taken.format(key=phrase.key, phrase=said_by[phrase.key])
-                said_by.setdefault(phrase.key, phrase.say)
+                    yield (*path, "key"), taken.format(key=phrase.key, phrase=phrase_by_key[phrase.key])
+                phrase_by_key.setdefault(phrase.key, phrase.say)

@@ -205,7 +205,7 @@ def _new_file(scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str
     try:
         origin = None if scenario.path is None else _known(scenario.path)
         if origin is not None:
-            text, _said = _changed(*origin, data, path)
+            text, _scenario = _changed(*origin, data, path)
     except ScenarioError:
         # The source file has changed; there is nothing to preserve.
         pass
@@ -215,10 +215,10 @@ def _new_file(scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str
     return text, parse_scenario(text, path=path.resolve())
 
 
-def _changed(before: str, said: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:
-    """``before`` with content ``said``, changed to ``data``; unchanged where both agree."""
+def _changed(before: str, scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:
+    """``before`` with content ``scenario``, changed to ``data``; unchanged where both agree."""
     try:
-        text = edited(before, scenario_data(said), data)
+        text = edited(before, scenario_data(scenario), data)
         saved = parse_scenario(text, path=path.resolve())
         if scenario_data(saved) == data:
             return text, saved

@@ -58,9 +58,9 @@ def list_scenarios(*, user_dir: Path | None = None) -> tuple[ScenarioChoice, ...
 
 def scenario_files(*, user_dir: Path | None = None) -> tuple[Path, ...]:
     """Files of ``list_scenarios``, without reading them."""
-    own = _files(user_scenarios_dir() if user_dir is None else user_dir)
-    own_names = {path.stem for path in own}
-    return (*(path for path in _files(layouts_dir()) if path.stem not in own_names), *own)
+    user_files = _files(user_scenarios_dir() if user_dir is None else user_dir)
+    user_names = {path.stem for path in user_files}
+    return (*(path for path in _files(layouts_dir()) if path.stem not in user_names), *user_files)
 
 
 def find_scenario(name_or_path: str | Path, *, user_dir: Path | None = None) -> Path:

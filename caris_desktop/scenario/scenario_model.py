@@ -673,9 +673,9 @@ class Scenario:
     def every_filler(self) -> tuple[str, ...]:
         return (self.filler, *self.fillers) if self.filler else ()
 
-    def next_filler(self, said: int) -> str:
-        """Fillers in rotation, after ``said`` of them; empty without any."""
-        return self.every_filler[said % len(self.every_filler)] if self.filler else ""
+    def next_filler(self, spoken_count: int) -> str:
+        """Fillers in rotation, after ``spoken_count`` of them; empty without any."""
+        return self.every_filler[spoken_count % len(self.every_filler)] if self.filler else ""
 
     def highest_level(self, function: AssistedFunction) -> AssistanceLevel:
         """Highest permitted automation level: off without permission for the language model or for speech, as

@@ -56,8 +56,8 @@ def edited(text: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     UnusualLayoutError
         If the layout of the text is too unusual for that.
     """
-    whole = _ended(text)
-    return _applied(text, whole, _Editor(whole).mapping(_root(whole), old, new))
+    ended = _ended(text)
+    return _applied(text, ended, _Editor(ended).mapping(_root(ended), old, new))
 
 
 def with_value(text: str, path: KeyPath, value: Any, behind: Sequence[str] = ()) -> str:
@@ -66,8 +66,8 @@ def with_value(text: str, path: KeyPath, value: Any, behind: Sequence[str] = ())
 
     Raises UnusualLayoutError.
     """
-    whole = _ended(text)
-    return _applied(text, whole, _Editor(whole).value_at(_root(whole), path, value, behind))
+    ended = _ended(text)
+    return _applied(text, ended, _Editor(ended).value_at(_root(ended), path, value, behind))
 
 
 def without(text: str, path: KeyPath) -> str:
@@ -75,14 +75,14 @@ def without(text: str, path: KeyPath) -> str:
 
     Raises UnusualLayoutError.
     """
-    whole = _ended(text)
-    return _applied(text, whole, _Editor(whole).removed_at(_root(whole), path))
+    ended = _ended(text)
+    return _applied(text, ended, _Editor(ended).removed_at(_root(ended), path))
 
 
 def with_entry(text: str, path: KeyPath, value: Any) -> str:
     """Insert an entry into a list, at the index at the end of ``path``. Raises UnusualLayoutError."""
-    whole = _ended(text)
-    return _applied(text, whole, _Editor(whole).entry_added_at(_root(whole), path, value))
+    ended = _ended(text)
+    return _applied(text, ended, _Editor(ended).entry_added_at(_root(ended), path, value))
 
 
 def with_entry_moved(text: str, path: KeyPath, place: int) -> str:
@@ -90,8 +90,8 @@ def with_entry_moved(text: str, path: KeyPath, place: int) -> str:
 
     Raises UnusualLayoutError.
     """
-    whole = _ended(text)
-    return _applied(text, whole, _Editor(whole).entry_moved(_root(whole), path, place))
+    ended = _ended(text)
+    return _applied(text, ended, _Editor(ended).entry_moved(_root(ended), path, place))
 
 
 def _ended(text: str) -> str:
@@ -112,16 +112,16 @@ def _root(text: str) -> MappingNode:
     return root
 
 
-def _applied(text: str, whole: str, edits: list[_Edit]) -> str:
+def _applied(text: str, ended: str, edits: list[_Edit]) -> str:
     if not edits:
         return text
     parts, position = [], 0
     for edit in sorted(edits, key=lambda edit: (edit.start, edit.end)):
         if edit.start < position:
             raise UnusualLayoutError
-        parts += [whole[position : edit.start], edit.text]
+        parts += [ended[position : edit.start], edit.text]
         position = edit.end
-    return "".join(parts) + whole[position:]
+    return "".join(parts) + ended[position:]
 
 
 class _Editor:
@@ -224,43 +224,43 @@ class _Editor:
         edits: list[_Edit] = []
         before: Node | None = None
         for name in new:
-            wanted, said = new[name], old.get(name, _ABSENT)
+            new_value, old_value = new[name], old.get(name, _ABSENT)
             if name in entries:
                 key, value = entries[name]
-                if wanted != said:
-                    edits += self._entry(key, value, said, wanted)
+                if new_value != old_value:
+                    edits += self._entry(key, value, old_value, new_value)
                 before = value
-            elif wanted != said:
-                edits.append(self._added_key(node, before, name, wanted))
+            elif new_value != old_value:
+                edits.append(self._added_key(node, before, name, new_value))
         for name, (key, value) in entries.items():
             if name in old and name not in new:
                 edits.append(self._removed(node, key.start_mark, value, introduced_by=""))
         return edits
 
-    def _entry(self, key: Node, value: Node, said: Any, wanted: Any) -> list[_Edit]:
+    def _entry(self, key: Node, value: Node, old: Any, new: Any) -> list[_Edit]:
         try:
-            return self._within(value, said, wanted)
+            return self._within(value, old, new)
         except UnusualLayoutError:
             pass
         between = self._text[key.end_mark.index : value.start_mark.index]
         if "#" in between or not between.lstrip().startswith(":"):
             # A comment before the value: it stays, and what follows preserves its column.
-            return [self._replaced(value, wanted)]
+            return [self._replaced(value, new)]
         start = key.end_mark.index + between.index(":") + 1
         column = key.start_mark.column + 2
-        if isinstance(wanted, str) and self._starts_line(key):
-            return [self._text_edit(start, value, wanted, column)]
-        if _nested(wanted, column):
-            replacement = self._line_end + " " * column + self._block(wanted, column)
+        if isinstance(new, str) and self._starts_line(key):
+            return [self._text_edit(start, value, new, column)]
+        if _nested(new, column):
+            replacement = self._line_end + " " * column + self._block(new, column)
         else:
-            replacement = " " + _flow(wanted)
+            replacement = " " + _flow(new)
         return [_Edit(start, self._end(value), replacement)]
 
-    def _text_edit(self, start: int, value: Node, wanted: str, column: int) -> _Edit:
+    def _text_edit(self, start: int, value: Node, new: str, column: int) -> _Edit:
         """Edit of a text value, as a block if it was one or has several lines. A trailing comment stays."""
         end = self._end(value)
         style = value.style if isinstance(value, ScalarNode) else None
-        in_block = "\n" in wanted or (style in ("|", ">") and len(wanted) > _SHORT)
+        in_block = "\n" in new or (style in ("|", ">") and len(new) > _SHORT)
         if style in ("|", ">"):
             first_line_end = self._text.index("\n", value.start_mark.index)
             header = self._text[value.start_mark.index : first_line_end].rstrip("\r")
@@ -268,19 +268,19 @@ class _Editor:
             gap = header[: header.index("#")] if comment else ""
             gap = gap[len(gap.rstrip()) :]
             body = body_of(self._text[first_line_end + 1 : end])
-            shown = folded_again(wanted, column, body) if style == ">" and in_block else None
+            replacement = folded_again(new, column, body) if style == ">" and in_block else None
         else:
             rest_end = self._text.index("\n", end)
             rest = self._text[end:rest_end].rstrip("\r")
             comment = rest.lstrip() if rest.lstrip().startswith("#") else ""
-            gap, shown = rest[: len(rest) - len(rest.lstrip())], None
+            gap, replacement = rest[: len(rest) - len(rest.lstrip())], None
             end = end + len(rest) if comment else end
-        if shown is None and in_block:
-            shown = written_block(wanted, column, folded=style != "|")
+        if replacement is None and in_block:
+            replacement = written_block(new, column, folded=style != "|")
         behind = f"{gap}{comment}" if comment else ""
-        if shown is None:
-            return _Edit(start, end, f" {_plain(wanted)}{behind}")
-        mark, lines = shown
+        if replacement is None:
+            return _Edit(start, end, f" {_plain(new)}{behind}")
+        mark, lines = replacement
         return _Edit(start, end, self._line_end.join((f" {mark}{behind}", *lines)))
 
     def _in_brackets(self, node: Node) -> bool:
@@ -294,52 +294,52 @@ class _Editor:
         before = self._text[self._line_start(key.start_mark.index) : key.start_mark.index]
         return not before.strip(" -")
 
-    def _within(self, node: Node, said: Any, wanted: Any) -> list[_Edit]:
+    def _within(self, node: Node, old: Any, new: Any) -> list[_Edit]:
         """Edits inside a mapping, list or scalar; UnusualLayoutError if it must be replaced."""
-        if isinstance(node, MappingNode) and isinstance(said, dict) and isinstance(wanted, dict) and node.value:
-            return self.mapping(node, said, wanted)
-        if isinstance(node, SequenceNode) and isinstance(said, list) and isinstance(wanted, list):
-            return self._sequence(node, said, wanted)
-        if isinstance(node, ScalarNode) and not isinstance(wanted, (dict, list)) and node.style not in ("|", ">"):
-            if isinstance(wanted, str) and "\n" in wanted:
+        if isinstance(node, MappingNode) and isinstance(old, dict) and isinstance(new, dict) and node.value:
+            return self.mapping(node, old, new)
+        if isinstance(node, SequenceNode) and isinstance(old, list) and isinstance(new, list):
+            return self._sequence(node, old, new)
+        if isinstance(node, ScalarNode) and not isinstance(new, (dict, list)) and node.style not in ("|", ">"):
+            if isinstance(new, str) and "\n" in new:
                 raise UnusualLayoutError
-            shown = _flow(wanted) if self._in_brackets(node) else _plain(wanted)
-            if node.style == '"' and isinstance(wanted, str):
-                shown = one_line(wanted)
-            return [_Edit(node.start_mark.index, node.end_mark.index, shown)]
+            replacement = _flow(new) if self._in_brackets(node) else _plain(new)
+            if node.style == '"' and isinstance(new, str):
+                replacement = one_line(new)
+            return [_Edit(node.start_mark.index, node.end_mark.index, replacement)]
         raise UnusualLayoutError
 
-    def _sequence(self, node: SequenceNode, said: Sequence[Any], wanted: Sequence[Any]) -> list[_Edit]:
-        if len(node.value) != len(said) or not wanted:
+    def _sequence(self, node: SequenceNode, old_items: Sequence[Any], new_items: Sequence[Any]) -> list[_Edit]:
+        if len(node.value) != len(old_items) or not new_items:
             raise UnusualLayoutError
         edits: list[_Edit] = []
-        old, new = [_identity(item) for item in said], [_identity(item) for item in wanted]
+        old, new = [_identity(item) for item in old_items], [_identity(item) for item in new_items]
         matcher = difflib.SequenceMatcher(None, old, new, autojunk=False)
         for _tag, start, end, new_start, new_end in matcher.get_opcodes():
             common = min(end - start, new_end - new_start)
             for index in range(common):
                 item = node.value[start + index]
-                edits += self._item(item, said[start + index], wanted[new_start + index])
+                edits += self._item(item, old_items[start + index], new_items[new_start + index])
             for item in node.value[start + common : end]:
                 edits.append(self._removed(node, item.start_mark, item, introduced_by="-"))
             before = start + common - 1
-            for item in wanted[new_start + common : new_end]:
+            for item in new_items[new_start + common : new_end]:
                 edits.append(self._added_item(node, node.value[before] if before >= 0 else None, item))
         return edits
 
-    def _item(self, node: Node, said: Any, wanted: Any) -> list[_Edit]:
-        if said == wanted:
+    def _item(self, node: Node, old: Any, new: Any) -> list[_Edit]:
+        if old == new:
             return []
         try:
-            return self._within(node, said, wanted)
+            return self._within(node, old, new)
         except UnusualLayoutError:
-            return [self._replaced(node, wanted)]
+            return [self._replaced(node, new)]
 
-    def _replaced(self, node: Node, wanted: Any) -> _Edit:
+    def _replaced(self, node: Node, new: Any) -> _Edit:
         """Replace a whole value, from its start."""
         column = node.start_mark.column
-        flow = not _nested(wanted, column) or getattr(node, "flow_style", False)
-        return _Edit(node.start_mark.index, self._end(node), _flow(wanted) if flow else self._block(wanted, column))
+        flow = not _nested(new, column) or getattr(node, "flow_style", False)
+        return _Edit(node.start_mark.index, self._end(node), _flow(new) if flow else self._block(new, column))
 
     def _removed(self, parent: Node, start: Any, value: Node, *, introduced_by: str) -> _Edit:
         """Remove a key with its value, or an item: its lines, or its part between brackets."""
@@ -370,19 +370,19 @@ class _Editor:
         if parent.flow_style:
             return self._added_between(parent, before, f"{_flow(name)}: {_flow(value)}")
         column = parent.start_mark.column
-        shown = self._behind_key(value, column + 2)
+        replacement = self._behind_key(value, column + 2)
         if before is None:
             first = parent.value[0][0].start_mark.index
             at = self._line_start(first)
             if self._text[at:first].strip(" "):
                 # After the dash of an entry, or at the start of the file.
-                return _Edit(first, first, f"{_flow(name)}:{shown}{self._line_end}{' ' * column}")
-            return _Edit(at, at, f"{' ' * column}{_flow(name)}:{shown}{self._line_end}")
+                return _Edit(first, first, f"{_flow(name)}:{replacement}{self._line_end}{' ' * column}")
+            return _Edit(at, at, f"{' ' * column}{_flow(name)}:{replacement}{self._line_end}")
         at = self._after_line(self._end(before))
         while self._comment_column(at) > column:
             # The comment belongs to the entry above.
             at = self._after_line(at)
-        return _Edit(at, at, " " * column + f"{_flow(name)}:{shown}{self._line_end}")
+        return _Edit(at, at, " " * column + f"{_flow(name)}:{replacement}{self._line_end}")
 
     def _behind_key(self, value: Any, column: int) -> str:
         if isinstance(value, str) and (block := written_block(value, column, folded=True)) and "\n" in value:
@@ -405,18 +405,18 @@ class _Editor:
                 at = above
         else:
             at = self._after_line(self._end(before))
-        shown = self._block(value, column + 2) if _nested(value, column + 2) else _plain(value)
-        return _Edit(at, at, f"{' ' * column}- {shown}{self._line_end}")
+        replacement = self._block(value, column + 2) if _nested(value, column + 2) else _plain(value)
+        return _Edit(at, at, f"{' ' * column}- {replacement}{self._line_end}")
 
-    def _added_between(self, parent: Node, before: Node | None, shown: str) -> _Edit:
+    def _added_between(self, parent: Node, before: Node | None, replacement: str) -> _Edit:
         """Insertion within brackets."""
         if before is not None:
             end = self._end(before)
-            return _Edit(end, end, f", {shown}")
+            return _Edit(end, end, f", {replacement}")
         if not parent.value:
             raise UnusualLayoutError
         start = _start(parent.value[0])
-        return _Edit(start, start, f"{shown}, ")
+        return _Edit(start, start, f"{replacement}, ")
 
     def _end(self, node: Node) -> int:
         """End of the content: block nodes themselves extend over following comments and empty lines."""
@@ -620,7 +620,7 @@ def _wrapped(text: str, width: int) -> list[str]:
 def _checked(text: str, mark: str, lines: list[str]) -> Block | None:
     """The block, if it parses to ``text``: leading blanks or special characters may prevent that."""
     try:
-        said = yaml.safe_load("\n".join((f"a: {mark}", *lines, "b:", "")))
+        parsed = yaml.safe_load("\n".join((f"a: {mark}", *lines, "b:", "")))
     except yaml.YAMLError:
         return None
-    return (mark, lines) if isinstance(said, dict) and said.get("a") == text else None
+    return (mark, lines) if isinstance(parsed, dict) and parsed.get("a") == text else None

@@ -88,11 +88,11 @@ class ActionlibServer:
         self._on_goal(goal_id, goal)
 
     def _on_cancel_message(self, message: Message) -> None:
-        wanted = message.get("id") or ""
-        if not isinstance(wanted, str):
+        goal_id = message.get("id") or ""
+        if not isinstance(goal_id, str):
             raise MessageError("GoalID.id must be a string")
         # an empty id means every goal, as does the empty message of actionlib clients
-        self._on_cancel(wanted)
+        self._on_cancel(goal_id)
 
     def _publish_status(self) -> None:
         now_s = self._wiring.robot.now_s

@@ -392,8 +392,8 @@ def _rasterised(mesh: _Mesh, facing_rad: float, appearance: Appearance) -> Image
     )
     normal = np.cross(turned[:, 1] - turned[:, 0], turned[:, 3] - turned[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-12
-    seen = normal[:, 1] > 0.0
-    turned, normal, colours = turned[seen], normal[seen], colours[seen]
+    facing = normal[:, 1] > 0.0
+    turned, normal, colours = turned[facing], normal[facing], colours[facing]
     light = 0.52 + 0.5 * np.clip(normal @ _LIGHT, 0.0, 1.0) + 0.12 * normal[:, 2]
     order = np.argsort(turned[:, :, 1].mean(axis=1))
     half_px = int(np.abs(turned[..., 0]).max() * _DRAWN_PX) + 4

@@ -216,8 +216,8 @@ class ClientOutbox:
         match stream.compression:
             case "cbor":
                 # rosbridge fails on splitting binary data, too
-                whole = published.in_cbor and not self._is_long(published.cbor)
-                return [published.cbor] if whole else []
+                is_short = published.in_cbor and not self._is_long(published.cbor)
+                return [published.cbor] if is_short else []
             case "cbor-raw":
                 return []
             case "png":

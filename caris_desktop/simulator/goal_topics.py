@@ -86,9 +86,9 @@ class MoveBaseTopics:
 
     def _reconfigure(self, request: Message) -> Message:
         """Speed parameters of a DWAPlannerROS, of which the lower applies."""
-        wanted = decode_reconfigured(request, _PLANNER_SPEEDS)
-        if wanted:
-            self._robot.limit_goals(min(wanted.values()))
+        speeds = decode_reconfigured(request, _PLANNER_SPEEDS)
+        if speeds:
+            self._robot.limit_goals(min(speeds.values()))
         return encode_reconfigure(dict.fromkeys(_PLANNER_SPEEDS, self._robot.goals_at_most_mps))
 
     def publish_due(self) -> None:
@@ -126,8 +126,8 @@ class MoveBaseTopics:
         elif self._server is not None and self._robot.goal_id == goal_id:
             self._server.accept(goal_id)
 
-    def _on_cancel(self, wanted: str) -> None:
-        if wanted in ("", self._robot.goal_id):
+    def _on_cancel(self, goal_id: str) -> None:
+        if goal_id in ("", self._robot.goal_id):
             self._robot.cancel_goal()
 
 

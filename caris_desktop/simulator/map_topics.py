@@ -32,8 +32,8 @@ class MapOnRos:
         self._wiring = wiring
         self._files = files
         self._steps = 0
-        self._whole_s = float("-inf")
-        self._whole_share = 0.0
+        self._full_s = float("-inf")
+        self._full_share = 0.0
         dress = wiring.dress
         self._map = wiring.publishes(dress.map, "nav_msgs", "OccupancyGrid", latched=True) if dress.map else None
         self._updates = (
@@ -64,8 +64,8 @@ class MapOnRos:
         now_s = self._wiring.robot.now_s
         if (
             self._updates is None
-            or share > self._whole_share * (1.0 + _GROWN_BY)
-            or now_s - self._whole_s >= _WHOLE_EVERY_S
+            or share > self._full_share * (1.0 + _GROWN_BY)
+            or now_s - self._full_s >= _WHOLE_EVERY_S
         ):
             self._publish_whole()
             return
@@ -82,8 +82,8 @@ class MapOnRos:
 
     def _publish_whole(self) -> None:
         if self._map is not None:
-            self._whole_s = self._wiring.robot.now_s
-            self._whole_share = self._wiring.robot.mapper.known_share
+            self._full_s = self._wiring.robot.now_s
+            self._full_share = self._wiring.robot.mapper.known_share
             self._wiring.publish(self._map, self._whole())
 
     def _whole(self) -> Message:

@@ -70,12 +70,12 @@ class Participant:
         self._on_speaking = on_speaking
         self._cache = cache
         self._task: asyncio.Task[None] | None = None
-        self._heard_out = asyncio.Event()
+        self._played_out = asyncio.Event()
         self._one_at_a_time = asyncio.Lock()
         self._stopped = False
         self._preparing: set[asyncio.Task[object]] = set()
         self.speaking: str | None = None
-        self.said: list[Said] = []
+        self.utterances: list[Said] = []
 
     async def get_ready(self) -> None:
         """Synthesise all lines in advance."""
@@ -128,18 +128,18 @@ class Participant:
             if sound is None:
                 continue
             self.speaking = text
-            said = Said(text, time.monotonic_ns())
-            self.said.append(said)
+            utterance = Said(text, time.monotonic_ns())
+            self.utterances.append(utterance)
             self._on_speaking(True)
             logger.info("The participant says: %s", text)
-            self._heard_out.clear()
-            self._microphone.speak(sound, self._heard_out.set)
+            self._played_out.clear()
+            self._microphone.speak(sound, self._played_out.set)
             try:
-                await asyncio.wait_for(self._heard_out.wait(), len(sound) / 16_000 + 5.0)
+                await asyncio.wait_for(self._played_out.wait(), len(sound) / 16_000 + 5.0)
             except TimeoutError:
                 logger.warning("The simulation is too slow for the participant's voice")
             finally:
-                said.ended_ns = time.monotonic_ns()
+                utterance.ended_ns = time.monotonic_ns()
                 self.speaking = None
                 self._on_speaking(False)
 
@@ -172,9 +172,9 @@ async def rendered(text: str, cache: Path) -> "np.ndarray[tuple[int], np.dtype[n
     return np.asarray(samples * (_PEAK / np.abs(samples).max()), np.float32)
 
 
-def _cached_file(cache: Path, what: str) -> Path:
+def _cached_file(cache: Path, text: str) -> Path:
     cache.mkdir(parents=True, exist_ok=True)
-    return cache / f"{hashlib.sha256(what.encode()).hexdigest()[:32]}.wav"
+    return cache / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.wav"
 
 
 def _voice() -> list[str] | None:

@@ -253,9 +253,9 @@ def _largest_piece(mask: Image) -> Image:
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
     largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
     outline, _ = cv2.findContours((labels == largest).astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    whole = np.zeros_like(mask)
-    cv2.drawContours(whole, outline, -1, 1, cv2.FILLED)
-    return np.asarray(whole & (labels == largest), dtype=np.uint8)
+    filled = np.zeros_like(mask)
+    cv2.drawContours(filled, outline, -1, 1, cv2.FILLED)
+    return np.asarray(filled & (labels == largest), dtype=np.uint8)
 
 
 def _recoloured(person: Image, gains_bgr: tuple[float, float, float]) -> Image:

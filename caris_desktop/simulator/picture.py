@@ -86,10 +86,10 @@ def _lens_around(tilt_rad: float, height_m: float) -> tuple[_Lens, Floats]:
     turned = np.array([(1.0, 0.0, 0.0), (0.0, cos, sin), (0.0, -sin, cos)])
     to_ray = np.array([(1 / FOCAL_PX, 0, -_MIDDLE_X / FOCAL_PX), (0, 1 / FOCAL_PX, -_MIDDLE_Y / FOCAL_PX), (0, 0, 1)])
     corners = np.array([(x, y, 1.0) for x in (-1, WIDTH_PX) for y in (-1, HEIGHT_PX)])
-    seen = corners @ (turned @ to_ray).T
-    seen /= seen[:, 2:]
-    left, top = seen[:, :2].min(axis=0).tolist()
-    right, bottom = seen[:, :2].max(axis=0).tolist()
+    rays = corners @ (turned @ to_ray).T
+    rays /= rays[:, 2:]
+    left, top = rays[:, :2].min(axis=0).tolist()
+    right, bottom = rays[:, :2].max(axis=0).tolist()
     # the most enlarged parts are near and need no more detail
     focal_px = FOCAL_PX * min(1.0, math.sqrt(_MOST_PIXELS / ((right - left) * (bottom - top))) / FOCAL_PX)
     lens = _Lens(
@@ -190,7 +190,7 @@ class Painter:
             to_eye = math.atan2(eye.y_m - person.y_m, eye.x_m - person.x_m)
             stride_rad = person.stride_rad if person.walking else None
             return characters.draw(person.appearance, person.heading_rad - to_eye, stride_rad)
-        return self._people[person.looks % len(self._people)] if self._people else ()
+        return self._people[person.sprite % len(self._people)] if self._people else ()
 
     def _paint_person(self, picture: Image, person: Seen, eye: "_Eye", depth: Floats) -> None:
         ahead, right = eye.relative(person.x_m, person.y_m)

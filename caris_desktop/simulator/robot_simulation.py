@@ -94,7 +94,7 @@ class Robot:
         self._pose_error = _NO_ERROR
         self._min_gap_m = math.inf
         self._touches_before = 0
-        self._wanted = ZERO_TWIST
+        self._commanded = ZERO_TWIST
         self._lease_until_s = -math.inf
         self._steps = 0
         self._ended: deque[GoalEnded] = deque()
@@ -163,7 +163,7 @@ class Robot:
         """Apply a velocity command for 0.5 s. Motion ends a navigation goal."""
         if twist.moving:
             self._ended.extend(self._follower.end("aborted", "the robot is being driven manually"))
-        self._wanted = twist
+        self._commanded = twist
         self._lease_until_s = self.now_s + simulated_base.LEASE_S
 
     def limit_goals(self, top_mps: float) -> None:
@@ -178,7 +178,7 @@ class Robot:
         """Start a navigation goal. False if the emergency stop is set."""
         if self.emergency_stopped:
             return False
-        self._wanted = ZERO_TWIST
+        self._commanded = ZERO_TWIST
         self._ended.extend(
             self._follower.start(
                 goal_id, target_in_map, pose=self._navigation_pose, people=self._bodies, now_s=self.now_s
@@ -201,7 +201,7 @@ class Robot:
         self._base = BaseState(pose_in_map, collisions=self._base.collisions)
         self._touches_before = self._base.collisions
         self._min_gap_m = self.gap_m
-        self._wanted = ZERO_TWIST
+        self._commanded = ZERO_TWIST
         self._pose_error = _NO_ERROR
         self._believed = pose_in_map
         return True
@@ -234,7 +234,7 @@ class Robot:
     def set_emergency_stop(self, stopped: bool) -> None:
         """Latch or clear the emergency stop. While latched nothing moves and goals are refused."""
         self.emergency_stopped = stopped
-        self._wanted = ZERO_TWIST
+        self._commanded = ZERO_TWIST
         if stopped:
             self._ended.extend(self._follower.end("aborted", "the emergency stop was pressed"))
 
@@ -258,7 +258,7 @@ class Robot:
         twist, ended = self._follower.step(self._navigation_pose, bodies, self.now_s)
         self._ended.extend(ended)
         if self._follower.goal_id is None:
-            twist = self._wanted if self.now_s <= self._lease_until_s else ZERO_TWIST
+            twist = self._commanded if self.now_s <= self._lease_until_s else ZERO_TWIST
         if self.emergency_stopped:
             twist = ZERO_TWIST
         before = self._base

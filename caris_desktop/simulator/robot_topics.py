@@ -107,8 +107,8 @@ class SpeechOnAction:
         self._server.accept(goal_id)
         self.voice.say(sentence)
 
-    def _on_cancel(self, wanted: str) -> None:
-        if wanted in ("", self._goal_id):
+    def _on_cancel(self, goal_id: str) -> None:
+        if goal_id in ("", self._goal_id):
             self._end(action_messages.PREEMPTED, "cancelled")
 
     def _on_speaking(self, speaking: bool) -> None:
@@ -140,8 +140,8 @@ class SpeechOnAction:
             self._server.finish(GoalStatus(goal_id, status, detail), _result(self._text, detail or "succeeded"))
 
 
-def _result(said: str, msg: str) -> Message:
-    return {"text": said, "msg": msg}
+def _result(sentence: str, msg: str) -> Message:
+    return {"text": sentence, "msg": msg}
 
 
 logger = logging.getLogger(__name__)
@@ -187,7 +187,7 @@ class RobotTopics:
         self.sound = SoundOnRos(wiring, wiring.dress.audio, lines) if wiring.dress.audio is not None else None
         if self.voice is not None and self.sound is not None:
             self.voice.on_sound = self.sound.on_voice
-            self.voice.on_said = self.sound.participant.on_robot_finished
+            self.voice.on_spoken = self.sound.participant.on_robot_finished
         self._gadgets = DemoControls(wiring) if wiring.dress.gadgets else None
         self._orders = OrdersOnRos(wiring)
         self._offer_sensors()
@@ -410,8 +410,8 @@ class RobotTopics:
         # TwistStamped wraps the same twist; ROS fills omitted fields with zero
         plain = message_of(message.get("twist", {}), "TwistStamped.twist") if stamped else message
         axes = {"x": 0.0, "y": 0.0, "z": 0.0}
-        whole = {part: axes | message_of(plain.get(part, {}), f"Twist.{part}") for part in ("linear", "angular")}
-        twist = message_conversion.decode_twist(whole)
+        complete = {part: axes | message_of(plain.get(part, {}), f"Twist.{part}") for part in ("linear", "angular")}
+        twist = message_conversion.decode_twist(complete)
         self._twists_received += 1
         self._last_twist_s = time.monotonic()
         self._robot.drive(twist)
@@ -761,11 +761,11 @@ class SoundOnRos:
             "speaking": self.participant.speaking or "",
             "said": [
                 {
-                    "text": said.text,
-                    "began_s": (said.began_ns - now_ns) / 1e9,
-                    "ended_s": None if said.ended_ns is None else (said.ended_ns - now_ns) / 1e9,
+                    "text": utterance.text,
+                    "began_s": (utterance.began_ns - now_ns) / 1e9,
+                    "ended_s": None if utterance.ended_ns is None else (utterance.ended_ns - now_ns) / 1e9,
                 }
-                for said in self.participant.said
+                for utterance in self.participant.utterances
             ],
             "own_voice_s": self._played_s,
         }

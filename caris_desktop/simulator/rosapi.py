@@ -33,8 +33,8 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | 
         return {"type": topic.type if topic else ""}
 
     def topics_for_type(arguments: Message) -> Message:
-        wanted = name_in(arguments, "type")
-        return {"topics": [name for name, topic in sorted(server.topics.items()) if same_type(topic.type, wanted)]}
+        type_name = name_in(arguments, "type")
+        return {"topics": [name for name, topic in sorted(server.topics.items()) if same_type(topic.type, type_name)]}
 
     def all_services() -> dict[str, str]:
         offered = {name: service.type for name, service in server.services.items()}
@@ -49,13 +49,13 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | 
         return {"type": all_services().get(name_in(arguments, "service"), "")}
 
     def services_for_type(arguments: Message) -> Message:
-        wanted = name_in(arguments, "type")
-        return {"services": [name for name, type_ in sorted(all_services().items()) if same_type(type_, wanted)]}
+        type_name = name_in(arguments, "type")
+        return {"services": [name for name, type_ in sorted(all_services().items()) if same_type(type_, type_name)]}
 
     def service_node(arguments: Message) -> Message:
-        wanted = name_in(arguments, "service")
-        offered = any(wanted in client.services for client in server.clients)
-        return {"node": ROBOT_NODE if wanted in server.services else BRIDGE_NODE if offered else ""}
+        service_name = name_in(arguments, "service")
+        offered = any(service_name in client.services for client in server.clients)
+        return {"node": ROBOT_NODE if service_name in server.services else BRIDGE_NODE if offered else ""}
 
     def nodes(_: Message) -> Message:
         return {"nodes": [BRIDGE_NODE, ROBOT_NODE]}

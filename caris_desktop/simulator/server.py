@@ -638,11 +638,11 @@ class BridgeServer:
         if not isinstance(operation.get("total"), int):
             # it counts towards the total, which is then never reached
             raise ProtocolError("error while trying to append a fragment: its total is not a whole number")
-        whole = client.fragments.add(operation)
-        if whole is not None:
-            if whole["op"] == "fragment":
+        message = client.fragments.add(operation)
+        if message is not None:
+            if message["op"] == "fragment":
                 raise ProtocolError("a fragment must not contain fragments")
-            self._handle(client, whole)
+            self._handle(client, message)
 
 
 def _name(operation: Message, kind: str) -> str:

@@ -49,28 +49,28 @@ class BaseState:
     left_mps: float = 0.0
 
 
-def limited(wanted: Twist2D, model: BaseModel = DIFFERENTIAL) -> Twist2D:
-    """``wanted`` within the base's limits."""
+def limited(command: Twist2D, model: BaseModel = DIFFERENTIAL) -> Twist2D:
+    """``command`` within the base's limits."""
     return Twist2D(
-        min(max(wanted.forward_mps, -model.reverse_mps), model.forward_mps),
-        min(max(wanted.left_mps, -model.left_mps), model.left_mps),
-        min(max(wanted.turn_radps, -model.turn_radps), model.turn_radps),
+        min(max(command.forward_mps, -model.reverse_mps), model.forward_mps),
+        min(max(command.left_mps, -model.left_mps), model.left_mps),
+        min(max(command.turn_radps, -model.turn_radps), model.turn_radps),
     )
 
 
 def step(
     state: BaseState,
-    wanted: Twist2D,
+    command: Twist2D,
     people: NDArray[np.float64],
     *,
     dt_s: float = STEP_S,
     model: BaseModel = DIFFERENTIAL,
 ) -> BaseState:
     """State after ``dt_s``. ``people`` are circles (x, y, radius) in the map, shape (people, 3)."""
-    wanted = limited(wanted, model)
-    forward = _approach(state.forward_mps, wanted.forward_mps, SPEED_UP_MPS2 * dt_s, BRAKE_MPS2 * dt_s)
-    left = _approach(state.left_mps, wanted.left_mps, SPEED_UP_MPS2 * dt_s, BRAKE_MPS2 * dt_s)
-    turn = _approach(state.turn_radps, wanted.turn_radps, TURN_UP_RADPS2 * dt_s, TURN_BRAKE_RADPS2 * dt_s)
+    command = limited(command, model)
+    forward = _approach(state.forward_mps, command.forward_mps, SPEED_UP_MPS2 * dt_s, BRAKE_MPS2 * dt_s)
+    left = _approach(state.left_mps, command.left_mps, SPEED_UP_MPS2 * dt_s, BRAKE_MPS2 * dt_s)
+    turn = _approach(state.turn_radps, command.turn_radps, TURN_UP_RADPS2 * dt_s, TURN_BRAKE_RADPS2 * dt_s)
     pose = state.pose_in_map
     if forward == 0.0 and left == 0.0 and turn == 0.0:
         return replace(state, forward_mps=0.0, left_mps=0.0, turn_radps=0.0, touching=False)
@@ -149,9 +149,9 @@ def _at_most(speed: float, moved: float) -> float:
     return math.copysign(min(abs(speed), max(0.0, math.copysign(1.0, speed) * moved)), speed)
 
 
-def _approach(now: float, wanted: float, speed_up: float, brake: float) -> float:
-    slowing = abs(wanted) < abs(now) or now * wanted < 0.0
+def _approach(now: float, target: float, speed_up: float, brake: float) -> float:
+    slowing = abs(target) < abs(now) or now * target < 0.0
     limit = brake if slowing else speed_up
-    if now * wanted < 0.0 and abs(now) < limit:
+    if now * target < 0.0 and abs(now) < limit:
         return 0.0
-    return now + min(max(wanted - now, -limit), limit)
+    return now + min(max(target - now, -limit), limit)

@@ -21,8 +21,8 @@ def in_room(samples: NDArray[np.float32], *, seed: int = 7) -> NDArray[np.float3
     answer = _ROOM_SHARE * echoes / np.sqrt(np.sum(echoes**2))
     answer[0] += 1.0
     size = len(samples) + length - 1
-    heard = np.fft.irfft(np.fft.rfft(samples, size) * np.fft.rfft(answer, size), size)
-    return np.asarray(heard, np.float32)
+    at_microphone = np.fft.irfft(np.fft.rfft(samples, size) * np.fft.rfft(answer, size), size)
+    return np.asarray(at_microphone, np.float32)
 
 
 def at_rate(samples: NDArray[np.int16], rate_hz: int) -> NDArray[np.float32]:

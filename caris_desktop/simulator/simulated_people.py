@@ -33,13 +33,14 @@ OUTSIDE: Point = (2.55, -0.95)
 class Seen:
     """One person for camera and state service.
 
-    ``looks`` is the index of a photo sprite; a person with an ``appearance`` is rendered with it from the visible side.
+    ``sprite`` is the index of a photo sprite; a person with an ``appearance`` is rendered with it from the visible
+    side.
     """
 
     x_m: float
     y_m: float
     height_m: float
-    looks: int
+    sprite: int
     walking: bool
     stride_rad: float
     heading_rad: float = 0.0
@@ -106,7 +107,7 @@ def read_visits(path: Path) -> list[Visit]:
 
 @dataclass(frozen=True, slots=True)
 class _Role:
-    looks: int
+    sprite: int
     height_m: float
     speed_mps: float
     begins: Point
@@ -201,7 +202,9 @@ class Crowd:
     def seen(self) -> tuple[Seen, ...]:
         """All people, for the camera."""
         return tuple(
-            Seen(p.x_m, p.y_m, p.role.height_m, p.role.looks, p.walking, p.stride_rad, p.heading_rad, p.role.appearance)
+            Seen(
+                p.x_m, p.y_m, p.role.height_m, p.role.sprite, p.walking, p.stride_rad, p.heading_rad, p.role.appearance
+            )
             for p in self._people
         )
 
@@ -241,8 +244,8 @@ class Crowd:
         person.wait_s -= dt_s
         if person.visiting:
             person.visit_left_s -= dt_s
-            wanted = math.atan2(robot.y_m - person.y_m, robot.x_m - person.x_m) + person.turned_away_rad
-            person.heading_rad += min(max(wrap_angle(wanted - person.heading_rad), -3.0 * dt_s), 3.0 * dt_s)
+            heading_rad = math.atan2(robot.y_m - person.y_m, robot.x_m - person.x_m) + person.turned_away_rad
+            person.heading_rad += min(max(wrap_angle(heading_rad - person.heading_rad), -3.0 * dt_s), 3.0 * dt_s)
         if person.wait_s > 0.0:
             return
         if person.role.visits_robot and (not person.visiting or person.visit_left_s > 0.0):
@@ -284,7 +287,7 @@ class Crowd:
             person.x_m, person.y_m = target
             del person.way[0]
             return
-        wanted = math.atan2(target[1] - person.y_m, target[0] - person.x_m)
+        heading_rad = math.atan2(target[1] - person.y_m, target[0] - person.x_m)
         x = person.x_m + (target[0] - person.x_m) / left_m * stretch
         y = person.y_m + (target[1] - person.y_m) / left_m * stretch
         if self._in_path_of_somebody(index, person, robot, (x, y)):
@@ -293,7 +296,7 @@ class Crowd:
         person.blocked_s = 0.0
         person.walking = True
         person.stride_rad += 2.0 * math.pi * stretch / 1.3
-        person.heading_rad += min(max(wrap_angle(wanted - person.heading_rad), -5.0 * dt_s), 5.0 * dt_s)
+        person.heading_rad += min(max(wrap_angle(heading_rad - person.heading_rad), -5.0 * dt_s), 5.0 * dt_s)
         person.x_m, person.y_m = x, y
 
     def _in_path_of_somebody(self, index: int, person: _Person, robot: Pose2D, at: Point) -> bool:

@@ -140,14 +140,14 @@ def _find_device() -> Any:
 class Voice:
     """Speaks sentences in order. ``on_speaking`` gets True at the start of a sentence and False at its end.
 
-    ``on_sound`` gets the loudspeaker's audio from now on, None when it is cut off; ``on_said`` is called at its regular
-    end.
+    ``on_sound`` gets the loudspeaker's audio from now on, None when it is cut off; ``on_spoken`` is called at its
+    regular end.
     """
 
     def __init__(self, on_speaking: Callable[[bool], None], *, muted: bool = False) -> None:
         self._on_speaking = on_speaking
         self.on_sound: Callable[[Spoken | None], None] = lambda _spoken: None
-        self.on_said: Callable[[], None] = lambda: None
+        self.on_spoken: Callable[[], None] = lambda: None
         self._loudspeaker = Loudspeaker(muted=muted)
         self._waiting: deque[str] = deque()
         self._task: asyncio.Task[None] | None = None
@@ -185,7 +185,7 @@ class Voice:
             self._loudspeaker.play(spoken)
             self.on_sound(spoken)
             await asyncio.sleep(spoken.duration_s)
-            self.on_said()
+            self.on_spoken()
         except asyncio.CancelledError:
             self.on_sound(None)
             raise

@@ -62,16 +62,16 @@ def sheet() -> tuple[Image, NDArray[np.float32]]:
             strips[index, side] = (left, top)
             painted.append((left, top, picture))
             left += picture.shape[1] + _GAP_PX
-    whole = np.zeros((top + WALL_STRIP_PX + _GAP_PX, SHEET_WIDTH_PX, 3), dtype=np.uint8)
+    texture = np.zeros((top + WALL_STRIP_PX + _GAP_PX, SHEET_WIDTH_PX, 3), dtype=np.uint8)
     for x, y, picture in painted:
         # the camera interpolates, so pixels beyond an edge must equal the edge
         wider = cv2.copyMakeBorder(picture, 0, 1, 0, 1, cv2.BORDER_REPLICATE)
-        whole[y : y + wider.shape[0], x : x + wider.shape[1]] = wider
+        texture[y : y + wider.shape[0], x : x + wider.shape[1]] = wider
     floor = _floor(grain)
-    whole[: floor.shape[0], : floor.shape[1]] = floor
+    texture[: floor.shape[0], : floor.shape[1]] = floor
     ceiling = _ceiling()
-    whole[: ceiling.shape[0], CEILING_AT[0] : CEILING_AT[0] + ceiling.shape[1]] = ceiling
-    return whole, strips
+    texture[: ceiling.shape[0], CEILING_AT[0] : CEILING_AT[0] + ceiling.shape[1]] = ceiling
+    return texture, strips
 
 
 def sign(text: str) -> Image:

@@ -212,17 +212,17 @@ def field_names(dialect: Dialect, type_: str) -> list[str]:
 
 def with_defaults(dialect: Dialect, type_: str, message: dict[str, Any]) -> dict[str, Any]:
     """``message`` as ROS passes it on: with zeros in omitted fields."""
-    whole = blank(dialect, type_)
+    values = blank(dialect, type_)
     for name, value in message.items():
-        inside = whole.get(name)
+        inside = values.get(name)
         entry = next((one for one in _values(_part_of(dialect, type_)) if one.name == name), None)
         nested = isinstance(inside, dict) and isinstance(value, dict) and entry is not None
-        whole[name] = (
+        values[name] = (
             with_defaults(dialect, entry.type, value)
             if nested and entry is not None and entry.type not in _PRIMITIVES
             else value
         )
-    return whole
+    return values
 
 
 def blank(dialect: Dialect, type_: str, *, part: int = 0) -> dict[str, Any]:

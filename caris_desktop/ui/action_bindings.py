@@ -181,7 +181,7 @@ class Actions(QObject):
     # Reason why a key's command was refused; whether following keystrokes may belong to what it would have opened.
     not_done = Signal(str, bool)
     asking = Signal(object)  # Intent, about to be sent
-    asked = Signal(object)  # Intent, sent to the console and possibly refused
+    intent_sent = Signal(object)  # Intent, sent to the console and possibly refused
     rebuilt = Signal()
     rebound = Signal()  # same rows, different keys
     rows_changed = Signal()  # robot or places changed the set of rows
@@ -197,8 +197,8 @@ class Actions(QObject):
         self._as_they_are: dict[str, ActionSpec | None] = {}
         # Connected first: every other receiver then reads the updated rows.
         self.rows_changed.connect(self._as_they_are.clear)
-        for said in (console.state.phrase_group, console.state.fillers_said):
-            said.changed.connect(self.rows_changed)
+        for rows_state in (console.state.phrase_group, console.state.fillers_spoken):
+            rows_state.changed.connect(self.rows_changed)
         self._answering: dict[str, object] = {}
         self._standard: list[ActionSpec] = []
         self._choices: Choices = {}
@@ -257,10 +257,10 @@ class Actions(QObject):
                 return None
             phrase = phrases[spec.argument - 1]
             keyed = (row for row in self._specs.values() if row.intent is say_keyed_phrase and row.argument == phrase)
-            own = next((row.keys for row in keyed), ())
-            return replace(spec, text=phrase.say, keys=(*spec.keys, *own))
+            phrase_keys = next((row.keys for row in keyed), ())
+            return replace(spec, text=phrase.say, keys=(*spec.keys, *phrase_keys))
         if spec.intent is say_filler:
-            return _with_text(spec, self._scenario.next_filler(self._console.state.fillers_said.value))
+            return _with_text(spec, self._scenario.next_filler(self._console.state.fillers_spoken.value))
         return spec
 
     def use_features(self, features: Iterable[Feature]) -> None:
@@ -412,8 +412,8 @@ class Actions(QObject):
         """Run the action for a key press and report a refusal. ``opens``: following keystrokes may belong to what the
         action would have opened; true for chords, false for single keys.
         """
-        if why := self.run(action_id):
-            self.not_done.emit(why, opens)
+        if reason := self.run(action_id):
+            self.not_done.emit(reason, opens)
 
     def run(self, action_id: str) -> str:
         """Run the action if the scenario has it and it is available; returns the reason if it was not run."""
@@ -430,8 +430,8 @@ class Actions(QObject):
 
     @staticmethod
     def _why_not(spec: ActionSpec) -> str:
-        why = _WHY_NOT.get(spec.enabled_when, _NOT_NOW)
-        return tr(why)
+        reason = _WHY_NOT.get(spec.enabled_when, _NOT_NOW)
+        return tr(reason)
 
     def on_key(self, keys: QKeySequence, *, bare: bool) -> str | None:
         """Id of the command bound to these keys; ``bare``: keys that work in the driving panels."""
@@ -457,7 +457,7 @@ class Actions(QObject):
         """Send the intent to the console, with the signals of a row."""
         self.asking.emit(intent)
         self._console.do(intent)
-        self.asked.emit(intent)
+        self.intent_sent.emit(intent)
 
     def intent_of(self, spec: ActionSpec) -> Intent | None:
         """Intent that the row would send now."""

@@ -26,8 +26,8 @@ class ActionConditions(QObject):
         state.cameras.changed.connect(self._on_cameras_changed)
         state.face.changed.connect(self._on_face_changed)
         state.controls.changed.connect(self._on_controls_changed)
-        for asked in (state.asked_person, state.proposal):
-            asked.changed.connect(self._on_asked_changed)
+        for live_value in (state.asked_person, state.proposal):
+            live_value.changed.connect(self._on_asked_changed)
         state.suggestions.changed.connect(self._on_suggestions_changed)
         state.speech.changed.connect(self._on_speech_changed)
         for about_steps in (state.protocol, state.scenario):
@@ -68,10 +68,10 @@ class ActionConditions(QObject):
         self._actions.set_condition("video", freshness == "fresh")
         self._offer_photo()
 
-    def _on_asked_changed(self, _asked: Any) -> None:
+    def _on_asked_changed(self, _value: Any) -> None:
         state = self._state
-        asked = state.asked_person.value is not None or bool(state.proposal.value.proposal_id)
-        self._actions.set_condition("asked", asked)
+        pending = state.asked_person.value is not None or bool(state.proposal.value.proposal_id)
+        self._actions.set_condition("asked", pending)
 
     def _on_suggestions_changed(self, status: SuggestionsStatus) -> None:
         self._actions.set_condition("suggested", bool(status.cards) or status.filler_ns is not None)

@@ -74,7 +74,7 @@ def say_keyed_phrase(_scenario: Scenario, _state: LiveState, phrase: Phrase) -> 
 
 @gives(intents.Say)
 def say_filler(scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
-    filler = scenario.next_filler(state.fillers_said.value)
+    filler = scenario.next_filler(state.fillers_spoken.value)
     return intents.Say(filler, "filler") if filler else None
 
 
@@ -116,12 +116,12 @@ def answer_asked(scenario: Scenario, state: LiveState, yes: bool) -> Intent | No
     """Answer yes or no to the pending question: one about a person first, else the language model's proposed action.
     None while the question is too new to have been read.
     """
-    asked, proposal, now_ns = state.asked_person.value, state.proposal.value, state.present.now_ns()
-    if asked is not None and scenario.permissions.naming_people:
-        if now_ns < asked.from_ns:
+    question, proposal, now_ns = state.asked_person.value, state.proposal.value, state.present.now_ns()
+    if question is not None and scenario.permissions.naming_people:
+        if now_ns < question.from_ns:
             return None
         answer = intents.ConfirmPerson if yes else intents.RejectPerson
-        return answer(asked.person_id, asked.is_person_id)
+        return answer(question.person_id, question.is_person_id)
     if proposal.proposal_id and "actions" in scenario.assisted and not (yes and now_ns < proposal.from_ns):
         return (intents.ConfirmProposal if yes else intents.VetoProposal)(proposal.proposal_id)
     return None

@@ -56,14 +56,14 @@ class Announcements(QObject):
             return
         match event:
             case events.EmergencyStopChanged(latched=latched):
-                own = not latched  # the emergency banner announces the stop
+                announces = not latched  # the emergency banner announces the stop
             case events.LinkChanged(state=state):
-                own = state == "connected"
+                announces = state == "connected"
             case events.GoalChanged() | events.SessionStarted() | events.SessionEnded() | events.RecordingPaused():
-                own = True
+                announces = True
             case _:
-                own = False
-        if own or getattr(event, "actor", "").startswith(OTHER_WIZARD):
+                announces = False
+        if announces or getattr(event, "actor", "").startswith(OTHER_WIZARD):
             sentence = event_sentence(event, partial(name_of, self._console))
             announce(self._window, "" if sentence is None else sentence[1])
 

@@ -78,13 +78,13 @@ class EmergencyBanner(Banner):
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         match drive.movement:
             case "uncommanded":
-                said = tr("Emergency stop active, but the robot is moving. Use the stop on the robot itself.")
+                text = tr("Emergency stop active, but the robot is moving. Use the stop on the robot itself.")
             case "standing":
-                said = tr("Emergency stop active, robot stationary. No motion until you release the stop.")
+                text = tr("Emergency stop active, robot stationary. No motion until you release the stop.")
             case _:
-                said = tr("Emergency stop active. No motion commands until you release it.")
-        if said != self.accessibleName():
-            self.say(said)
+                text = tr("Emergency stop active. No motion commands until you release it.")
+        if text != self.accessibleName():
+            self.say(text)
         self.setVisible(drive.emergency_stop)
 
 
@@ -116,7 +116,7 @@ class QuestionBanner(Banner):
         self.yes = ActionButton(theme, tr("Yes"), height_px=_BUTTON_PX)
         self.yes.setObjectName("question_yes")
         self.yes.clicked.connect(self._on_yes)
-        no = ActionButton(theme, tr("Cancel"), look="ghost", height_px=_BUTTON_PX)
+        no = ActionButton(theme, tr("Cancel"), role="ghost", height_px=_BUTTON_PX)
         no.setObjectName("question_no")
         no.clicked.connect(self.put_away)
         self.row.addWidget(self.yes)

@@ -24,22 +24,22 @@ class ClosingWindow(QWidget):
         self.setWindowTitle(tr("CARIS Desktop is closing"))
         self.setWindowFlag(Qt.WindowType.WindowCloseButtonHint, on=False)
         self._began_s = time.monotonic()
-        self._what = QLabel(wordWrap=True)
-        self._what.setObjectName("closing_what")
-        self._what.setFont(theme.font(tokens.BODY_PX))
+        self._label = QLabel(wordWrap=True)
+        self._label.setObjectName("closing_what")
+        self._label.setFont(theme.font(tokens.BODY_PX))
         self._since = QLabel()
         self._since.setObjectName("closing_since")
         self._since.setFont(theme.font(tokens.STATUS_PX))
         busy = QProgressBar(textVisible=False)
         busy.setRange(0, 0)
         column = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
-        for widget in (self._what, busy, self._since):
+        for widget in (self._label, busy, self._since):
             column.addWidget(widget)
         self.setFixedWidth(420)
 
-    def during(self, what: str, work: Callable[[], None]) -> None:
-        """Run ``work``, which must not use Qt, and show ``what`` meanwhile. Returns when it is done."""
-        self._what.setText(what)
+    def during(self, text: str, work: Callable[[], None]) -> None:
+        """Run ``work``, which must not use Qt, and show ``text`` meanwhile. Returns when it is done."""
+        self._label.setText(text)
         do_in_parallel(work, self._wait)
 
     def _wait(self) -> None:

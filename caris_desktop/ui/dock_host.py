@@ -58,7 +58,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
     """
 
     moved_by_hand = Signal(object)  # Rect
-    close_wanted = Signal()
+    close_requested = Signal()
 
     def __init__(self, docks: Mapping[PanelName, Dock], parent: QWidget) -> None:
         super().__init__(parent, Qt.WindowType.Tool)
@@ -69,13 +69,13 @@ class FloatingWindow(PanelWindow, WindowAbove):
         column = layouts.vbox(self, margins_px=_MARGIN_PX)
         column.addWidget(self.area)
         self._placed: Rect | None = None
-        self._shown = False
+        self._has_panels = False
         self._settling = QTimer(self, singleShot=True, interval=_SETTLES_MS)
         self._rest = QTimer(self, singleShot=True, interval=200)
         self._rest.timeout.connect(self._notify)
 
-    def show_panels(self, tree: LayoutNode, shown: frozenset[PanelName], place: Rect) -> None:
-        self.area.show_tree(tree, shown)
+    def show_panels(self, tree: LayoutNode, visible: frozenset[PanelName], place: Rect) -> None:
+        self.area.show_tree(tree, visible)
         self.setWindowTitle(
             " · ".join(self.area.docks[group.current].windowTitle() for group in self.area.placing.groups)
         )
@@ -83,15 +83,15 @@ class FloatingWindow(PanelWindow, WindowAbove):
             self._placed = place
             self._settling.start()
             self.setGeometry(qrect(place))
-        self._shown = bool(shown)
-        self.setVisible(self._shown and not self.is_back)
+        self._has_panels = bool(visible)
+        self.setVisible(self._has_panels and not self.is_back)
 
     def step_back(self, *, back: bool) -> None:
         super().step_back(back=back)
         self._settling.start()  # geometry changes by the window manager are not the wizard's
         if not back and self._placed is not None:
             self.setGeometry(qrect(self._placed))
-        self.setVisible(self._shown and not back)
+        self.setVisible(self._has_panels and not back)
 
     def _on_geometry(self) -> None:
         if self.isVisible() and not self._settling.isActive():
@@ -114,7 +114,7 @@ class FloatingWindow(PanelWindow, WindowAbove):
         """The close button docks the panels. When the program quits, the window stays in the saved layout."""
         if event.spontaneous():
             event.ignore()
-            self.close_wanted.emit()
+            self.close_requested.emit()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         QPainter(self).fillRect(self.rect(), self.palette().window())
@@ -189,11 +189,11 @@ class DockHost(DockArea):
         self.layout_changed.emit()
         self._leave.start()
 
-    def leave_gaps(self, panels: Mapping[PanelName, Panel], seen: Container[PanelName]) -> None:
-        """Like :meth:`drop_all_but`, and hide all panels but ``seen``. Hidden panels leave an empty area without a tab
-        until the next layout; visible ones do not move.
+    def leave_gaps(self, panels: Mapping[PanelName, Panel], visible: Container[PanelName]) -> None:
+        """Like :meth:`drop_all_but`, and hide all panels but ``visible``. Hidden panels leave an empty area without a
+        tab until the next layout; visible ones do not move.
         """
-        unseen = [name for name in self._docks if name not in seen]
+        unseen = [name for name in self._docks if name not in visible]
         afloat = any(self._docks[name].isFloating() for name in unseen)
         self.drop_all_but(panels)
         if self._arrangement is not None:
@@ -203,17 +203,17 @@ class DockHost(DockArea):
         else:
             self.leave_room(self._arrangement.tree, self._arrangement.docked)
         for name, dock in self._docks.items():
-            if name not in seen:
+            if name not in visible:
                 dock.set_shown(False)
 
     def drop_all_but(self, panels: Mapping[PanelName, Panel]) -> None:
         """Delete all other panels; the layout follows afterwards. One panel is deleted per event loop turn, so that a
         scenario change does not block the GUI thread.
         """
-        gone = [name for name, dock in self._docks.items() if panels.get(name) is not dock.widget()]
+        removed = [name for name, dock in self._docks.items() if panels.get(name) is not dock.widget()]
         if self._arrangement is not None:
-            self._arrangement = edits.remove(self._arrangement, gone)
-        for name in gone:
+            self._arrangement = edits.remove(self._arrangement, removed)
+        for name in removed:
             if self._docks[name].isFloating():
                 self._forget(name)
             else:
@@ -242,16 +242,16 @@ class DockHost(DockArea):
             return
         if name not in self._docks:
             self._docks[name] = self._make_dock(name, panel)
-        what = tr("Open {panel}").format(panel=panel.title)
-        self._do(what, edits.add(self._arrangement, name, beside))
+        description = tr("Open {panel}").format(panel=panel.title)
+        self._do(description, edits.add(self._arrangement, name, beside))
 
     def remove_panel(self, name: PanelName) -> bool:
         """Remove and delete the panel; returns whether it was removed."""
         if self._arrangement is None or name not in self._arrangement.panels:
             return False
-        what = tr("Close {panel}").format(panel=self._title(name))
+        description = tr("Close {panel}").format(panel=self._title(name))
         with self._keys_in_place_of(name):
-            if not self.edit(what, edits.remove(self._arrangement, (name,))):
+            if not self.edit(description, edits.remove(self._arrangement, (name,))):
                 return False
         self._forget(name)
         return True
@@ -265,9 +265,9 @@ class DockHost(DockArea):
         had = _holds(self._docks[name], focused)
         group = next((group.panels for group in area.placing.groups if name in group.panels), ())
         yield
-        seen = next((other for other in group if other != name and self._docks[other].isVisible()), None)
-        if had and seen is not None and not self._docks[seen].widget().drives:
-            self._go_to(seen)
+        visible = next((other for other in group if other != name and self._docks[other].isVisible()), None)
+        if had and visible is not None and not self._docks[visible].widget().drives:
+            self._go_to(visible)
 
     def is_open(self, name: PanelName) -> bool:
         """Whether the panel is open, even if behind another tab."""
@@ -287,10 +287,10 @@ class DockHost(DockArea):
         panel.title_changed.connect(self._retitle)
         dock.drag_moved.connect(self._on_drag_moved)
         dock.drag_dropped.connect(self._on_drag_dropped)
-        dock.close_wanted.connect(self.close_panel)
-        dock.float_wanted.connect(self.toggle_floating)
-        dock.menu_wanted.connect(self._open_menu)
-        dock.drawer_wanted.connect(self._open_drawer_of)
+        dock.close_requested.connect(self.close_panel)
+        dock.float_requested.connect(self.toggle_floating)
+        dock.menu_requested.connect(self._open_menu)
+        dock.drawer_requested.connect(self._open_drawer_of)
         return dock
 
     def show_everything(self) -> None:
@@ -324,24 +324,24 @@ class DockHost(DockArea):
                 dock.set_shown(False)
         self.show_tree(arrangement.tree, arrangement.docked)
         # The stored layout stays unchanged: the other screen may be connected again later.
-        for window, wanted in zip(self._windows, edits.clamped(arrangement, self.screens()).floating, strict=True):
+        for window, target in zip(self._windows, edits.clamped(arrangement, self.screens()).floating, strict=True):
             window.area.locked = self.locked
-            shown = frozenset(panels_in(wanted.tree)) - arrangement.hidden
-            window.show_panels(wanted.tree, shown, wanted.place)
+            visible = frozenset(panels_in(target.tree)) - arrangement.hidden
+            window.show_panels(target.tree, visible, target.place)
 
     def _new_window(self, index: int) -> FloatingWindow:
         window = FloatingWindow(self._docks, self)
         self._follow(window.area, index)
         window.moved_by_hand.connect(lambda place: self._on_window_moved(index, place))
-        window.close_wanted.connect(lambda: self._dock_all_of(index))
+        window.close_requested.connect(lambda: self._dock_all_of(index))
         return window
 
     def _follow(self, area: DockArea, window: int | None = None) -> None:
         area.tab_chosen.connect(self._on_tab_chosen)
-        area.tab_gone_to.connect(self._go_to)
+        area.tab_clicked.connect(self._go_to)
         area.tab_drag_moved.connect(self._on_drag_moved)
         area.tab_drag_dropped.connect(self._on_drag_dropped)
-        area.tab_menu_wanted.connect(self._open_menu)
+        area.tab_menu_requested.connect(self._open_menu)
         area.resized_by_hand.connect(
             lambda path, weights, let_go: self._on_resized_by_hand(window, path, weights, let_go)
         )
@@ -367,14 +367,14 @@ class DockHost(DockArea):
             self.locked = locked
             self.show_everything()
 
-    def edit(self, what: str, after: DockLayout | None) -> bool:
-        """Apply the wizard's edit ``what``; returns whether it was applied."""
+    def edit(self, description: str, after: DockLayout | None) -> bool:
+        """Apply the wizard's edit ``description``; returns whether it was applied."""
         if after is None or after == self._arrangement:
             return False
         if self.locked:
             self.refused.emit(tr(LOCKED))
             return False
-        self._do(what, after)
+        self._do(description, after)
         return True
 
     def panel_with_keys(self) -> PanelName | None:
@@ -389,10 +389,10 @@ class DockHost(DockArea):
         if self._docks[name].isVisible():
             focus_widget(self._docks[name].focus_target(), Qt.FocusReason.MouseFocusReason)
 
-    def _do(self, what: str, after: DockLayout) -> None:
+    def _do(self, description: str, after: DockLayout) -> None:
         before, self._arrangement = self._arrangement, after
         self.show_everything()
-        self.edited.emit(what, before)
+        self.edited.emit(description, before)
         self.layout_changed.emit()
 
     def close_panel(self, name: PanelName) -> None:

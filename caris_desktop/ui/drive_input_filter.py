@@ -98,7 +98,7 @@ class DriveInputFilter(QObject):
     windows_changed = Signal()  # a window, dialog or menu opened or closed
     escape_pressed = Signal()
     close_refused = Signal()  # a close was refused because the robot is being driven
-    help_wanted = Signal()  # F1 in a window other than the console's own, where it is a phrase
+    help_requested = Signal()  # F1 in a window other than the console's own, where it is a phrase
     nowhere_ended = Signal()
     slipped = Signal(str)  # reason why a key press had no effect
     mark_pressed = Signal(str)  # a key of an action of kind "mark" went down
@@ -388,7 +388,7 @@ class DriveInputFilter(QObject):
         if not repeated and self._wants_help(event):
             event.accept()
             if event.type() == QEvent.Type.KeyPress:
-                self.help_wanted.emit()
+                self.help_requested.emit()
             return True
         if self._goes_nowhere(code, event):
             event.accept()
@@ -531,12 +531,12 @@ class DriveInputFilter(QObject):
         self._owned[identity] = None
         if event.key() == Qt.Key.Key_Space and self._actions.spec("push_to_talk") is not None:
             talk = self._actions.key_text("push_to_talk")
-            said = tr("Alt+Space has no function. Hold {key} to speak through the robot.").format(key=talk)
+            hint = tr("Alt+Space has no function. Hold {key} to speak through the robot.").format(key=talk)
         elif self._actions.spec("drive_forward") is not None:
-            said = self._how_to_drive(tr("This key has no function with Alt."))
+            hint = self._how_to_drive(tr("This key has no function with Alt."))
         else:
-            said = tr("This key has no function with Alt.")
-        self.slipped.emit(said)
+            hint = tr("This key has no function with Alt.")
+        self.slipped.emit(hint)
         return True
 
     def _how_to_drive(self, why_not: str) -> str:
@@ -565,7 +565,7 @@ class DriveInputFilter(QObject):
         """Whether keystrokes are discarded because they were meant for something that could not be opened."""
         return self._nowhere.isActive()
 
-    def _on_not_done(self, _why: str, opens: bool) -> None:
+    def _on_not_done(self, _reason: str, opens: bool) -> None:
         if opens and not self.motion.moving:
             self._nowhere.start()
             self._update_key_owner()

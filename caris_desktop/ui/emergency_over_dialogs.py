@@ -41,7 +41,7 @@ class EmergencyOverDialogs(QObject):
         window.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         window.setAttribute(Qt.WidgetAttribute.WA_TranslucentBackground)
         window.destroyed.connect(self._on_copy_destroyed)
-        button = ActionButton(self._theme, self._button.text(), key=self._button.key, look="danger", height_px=40)
+        button = ActionButton(self._theme, self._button.text(), key=self._button.key, role="danger", height_px=40)
         button.setObjectName("emergency_stop_copy")
         button.setToolTip(self._button.toolTip())
         button.pressed.connect(self.pressed)

@@ -93,27 +93,27 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
         case events.GoalChanged(state=state, place=place, detail=detail):
             if state not in _GOALS:
                 return None
-            said = tr(_GOALS[state]).format(place=place or tr("the chosen point"))
-            return (PROBLEMS if state == "failed" else MOVED), with_detail(said, detail)
+            sentence = tr(_GOALS[state]).format(place=place or tr("the chosen point"))
+            return (PROBLEMS if state == "failed" else MOVED), with_detail(sentence, detail)
         case events.MovementChanged(state=state, publishers=publishers) if state in _MOVEMENTS:
             return PROBLEMS, with_label(tr(_MOVEMENTS[state]), ", ".join(publishers))
         case events.GuardChanged() | events.InitialPoseSet() | events.MapRequestChanged() | events.MappingChanged():
             return _navigation_sentence(event)
         case events.PlacesChanged(name=name, pose_in_map=pose):
-            said = tr("Place {place} removed") if pose is None else tr("Place {place} saved")
-            return SESSION, said.format(place=name)
+            sentence = tr("Place {place} removed") if pose is None else tr("Place {place} saved")
+            return SESSION, sentence.format(place=name)
         case events.ControlUsed():
             return _control_sentence(event)
         case events.GamepadChanged(name=name, connected=connected):
-            said = tr("{gamepad} was plugged in") if connected else tr("{gamepad} was unplugged")
-            return SESSION, said.format(gamepad=name or tr("The gamepad"))
+            sentence = tr("{gamepad} was plugged in") if connected else tr("{gamepad} was unplugged")
+            return SESSION, sentence.format(gamepad=name or tr("The gamepad"))
         case events.UtteranceChanged(speaker="robot", state="started", text=text):
             return SAID, tr("Robot: “{text}”").format(text=shortened(with_names(text, name_of), 120))
         case events.UtteranceChanged(speaker="robot", state="interrupted", text=text):
             return SAID, tr("Cut short: “{text}”").format(text=shortened(with_names(text, name_of), 60))
         case events.UtteranceChanged(speaker="robot", state="failed", text=text, detail=detail):
-            said = tr("Not said: “{text}”").format(text=shortened(with_names(text, name_of), 60))
-            return PROBLEMS, with_detail(said, detail)
+            sentence = tr("Not said: “{text}”").format(text=shortened(with_names(text, name_of), 60))
+            return PROBLEMS, with_detail(sentence, detail)
         case events.UtteranceChanged(speaker="participant", state="finished", text=text, person_id=person_id):
             who = name_of(person_id) if person_id else tr("Participant")
             return SAID, tr("{who}: “{text}”").format(who=who, text=shortened(with_names(text, name_of), 120))
@@ -136,8 +136,8 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
         case events.ProposalChanged(state=state, intent=intent, arguments=arguments):
             return SAID, tr(_PROPOSALS[state]).format(act=_proposed(intent, arguments))
         case events.LevelChanged(function=function, level=level):
-            said = tr("{function}: {level}")
-            return SESSION, said.format(function=tr(FUNCTIONS[function]), level=tr(LEVELS[level]))
+            sentence = tr("{function}: {level}")
+            return SESSION, sentence.format(function=tr(FUNCTIONS[function]), level=tr(LEVELS[level]))
         case events.PersonAppeared(person_id=person_id):
             return PEOPLE, tr("{person} came into view").format(person=name_of(person_id))
         case events.PersonLeft(person_id=person_id):
@@ -153,11 +153,11 @@ def _event_sentence(event: object, name_of: NameOf) -> tuple[Category, str] | No
         case events.PhotoTaken(file_name=file_name):
             return SESSION, tr("Photo taken ({file})").format(file=file_name.rsplit("/", 1)[-1])
         case events.PhotoTagged(file_name=file_name, tags=tags):
-            said = tr("Photo tagged ({file}: {tags})")
-            return SESSION, said.format(file=file_name.rsplit("/", 1)[-1], tags=", ".join(tags) or tr("no tags"))
+            sentence = tr("Photo tagged ({file}: {tags})")
+            return SESSION, sentence.format(file=file_name.rsplit("/", 1)[-1], tags=", ".join(tags) or tr("no tags"))
         case events.PhotoDeleted(file_name=file_name, restored=restored):
-            said = tr("Photo restored ({file})") if restored else tr("Photo deleted ({file})")
-            return SESSION, said.format(file=file_name.rsplit("/", 1)[-1])
+            sentence = tr("Photo restored ({file})") if restored else tr("Photo deleted ({file})")
+            return SESSION, sentence.format(file=file_name.rsplit("/", 1)[-1])
         case events.Marked():
             return SESSION, mark_sentence(event)
         case events.StepEntered() | events.ProtocolEnded() | events.StepTicked():
@@ -285,8 +285,8 @@ DECISIONS_ABOUT_PEOPLE = (
 def _about_people(event: object, name_of: NameOf) -> str:
     match event:
         case events.PersonSuggested(person_id=person_id, is_person_id=other, confidence=confidence):
-            said = tr("{person} may be {other} ({likelihood})")
-            return said.format(person=name_of(person_id), other=name_of(other), likelihood=percent(confidence))
+            sentence = tr("{person} may be {other} ({likelihood})")
+            return sentence.format(person=name_of(person_id), other=name_of(other), likelihood=percent(confidence))
         case events.PersonIdentified(is_person_id=other, by="console", confidence=confidence):
             return tr("{person} recognised ({likelihood})").format(
                 person=name_of(other), likelihood=percent(confidence)
@@ -300,11 +300,11 @@ def _about_people(event: object, name_of: NameOf) -> str:
         case events.PeopleMerged(into_person_id=into):
             return tr("Merged into one person: {person}").format(person=name_of(into))
         case events.PersonSplit(person_id=person_id, from_person_id=other):
-            said = tr("Split: {person} and {other} are two people")
-            return said.format(person=name_of(person_id), other=name_of(other))
+            sentence = tr("Split: {person} and {other} are two people")
+            return sentence.format(person=name_of(person_id), other=name_of(other))
         case events.ConsentNoted(person_id=person_id, kind=kind, given=given):
-            said = tr("{person} agrees to {kind}") if given else tr("{person} no longer agrees to {kind}")
-            return said.format(person=name_of(person_id), kind=tr(CONSENTS[kind]))
+            sentence = tr("{person} agrees to {kind}") if given else tr("{person} no longer agrees to {kind}")
+            return sentence.format(person=name_of(person_id), kind=tr(CONSENTS[kind]))
         case events.PeopleUndone(decision=decision):
             return tr(_UNDONE[decision])
         case _:
@@ -336,10 +336,10 @@ def _navigation_sentence(
         case events.MapRequestChanged(operation="save" | "load" as operation, name=name, state=state, detail=detail):
             save = operation == "save"
             if state == "failed":
-                said = tr("The map {map} was not saved") if save else tr("The map {map} was not loaded")
-                return PROBLEMS, with_detail(said.format(map=name), detail)
-            said = tr("The map {map} was saved") if save else tr("The map {map} was loaded")
-            return (SESSION, said.format(map=name)) if state == "succeeded" else None
+                sentence = tr("The map {map} was not saved") if save else tr("The map {map} was not loaded")
+                return PROBLEMS, with_detail(sentence.format(map=name), detail)
+            sentence = tr("The map {map} was saved") if save else tr("The map {map} was loaded")
+            return (SESSION, sentence.format(map=name)) if state == "succeeded" else None
         case events.MapRequestChanged(state="failed", detail=detail):
             return PROBLEMS, with_detail(tr("The mapping mode was not changed"), detail)
         case events.MappingChanged(mapping=mapping) if mapping is not None:

@@ -87,10 +87,10 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         self._bar = QProgressBar(textVisible=False)
         self._bar.setObjectName("export_progress")
         self._bar.setRange(0, 1000)
-        self._what = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
-        self._what.setObjectName("export_what")
-        self._what.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self._close = ActionButton(theme, tr("Close"), look="ghost", height_px=38)
+        self._description = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        self._description.setObjectName("export_what")
+        self._description.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._close = ActionButton(theme, tr("Close"), role="ghost", height_px=38)
         self._close.setObjectName("export_close")
         self._close.clicked.connect(self.close)
         self._open = ActionButton(theme, tr("Open folder"), icon="folder-open", height_px=38)
@@ -99,7 +99,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         self._cancel = ActionButton(theme, tr("Cancel export"), icon="x", height_px=38)
         self._cancel.setObjectName("export_cancel")
         self._cancel.clicked.connect(library.cancel_export)
-        self._start = ActionButton(theme, tr("Export"), icon="export", look="primary", height_px=38)
+        self._start = ActionButton(theme, tr("Export"), icon="export", role="primary", height_px=38)
         self._start.setObjectName("export_start")
         self._start.clicked.connect(self._on_start)
         self._lay_out()
@@ -171,15 +171,15 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         layout.addWidget(self._names)
         layout.addSpacing(2)
         layout.addWidget(self._bar)
-        layout.addWidget(self._what)
-        whole = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
-        whole.addWidget(Scrolled(content), 1)
+        layout.addWidget(self._description)
+        outer = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
+        outer.addWidget(Scrolled(content), 1)
         buttons = layouts.hbox(spacing_px=8)
         buttons.addWidget(self._close)
         buttons.addStretch(1)
         for button in (self._open, self._cancel, self._start):
             buttons.addWidget(button)
-        whole.addLayout(buttons)
+        outer.addLayout(buttons)
 
     def _label(self, text: str) -> QLabel:
         label = QLabel(text)
@@ -222,8 +222,8 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
 
     def _choose_folder(self) -> None:
         # Qt's non-modal dialog: a system file dialog would take the keys that stop the robot.
-        wanted = Path(self._folder.text().strip()).expanduser()
-        there = next((path for path in (wanted, *wanted.parents) if path.is_dir()), Path.home())
+        folder = Path(self._folder.text().strip()).expanduser()
+        there = next((path for path in (folder, *folder.parents) if path.is_dir()), Path.home())
         dialog = QFileDialog(self, tr("Choose the export folder"), str(there))
         dialog.setObjectName("export_folder_dialog")
         dialog.setFileMode(QFileDialog.FileMode.Directory)
@@ -278,7 +278,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         ready = bool(self.formats) and bool(self._folder.text().strip())
         self._start.setEnabled(ready)
         count = len(self.formats)
-        self._start.set_label(tr("Export"), look="plain" if ended and status.state == "done" else "primary")
+        self._start.set_label(tr("Export"), role="plain" if ended and status.state == "done" else "primary")
         text, role = "", "dim"
         if running:
             text = f"{status.fraction:.0%}".replace("%", " %") + (f" · {status.what}" if status.what else "")
@@ -286,9 +286,9 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
             text, role = self._outcome(status)
         elif not count:
             text = tr("Choose at least one format.")
-        self._what.setText(text)
-        self._what.setVisible(bool(text))
-        self._theme.color_text(self._what, role)
+        self._description.setText(text)
+        self._description.setVisible(bool(text))
+        self._theme.color_text(self._description, role)
 
     def _outcome(self, status: ExportStatus) -> tuple[str, str]:
         written = len(status.written)
@@ -304,8 +304,8 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
             case "cancelled":
                 return " ".join((tr("Cancelled."), remaining or tr("Nothing was saved."))), "dim"
             case _:
-                why = status.detail or tr("The export failed; see the program’s log for the reason.")
-                return f"{why} {remaining}".strip(), "red"
+                reason = status.detail or tr("The export failed; see the program’s log for the reason.")
+                return f"{reason} {remaining}".strip(), "red"
 
     # ---- style
 
@@ -313,7 +313,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         for label in self._dim:
             self._theme.color_text(label, "dim")
         self._which.setFont(self._theme.font(tokens.STATUS_PX))
-        self._what.setFont(self._theme.font(tokens.STATUS_PX + 1))
+        self._description.setFont(self._theme.font(tokens.STATUS_PX + 1))
         self._show_state()
         self.update()
 

@@ -90,13 +90,13 @@ def _first(widget: QWidget | None, kind: type) -> QWidget | None:
     return widget
 
 
-def pass_keys_on(window: QWidget, gone: QWidget) -> None:
-    """Move the focus from ``gone``, which was hidden or disabled, to its part, else to ``window`` itself, where no
+def pass_keys_on(window: QWidget, lost: QWidget) -> None:
+    """Move the focus from ``lost``, which was hidden or disabled, to its part, else to ``window`` itself, where no
     field has it. Qt would focus the first widget of the window.
     """
-    place = key_place_of(gone)
+    place = key_place_of(lost)
     target = place.focus_target() if place is not None and place.isVisible() else window
-    usable = target.isVisible() and target.isEnabled() and target is not gone
+    usable = target.isVisible() and target.isEnabled() and target is not lost
     (target if usable else window).setFocus(Qt.FocusReason.PopupFocusReason)
 
 

@@ -131,7 +131,7 @@ class GamepadDialog(VisualTabOrderMixin, QDialog):
         self._reset = ActionButton(theme, tr("Reset to defaults"), icon="arrow-counter-clockwise")
         self._reset.setObjectName("gamepad_reset")
         self._reset.clicked.connect(self._on_reset)
-        close = ActionButton(theme, tr("Close"), look="primary")
+        close = ActionButton(theme, tr("Close"), role="primary")
         close.setObjectName("gamepad_close")
         close.clicked.connect(self.close)
         foot = QHBoxLayout()
@@ -147,9 +147,9 @@ class GamepadDialog(VisualTabOrderMixin, QDialog):
         layout.addWidget(self._view)
         layout.addWidget(scroll, 1)
         layout.addLayout(sliders)
-        whole = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
-        whole.addWidget(Scrolled(content), 1)
-        whole.addLayout(foot)
+        outer = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
+        outer.addWidget(Scrolled(content), 1)
+        outer.addLayout(foot)
         state.gamepad.changed.connect(self._on_status_changed)
         gamepads.mapping_changed.connect(self._refresh)
         gamepads.sampled.connect(self._on_sampled)
@@ -276,8 +276,8 @@ class GamepadDialog(VisualTabOrderMixin, QDialog):
             text = tr(status.detail) or tr("Plug in or turn on a gamepad. It is detected automatically.")
         elif self._learned is not None:
             role = "blue"
-            wanted = _wanted(self._learned, second=bool(self._first_way))
-            text = tr("{action}: {wanted}.").format(action=_title(self._learned), wanted=wanted)
+            instruction = _wanted(self._learned, second=bool(self._first_way))
+            text = tr("{action}: {wanted}.").format(action=_title(self._learned), wanted=instruction)
         elif status.detail:
             text, role = tr("This gamepad is {what}.").format(what=tr(status.detail)), "amber"
         else:
@@ -320,7 +320,7 @@ class BindingRow(QWidget):
 
     def show_binding(self, words: str, *, learning: bool) -> None:
         self._bound.setText(tr("waiting…") if learning else words)
-        self.change.set_label(tr("Cancel") if learning else tr("Change"), look="amber" if learning else "plain")
+        self.change.set_label(tr("Cancel") if learning else tr("Change"), role="amber" if learning else "plain")
 
     def _style(self) -> None:
         self._theme.style_text(self._bound, "dim", tokens.STATUS_PX)
@@ -361,11 +361,11 @@ class GamepadView(QWidget):
 
     def _paint_axes(self, painter: QPainter, area: QRectF) -> None:
         theme = self._theme
-        shown = self._raw.axes[:8]
-        columns = 2 if len(shown) > 4 else 1
-        lines = -(-len(shown) // columns) or 1
+        axes = self._raw.axes[:8]
+        columns = 2 if len(axes) > 4 else 1
+        lines = -(-len(axes) // columns) or 1
         height = min(26.0, area.height() / lines)
-        for index, value in enumerate(shown):
+        for index, value in enumerate(axes):
             left = area.left() + (index // lines) * (area.width() / columns)
             width = area.width() / columns - 14
             top = area.top() + (index % lines) * height
@@ -419,7 +419,7 @@ def _short_names() -> dict[str, str]:
 
 
 def _title(action: AxisAction | ButtonAction) -> str:
-    for axis, (title, _wanted_text) in _AXIS_TEXTS.items():
+    for axis, (title, _text) in _AXIS_TEXTS.items():
         if axis == action:
             return tr(title)
     return next(tr(title) for button, title in _BUTTON_TEXTS.items() if button == action)

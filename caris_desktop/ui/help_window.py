@@ -53,7 +53,7 @@ class GuideBrowser(QTextBrowser):
 
     def _show_heading(self, page: QUrl) -> None:
         """Scroll to the heading of the link; Qt's Markdown has no anchors and no space around headings."""
-        block, wanted = self.document().begin(), None
+        block, heading = self.document().begin(), None
         while block.isValid():
             if block.blockFormat().headingLevel():
                 spaced = block.blockFormat()
@@ -61,10 +61,10 @@ class GuideBrowser(QTextBrowser):
                 spaced.setBottomMargin(tokens.GRID_PX)
                 QTextCursor(block).setBlockFormat(spaced)
                 if page.hasFragment() and anchor_of(block.text()) == page.fragment():
-                    wanted = block
+                    heading = block
             block = block.next()
-        if wanted is not None:
-            top_px = self.document().documentLayout().blockBoundingRect(wanted).top()
+        if heading is not None:
+            top_px = self.document().documentLayout().blockBoundingRect(heading).top()
             self.verticalScrollBar().setValue(round(top_px))
 
 
@@ -98,7 +98,7 @@ class HelpWindow(VisualTabOrderMixin, QWidget):
             ("help_back", tr("Back"), "arrow-left", self.browser.backward, self.browser.backwardAvailable),
             ("help_forward", tr("Forward"), "arrow-right", self.browser.forward, self.browser.forwardAvailable),
         ):
-            button = ActionButton(theme, text, icon=icon, look="ghost", may_lose_words=True)
+            button = ActionButton(theme, text, icon=icon, role="ghost", may_lose_words=True)
             button.setObjectName(name)
             button.setToolTip(text)
             button.setEnabled(False)
@@ -170,17 +170,17 @@ class HelpWindows(QObject):
         dialog = QApplication.activeModalWidget()
         page = page_of(dialog or focused_widget() or QApplication.activeWindow())
         owner = dialog or self._window  # a modal dialog blocks every window except its own children
-        shown = owner.findChild(HelpWindow, options=Qt.FindChildOption.FindDirectChildrenOnly)
-        if shown is None:
-            shown = HelpWindow(self._theme, owner)
-        bring_up(shown)
-        shown.show_page(page)
+        window = owner.findChild(HelpWindow, options=Qt.FindChildOption.FindDirectChildrenOnly)
+        if window is None:
+            window = HelpWindow(self._theme, owner)
+        bring_up(window)
+        window.show_page(page)
 
     def close(self, *, only_active: bool = False) -> None:
         """Close the help. ``only_active``: a stop from the main window leaves it open."""
-        for shown in self._window.findChildren(HelpWindow):
-            if shown.isActiveWindow() or not only_active:
-                shown.close()
+        for window in self._window.findChildren(HelpWindow):
+            if window.isActiveWindow() or not only_active:
+                window.close()
 
 
 FIRST_PAGE = "wizard.md"

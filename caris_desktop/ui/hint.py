@@ -33,10 +33,10 @@ class Hints(QObject):
         hold.escape_pressed.connect(self.take_away)
         hold.nowhere_ended.connect(self._on_nowhere_ended)
 
-    def _on_not_done(self, why: str, _opens: bool) -> None:
+    def _on_not_done(self, reason: str, _opens: bool) -> None:
         nowhere = self._hold.keys_go_nowhere
         ends = tr("{why} Typing is ignored until you press Esc or click.")
-        self.say(ends.format(why=why) if nowhere else why)
+        self.say(ends.format(why=reason) if nowhere else reason)
         self._by_nowhere = nowhere
 
     def say(self, text: str) -> None:

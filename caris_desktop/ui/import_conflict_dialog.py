@@ -60,7 +60,7 @@ class ImportConflictDialog(VisualTabOrderMixin, QDialog):
         cancel = ActionButton(theme, tr("Cancel"), height_px=40)
         cancel.setObjectName("same_names_cancel")
         cancel.clicked.connect(self.reject)
-        self._import = ActionButton(theme, tr("Import"), look="primary", height_px=40)
+        self._import = ActionButton(theme, tr("Import"), role="primary", height_px=40)
         self._import.setObjectName("same_names_import")
         self._import.clicked.connect(self._on_import)
         buttons = QHBoxLayout()
@@ -97,9 +97,9 @@ class _Part(QWidget):
         self._conflict = conflict
         part = conflict.part
         self.setObjectName(f"same_name_{part.kind}")
-        asked = QLabel(tr(_ASKED[part.kind]).format(name=part.name), textFormat=Qt.TextFormat.PlainText)
-        asked.setWordWrap(True)
-        asked.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
+        question = QLabel(tr(_ASKED[part.kind]).format(name=part.name), textFormat=Qt.TextFormat.PlainText)
+        question.setWordWrap(True)
+        question.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
         self.choice = DropDown(
             theme, f"same_name_choice_{part.kind}", tr("How to import {name}").format(name=part.name)
         )
@@ -117,21 +117,21 @@ class _Part(QWidget):
         self.differs = ActionButton(theme, tr("Show differences"), icon="git-diff", height_px=32)
         self.differs.setObjectName(f"what_differs_{part.kind}")
         self.differs.clicked.connect(self._show_differences)
-        self.shown = QPlainTextEdit(readOnly=True)
-        self.shown.setObjectName(f"differences_{part.kind}")
-        self.shown.setAccessibleName(tr("Differences between the imported and the existing version"))
-        self.shown.setMinimumHeight(180)
-        self.shown.hide()
+        self.differences = QPlainTextEdit(readOnly=True)
+        self.differences.setObjectName(f"differences_{part.kind}")
+        self.differences.setAccessibleName(tr("Differences between the imported and the existing version"))
+        self.differences.setMinimumHeight(180)
+        self.differences.hide()
         named = layouts.hbox(spacing_px=8)
         named.addWidget(self.choice, 1)
         named.addWidget(self.name, 1)
         column = layouts.vbox(self, margins_px=0, spacing_px=6)
-        column.addWidget(asked)
+        column.addWidget(question)
         column.addLayout(named)
         if not conflict.own:
             column.addWidget(came)
         column.addWidget(self.differs, 0, Qt.AlignmentFlag.AlignLeft)
-        column.addWidget(self.shown)
+        column.addWidget(self.differences)
         self.name.textChanged.connect(lambda _text: changed())
         self.choice.currentIndexChanged.connect(lambda _index: self._on_chosen(changed))
 
@@ -165,10 +165,10 @@ class _Part(QWidget):
         from caris_desktop.ui.scenario_editor.preview import difference_words
 
         conflict = self._conflict
-        said = []
+        difference_lines = []
         if conflict.part.kind == "scenario":
             there, theirs = _data(conflict.text), _data(conflict.part.text)
-            said = [
+            difference_lines = [
                 f"{' › '.join(map(str, one.path))}: {difference_words(one)}"
                 for one in differences(Scenario, there, theirs)
             ]
@@ -180,8 +180,8 @@ class _Part(QWidget):
             lineterm="",
             n=2,
         )
-        self.shown.setPlainText("\n".join([*said, *([""] if said else []), *lines]))
-        self.shown.show()
+        self.differences.setPlainText("\n".join([*difference_lines, *([""] if difference_lines else []), *lines]))
+        self.differences.show()
         self.differs.hide()
 
 

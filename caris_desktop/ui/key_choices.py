@@ -107,9 +107,9 @@ def changed(spec: ActionSpec, column: Column, key: str) -> Keys:
 
 def without(spec: ActionSpec, key: str) -> Keys:
     """Keys of the row after removing ``key``; a drive key is removed with its chord."""
-    gone = {key, f"Alt+{key}", key.removeprefix("Alt+")} if spec.by_position else {key}
+    removed = {key, f"Alt+{key}", key.removeprefix("Alt+")} if spec.by_position else {key}
     return Keys(
-        *(tuple(each for each in keys if normalized(each) not in gone) for keys in (spec.keys, spec.driving_keys))
+        *(tuple(each for each in keys if normalized(each) not in removed) for keys in (spec.keys, spec.driving_keys))
     )
 
 
@@ -159,9 +159,9 @@ def settle(specs: Iterable[ActionSpec], choices: Choices) -> ResolvedBindings:
     for spec in standard:
         keys = choices.get(name_of_row(spec))
         if keys is not None:
-            why = _broken(spec, keys, standard)
-            if why:
-                messages.append(tr("“{act}”: {why}").format(act=spec.text, why=why))
+            reason = _broken(spec, keys, standard)
+            if reason:
+                messages.append(tr("“{act}”: {why}").format(act=spec.text, why=reason))
             else:
                 chosen[spec.id] = keys
     firm = [spec for spec in standard if spec.id in chosen or not spec.own_key]
@@ -219,9 +219,9 @@ def _broken(spec: ActionSpec, keys: Keys, rows: Iterable[ActionSpec]) -> str:
             if not same or ", " in key:
                 return tr("{key} is not a key.").format(key=key)
             bare = key.removeprefix("Alt+") if spec.by_position else key
-            why = "" if key in getattr(spec, column) else refusal(spec, column, bare, rows)
-            if why:
-                return why
+            reason = "" if key in getattr(spec, column) else refusal(spec, column, bare, rows)
+            if reason:
+                return reason
     return ""
 
 
@@ -235,12 +235,12 @@ def as_text(choices: Choices) -> str:
 def from_text(text: str) -> dict[str, Keys]:
     """Parse ``as_text``. Raises ValueError for anything else."""
     try:
-        kept: Any = json.loads(text)
+        stored: Any = json.loads(text)
     except RecursionError as error:
         raise ValueError("nested too deeply") from error
-    if not isinstance(kept, dict):
+    if not isinstance(stored, dict):
         raise ValueError("no keys by rows")  # noqa: TRY004 - the text is wrong, not its type
-    return {str(name): Keys(*(_key_list(row, column) for column in COLUMNS)) for name, row in kept.items()}
+    return {str(name): Keys(*(_key_list(row, column) for column in COLUMNS)) for name, row in stored.items()}
 
 
 def _key_list(row: Any, column: Column) -> tuple[str, ...]:

@@ -38,8 +38,8 @@ class KeyboardGrab(QObject):
         self._focused_window = focused_window
         self._holder: QWindow | None = None
         self._until_s = 0.0
-        self._look = QTimer(self, interval=_LOOK_EVERY_MS)
-        self._look.timeout.connect(self._release_if_focus_moved)
+        self._focus_timer = QTimer(self, interval=_LOOK_EVERY_MS)
+        self._focus_timer.timeout.connect(self._release_if_focus_moved)
         self._report_timer = QTimer(self, singleShot=True, interval=_TOLD_MS)
 
     @property
@@ -61,7 +61,7 @@ class KeyboardGrab(QObject):
         self.give_back()
         if handle.setKeyboardGrabEnabled(True):
             self._holder = handle
-            self._look.start()
+            self._focus_timer.start()
 
     def _release_if_focus_moved(self) -> None:
         """Release the grab as soon as the focus has moved, so that the window manager's own keys (Alt+Tab) work."""
@@ -74,7 +74,7 @@ class KeyboardGrab(QObject):
 
     def give_back(self) -> None:
         """Release the grab; keys go to the focused window again."""
-        self._look.stop()
+        self._focus_timer.stop()
         if self._holder is not None:
             holder, self._holder = self._holder, None
             self._report_timer.start()

@@ -59,9 +59,9 @@ class LayoutHistory:
         self._before: list[tuple[str, DockLayout]] = []
         self._after: list[tuple[str, DockLayout]] = []
 
-    def note(self, what: str, before: DockLayout) -> None:
-        """Record an edit ``what`` of ``before``; clears the redo stack."""
-        self._before.append((what, before))
+    def note(self, description: str, before: DockLayout) -> None:
+        """Record an edit ``description`` of ``before``; clears the redo stack."""
+        self._before.append((description, before))
         del self._before[:-MOST_UNDO_STEPS]
         self._after.clear()
 
@@ -77,15 +77,15 @@ class LayoutHistory:
     def undo(self, present: DockLayout) -> DockLayout | None:
         if not self._before:
             return None
-        what, before = self._before.pop()
-        self._after.append((what, present))
+        description, before = self._before.pop()
+        self._after.append((description, present))
         return before
 
     def redo(self, present: DockLayout) -> DockLayout | None:
         if not self._after:
             return None
-        what, after = self._after.pop()
-        self._before.append((what, present))
+        description, after = self._after.pop()
+        self._before.append((description, present))
         return after
 
 
@@ -96,7 +96,7 @@ class LayoutStore(QObject):
     scenario file. ``show_scenario`` shows the panels of a scenario in their current layout.
     """
 
-    title_wanted = Signal()  # the receiver asks the wizard for a title and calls ``save_as``
+    title_requested = Signal()  # the receiver asks the wizard for a title and calls ``save_as``
     noticed = Signal(object)  # Problem, for a notification
     changed = Signal()  # availability of the commands changed
 
@@ -129,7 +129,7 @@ class LayoutStore(QObject):
         docks.layout_changed.connect(self.rest.start)
         docks.layout_changed.connect(self._on_layout_changed)
         docks.edited.connect(self._on_edited)
-        docks.refused.connect(lambda why: self._notice(why, ""))
+        docks.refused.connect(lambda reason: self._notice(reason, ""))
         docks.room_changed.connect(self._fit)
         wizards.changed.connect(self._on_wizard_changed)
 
@@ -169,9 +169,9 @@ class LayoutStore(QObject):
         """The file's layout for each screen size class, all with the panels of the usual layout."""
         trees: dict[SizeClass, LayoutNode] = {"usual": tree}
         for kind in ("compact", "large"):
-            own = own_layout(scenario, kind)
-            if own is not None:
-                trees[kind] = with_the_panels_of(tree, own)
+            scenario_layout = own_layout(scenario, kind)
+            if scenario_layout is not None:
+                trees[kind] = with_the_panels_of(tree, scenario_layout)
         return trees
 
     def _kind_now(self) -> SizeClass:
@@ -242,8 +242,8 @@ class LayoutStore(QObject):
                 self._board.show(arrangement_of(baseline))
                 self._begin_reporting()
 
-    def _on_edited(self, what: str, before: DockLayout) -> None:
-        self._history.note(what, before)
+    def _on_edited(self, description: str, before: DockLayout) -> None:
+        self._history.note(description, before)
         self._touched = True
 
     def _on_layout_changed(self) -> None:
@@ -255,9 +255,11 @@ class LayoutStore(QObject):
         arrangement = self._docks.arrangement
         if self._in_replay or not self._touched or arrangement is None or self._board.building:
             return
-        own = self.is_unsaved or bool(arrangement.floating or arrangement.hidden)
-        self._file.save_working_copy(self._name, self._kind, self._file_tree(self._kind), arrangement if own else None)
-        self._touched = own
+        changed = self.is_unsaved or bool(arrangement.floating or arrangement.hidden)
+        self._file.save_working_copy(
+            self._name, self._kind, self._file_tree(self._kind), arrangement if changed else None
+        )
+        self._touched = changed
 
     def follow(self, scenario: Scenario) -> None:
         """Adopt a changed layout of the scenario file without moving the panels."""
@@ -338,7 +340,7 @@ class LayoutStore(QObject):
                         self.is_unsaved and live,
                         "Save into the scenario",
                     ),
-                    (QT_TR_NOOP("Save as another scenario…"), "floppy-disk", self.title_wanted.emit, live, ""),
+                    (QT_TR_NOOP("Save as another scenario…"), "floppy-disk", self.title_requested.emit, live, ""),
                     (
                         QT_TR_NOOP("Revert to the scenario’s layout"),
                         "arrow-counter-clockwise",

@@ -163,7 +163,7 @@ class MainWindow(PanelWindow, QWidget):
         self.first_use = FirstUse(self.theme, console, self.actions_table, self.robots, self, settings=settings)
         self._column.insertWidget(self._column.indexOf(self._strip) + 1, self.first_use.hint)
         self.layout_keeper.lend_room_to(self.first_use.hint, self.practice)
-        self.first_use.hint.practise_wanted.connect(self.practice.begin)
+        self.first_use.hint.practise_requested.connect(self.practice.begin)
         self.gamepad = GamepadWindow(self.theme, console, self.hold, self)
         self.faces = FaceWindows(self.theme, console, self)
         self.observers = ObserverWindows(
@@ -227,10 +227,10 @@ class MainWindow(PanelWindow, QWidget):
             known.connect(self._renew_palette)
         self._status_bar.connection_clicked.connect(self._connection.open)
         self._connection.diagnostics_requested.connect(self._open_diagnostics)
-        self._alarms.log_wanted.connect(self._open_log)
+        self._alarms.log_requested.connect(self._open_log)
         self._connection.robots_requested.connect(self._open_robot_menu)
-        self.board.window_wanted.connect(self.sessions.open)
-        self.board.window_wanted.connect(self.faces.open)
+        self.board.window_requested.connect(self.sessions.open)
+        self.board.window_requested.connect(self.faces.open)
         self.layout_keeper.noticed.connect(self._problems.show_problem)
         for step_back in (
             self._palette_overlay.close_overlay, self._sheet.step_back, self._connection.close_overlay,
@@ -238,7 +238,7 @@ class MainWindow(PanelWindow, QWidget):
             self._question.put_away, self.sessions.close_the_active_one, partial(self.help.close, only_active=True),
         ):  # fmt: skip
             self.hold.escape_pressed.connect(step_back)
-        self.hold.help_wanted.connect(self.help.open)
+        self.hold.help_requested.connect(self.help.open)
         self.hold.close_refused.connect(self.closing.report_refused)
         self.hold.set_emergency_button(top_bar.emergency)
         self._emergency_copy.pressed.connect(lambda: self._console.do(intents.EmergencyStop()))
@@ -275,7 +275,7 @@ class MainWindow(PanelWindow, QWidget):
         self._status_bar.show_replay()
         self._strip.hide()
         self._protocol.show_replay(replay.overview)
-        self._protocol.moment_wanted.connect(replay.seek)
+        self._protocol.moment_requested.connect(replay.seek)
         self.closing.use_replay()
         self.layout_keeper.use_replay()
         parts = ReplayWidgets(self.theme, replay, self._console.state, self.actions_table)
@@ -285,7 +285,7 @@ class MainWindow(PanelWindow, QWidget):
         self._replay_parts = parts
         replay.noticed.connect(self._problems.show_problem)
         self._problems.line.clicked.connect(parts.show_panels)
-        self.board.moment_wanted.connect(replay.seek)
+        self.board.moment_requested.connect(replay.seek)
         self.hold.escape_pressed.connect(parts.timeline.acts.give_up)
         self._place.use_replay()
         self._focus_first()
@@ -355,12 +355,12 @@ class MainWindow(PanelWindow, QWidget):
             if scenario is None or not ends:
                 switch()
                 return
-            said = tr(
+            question = tr(
                 "“{title}” does not record {what}, so the rest of this recording will not contain it. Switch the "
                 "scenario?"
             )
             title = text_formatting.shortened(scenario.title, 40)
-            self._question.ask(said.format(title=title, what=", ".join(ends)), tr("Switch"), switch)
+            self._question.ask(question.format(title=title, what=", ".join(ends)), tr("Switch"), switch)
 
         if self._console.state.recording.value.state in IN_SESSION:
             read_for(self, self._console, partial(_read_scenario, path), compare)
@@ -368,10 +368,10 @@ class MainWindow(PanelWindow, QWidget):
             switch()
 
     def _on_scenario_changed(self, scenario: Scenario) -> None:
-        shown = self._shown_scenario
-        if scenario is shown:
+        before = self._shown_scenario
+        if scenario is before:
             return
-        if shown is not None and same_panels(shown, scenario, self.dock_host.tree):
+        if before is not None and same_panels(before, scenario, self.dock_host.tree):
             self._shown_scenario = scenario
             self.layout_keeper.follow(scenario)
             self._top_bar.show_scenario()
@@ -407,7 +407,9 @@ class MainWindow(PanelWindow, QWidget):
             return tr("This suggestion is not available now.")
         self.board.open("speak")
         text = text_formatting.with_names(card.text, lambda person_id: name_of(console, person_id))
-        panel.edit_first(text, lambda said: not console.do(intents.SayEditedSuggestion(card.suggestion_id, said)))
+        panel.edit_first(
+            text, lambda edited_text: not console.do(intents.SayEditedSuggestion(card.suggestion_id, edited_text))
+        )
         return ""
 
     def show_next_phrases(self) -> None:

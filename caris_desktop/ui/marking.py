@@ -55,10 +55,10 @@ class Marking(QObject):
         self.card.earlier_requested.connect(lambda: self._ask(move_last_mark_back))
         self.card.withdraw_requested.connect(lambda: self._ask(withdraw_last_mark))
         actions.asking.connect(self._on_asking)
-        actions.asked.connect(self._on_asked)
+        actions.intent_sent.connect(self._on_intent_sent)
         self.card.label_chosen.connect(self._on_label_chosen)
         self.card.error_kind_chosen.connect(self._on_error_kind)
-        self.card.note_kept.connect(self._on_note_stored)
+        self.card.note_saved.connect(self._on_note_stored)
         self.card.end_requested.connect(lambda mark_id: console.do(intents.EndMark(mark_id)))
         self._answer_time = QTimer(self, singleShot=True, interval=round(ANSWER_WITHIN_S * 1000))
         self._answer_time.timeout.connect(self._on_answer_late)
@@ -120,7 +120,7 @@ class Marking(QObject):
             self._no_question()
             self._taken_back = self._console.state.marks.value.last
 
-    def _on_asked(self, intent: Intent) -> None:
+    def _on_intent_sent(self, intent: Intent) -> None:
         """Show the outcome in the popup."""
         match intent:
             case intents.Mark(kind="wizard_error"):
@@ -223,7 +223,7 @@ class MarkCard(QWidget):
     label_chosen = Signal(str)
     error_kind_chosen = Signal(str)
     end_requested = Signal(str)  # mark id
-    note_kept = Signal(str, str, float)  # text, mark id or empty, seconds ago
+    note_saved = Signal(str, str, float)  # text, mark id or empty, seconds ago
 
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, window: QWidget) -> None:
         super().__init__(window)
@@ -246,7 +246,7 @@ class MarkCard(QWidget):
         self._title.setObjectName("mark_card_title")
         self._line = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
         self._line.setObjectName("mark_card_line")
-        close = self._button("mark_card_close", "", icon="x", look="ghost")
+        close = self._button("mark_card_close", "", icon="x", role="ghost")
         close.setAccessibleName(tr("Close"))
         close.clicked.connect(self.close_card)
         self._labels = FlowRow(gap_px=6)
@@ -254,7 +254,7 @@ class MarkCard(QWidget):
         self._kinds = FlowRow(gap_px=6)
         self._kind_buttons: list[tuple[str, str, ActionButton]] = []
         self._kinds_shown: tuple[ErrorKind, ...] = ()
-        self._end = self._button("mark_card_end", tr("End"), icon="stop", look="primary")
+        self._end = self._button("mark_card_end", tr("End"), icon="stop", role="primary")
         self._end.clicked.connect(self._on_end)
         self._earlier = self._button("mark_card_earlier", tr("3 s earlier"), icon="rewind")
         self._earlier.clicked.connect(self.earlier_requested)
@@ -276,7 +276,7 @@ class MarkCard(QWidget):
         self.field.setMaxLength(400)
         self.field.setMinimumHeight(36)
         self.field.returnPressed.connect(self._store_note)
-        self._keep = self._button("note_keep", tr("Save"), key="Enter", look="primary")
+        self._keep = self._button("note_keep", tr("Save"), key="Enter", role="primary")
         self._keep.clicked.connect(self._store_note)
         leave = self._button("note_leave", tr("Discard"), key="Esc")
         leave.clicked.connect(self.close_card)
@@ -448,9 +448,9 @@ class MarkCard(QWidget):
             button.deleteLater()
         self._kind_buttons.clear()
         for letter, kind in zip(ERROR_KEYS, kinds, strict=False):
-            shown = tr(kind.kind)
+            title = tr(kind.kind)
             name = f"mark_card_{kind.kind.replace(' ', '_')}"
-            button = self._button(name, f"{shown[:1].upper()}{shown[1:]}", key=letter, key_first=True)
+            button = self._button(name, f"{title[:1].upper()}{title[1:]}", key=letter, key_first=True)
             button.setToolTip(tr(kind.meaning) if kind.meaning else "")
             button.clicked.connect(lambda _checked=False, chosen=kind.kind: self.error_kind_chosen.emit(chosen))
             self._kinds.add(button)
@@ -466,9 +466,9 @@ class MarkCard(QWidget):
             self._labels.add(button)
             self._label_buttons.append(button)
         for index, button in enumerate(self._label_buttons):
-            shown = index < len(labels)
-            button.setVisible(shown)
-            if shown:
+            visible = index < len(labels)
+            button.setVisible(visible)
+            if visible:
                 button.set_label(labels[index])
                 button.setChecked(labels[index] == mark.label)
         self._labels.setVisible(bool(labels) and not self._held)
@@ -486,12 +486,12 @@ class MarkCard(QWidget):
             since = tr("Since {time}, until you release the key") if self._held else tr("Since {time}")
             self._line.setText(since.format(time=at))
         else:
-            what = {"wizard_error": tr("Wizard error"), "note": tr("Note saved")}.get(mark.kind, tr("Marked"))
+            text = {"wizard_error": tr("Wizard error"), "note": tr("Note saved")}.get(mark.kind, tr("Marked"))
             if mark.label:
-                what = text_formatting.with_label(what, mark.label)
+                text = text_formatting.with_label(text, mark.label)
             elif self._asks:
-                what = tr("{marked} · what kind?").format(marked=what)
-            self._title.setText(what)
+                text = tr("{marked} · what kind?").format(marked=text)
+            self._title.setText(text)
             parts = [at]
             if mark.end_ns is not None:
                 parts.append(
@@ -543,7 +543,7 @@ class MarkCard(QWidget):
         mark_id, ago_s = self._note_for, time.monotonic() - self._note_began_s
         self.close_card()
         if text or mark_id:
-            self.note_kept.emit(text, mark_id, ago_s)
+            self.note_saved.emit(text, mark_id, ago_s)
 
     # ---- placement and style
 

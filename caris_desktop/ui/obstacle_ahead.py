@@ -39,12 +39,12 @@ def ahead_of(scan: LaserScan) -> Ahead:
     angles = np.remainder(angles + math.pi, 2 * math.pi) - math.pi
     with np.errstate(invalid="ignore"):
         # A beam without a return reads inf, 0 or out of range; a masked beam reads nan or a negative value.
-        looks = ranges >= 0.0
+        active = ranges >= 0.0
         returned = scan.returned() & (np.abs(angles) <= _AHEAD_RAD)
     near = float(ranges[returned].min()) + scan.robot_from_laser.x_m if bool(returned.any()) else None
     # Directions half a degree apart, each covered if an active beam is next to it.
     directions = np.linspace(-_AHEAD_RAD, _AHEAD_RAD, 81)
-    beams = np.sort(angles[looks])
+    beams = np.sort(angles[active])
     if not beams.size:
         return Ahead(near, 0.0)
     after = np.searchsorted(beams, directions)

@@ -85,11 +85,11 @@ class Overlay(QWidget):
         self._leave_in_sight()
 
     def _leave_in_sight(self) -> None:
-        seen = QRegion(self.rect())
+        visible = QRegion(self.rect())
         for part in self._in_sight:
             if part.isVisible():
-                seen -= QRect(self.mapFromGlobal(part.mapToGlobal(QPoint())), part.size())
-        self.setMask(seen)
+                visible -= QRect(self.mapFromGlobal(part.mapToGlobal(QPoint())), part.size())
+        self.setMask(visible)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if self.isVisible() and event.type() in PLACE_CHANGES:

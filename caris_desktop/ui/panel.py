@@ -58,9 +58,9 @@ class Panel(QWidget):
     active_changed = Signal(bool)
     title_changed = Signal(str)
     controls_changed = Signal()  # title_widgets returns others now; the receiver deletes dropped ones
-    window_wanted = Signal(str)  # WindowName
+    window_requested = Signal(str)  # WindowName
     choices_changed = Signal()  # the wizard changed ``choices``
-    moment_wanted = Signal(object)  # session clock in nanoseconds: seek a replay there
+    moment_requested = Signal(object)  # session clock in nanoseconds: seek a replay there
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__()
@@ -203,10 +203,10 @@ class Panel(QWidget):
 
     def set_fact(self, text: str, role: str = "dim", *, rest: str = "") -> None:
         """Set the status text on the right of the title bar; ``rest`` is dimmed."""
-        whole, self._fact_lead = f"{text} {rest}".strip(), len(text)
-        if (whole, role) != self._fact:
-            self._fact = (whole, role)
-            self.fact_changed.emit(whole, role)
+        full_text, self._fact_lead = f"{text} {rest}".strip(), len(text)
+        if (full_text, role) != self._fact:
+            self._fact = (full_text, role)
+            self.fact_changed.emit(full_text, role)
 
     @property
     def active(self) -> bool:
@@ -228,11 +228,11 @@ class Panel(QWidget):
         draw_card(painter, self.theme, QRectF(self.rect()), top=False, active=self._active)
 
 
-def show_part(part: QWidget, shown: bool) -> None:
+def show_part(part: QWidget, visible: bool) -> None:
     """Show or hide a widget that may have no parent yet: shown without one, it would briefly be a window and take the
     focus from driving. It appears with its parent.
     """
-    if not shown:
+    if not visible:
         part.hide()
     elif part.parentWidget() is not None:
         part.show()
@@ -264,10 +264,10 @@ def draw_card_edge(painter: QPainter, theme: Theme, rect: QRectF, painted: Pixma
     for side, left in corners.items():
 
         def paint(onto: QPainter, side: str = side) -> None:
-            whole = QRectF(0 if side == "left" else -3 * radius, -3 * radius, 4 * radius, 4 * radius)
-            card = _card_path(whole, top=False)
+            outline = QRectF(0 if side == "left" else -3 * radius, -3 * radius, 4 * radius, 4 * radius)
+            card = _card_path(outline, top=False)
             outside = QPainterPath()
-            outside.addRect(whole)
+            outside.addRect(outline)
             onto.fillPath(outside.subtracted(card), theme.color("window"))
             onto.strokePath(card, QPen(line, 1))
 

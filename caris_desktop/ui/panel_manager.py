@@ -56,8 +56,8 @@ class _ReservedPlace(Panel):
 class PanelManager(QObject):
     """Manages all panels by name, without knowing their classes."""
 
-    window_wanted = Signal(str)  # WindowName: a panel requests a window
-    moment_wanted = Signal(object)  # forwarded from a panel
+    window_requested = Signal(str)  # WindowName: a panel requests a window
+    moment_requested = Signal(object)  # forwarded from a panel
     made = Signal(str, object)  # PanelName, Panel
     completed = Signal()  # all panels of the scenario exist
     opened = Signal(str, object)  # PanelName, Panel, in the state given by the scenario file
@@ -134,9 +134,9 @@ class PanelManager(QObject):
         actions.rebuild(scenario)
         self._bind_driving()
         self._outdated.extend(self._panels)
-        missing, seen = [name for name in arrangement.panels if name not in self._panels], arrangement.in_front
-        self._missing.extend(name for name in missing if name in seen)
-        self._behind.extend(name for name in missing if name not in seen)
+        missing, front_panels = [name for name in arrangement.panels if name not in self._panels], arrangement.in_front
+        self._missing.extend(name for name in missing if name in front_panels)
+        self._behind.extend(name for name in missing if name not in front_panels)
         self._building = _Building(arrangement, lambda: arranged(tree))
         self._turn.start()
 
@@ -305,8 +305,8 @@ class PanelManager(QObject):
     def toggler(self, name: PanelName) -> Callable[[bool], None]:
         """Slot that opens or closes the panel after the menu has closed, so that size and focus can be set."""
 
-        def toggle(shown: bool) -> None:
-            QTimer.singleShot(0, self, lambda: self.open(name) if shown else self.close(name))
+        def toggle(checked: bool) -> None:
+            QTimer.singleShot(0, self, lambda: self.open(name) if checked else self.close(name))
 
         return toggle
 
@@ -346,8 +346,8 @@ class PanelManager(QObject):
         panel: Panel = PANELS[name].load()(self._context)
         self._panels[name] = panel
         self._least[name] = panel.minimumSizeHint()
-        panel.window_wanted.connect(self.window_wanted)
-        panel.moment_wanted.connect(self.moment_wanted)
+        panel.window_requested.connect(self.window_requested)
+        panel.moment_requested.connect(self.moment_requested)
         panel.use_library(present=self._has_library)
         self.made.emit(name, panel)
         if name in self._opened_in:

@@ -76,12 +76,12 @@ class PanelTitleBar(Bar, QWidget):
     def _fit(self) -> None:
         """Hide button texts as far as the title needs their space."""
         row = self._row
-        shown = [widget for widget in self._controls if not widget.isHidden()]
+        visible = [widget for widget in self._controls if not widget.isHidden()]
         widths = [self._title.sizeHint().width()] if not self._title.isHidden() else []
-        widths += [widget.sizeHint().width() for widget in shown]
+        widths += [widget.sizeHint().width() for widget in visible]
         margins = row.contentsMargins()
         missing_px = sum(widths) + row.spacing() * len(widths) + margins.left() + margins.right() - self.width()
-        for button in reversed(shown):
+        for button in reversed(visible):
             if not isinstance(button, ActionButton) or not button.may_shrink:
                 continue
             full_px, least_px = button.sizeHint().width(), button.minimumSizeHint().width()

@@ -51,8 +51,8 @@ class PixmapCache:
         ``key`` must hold everything the pixmap depends on except its size and the screen scale of ``painter``.
         """
         ratio = _ratio_of(painter)
-        whole = (key, size.width(), size.height(), ratio)
-        picture = self._pixmaps.get(whole)
+        full_key = (key, size.width(), size.height(), ratio)
+        picture = self._pixmaps.get(full_key)
         if picture is None:
             picture = QPixmap((size * ratio).toSize().expandedTo(QSize(1, 1)))
             picture.setDevicePixelRatio(ratio)
@@ -61,11 +61,11 @@ class PixmapCache:
             onto.setRenderHint(QPainter.RenderHint.Antialiasing)
             paint(onto)
             onto.end()
-            self._pixmaps[whole] = picture
+            self._pixmaps[full_key] = picture
             if len(self._pixmaps) > self._at_most:
                 self._pixmaps.popitem(last=False)
         else:
-            self._pixmaps.move_to_end(whole)
+            self._pixmaps.move_to_end(full_key)
         return picture
 
 

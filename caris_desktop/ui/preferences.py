@@ -215,9 +215,9 @@ class Preferences(QObject):
         """Restore lowered levels; a level is never raised."""
         now = self._levels()
         for function in get_args(AssistedFunction):
-            wanted = stored.get(function) if isinstance(stored, dict) else None
-            if wanted != now[function] and wanted in levels_up_to(now[function]):  # type: ignore[arg-type]
-                self._console.do(intents.SetLevel(function, wanted))
+            level = stored.get(function) if isinstance(stored, dict) else None
+            if level != now[function] and level in levels_up_to(now[function]):  # type: ignore[arg-type]
+                self._console.do(intents.SetLevel(function, level))
         return True
 
     def _use_phrases(self, stored: Any) -> bool:

@@ -49,7 +49,7 @@ class ProblemCards(InSight):
     def __init__(self, theme: Theme, over: DockArea, state: LiveState, line: "ProblemLine") -> None:
         super().__init__(over)
         self.line = line
-        self._asked_for = False
+        self._open_requested = False
         self._clear_of: set[QWidget] = set()
         line.clicked.connect(self._on_line_clicked)
         self.setObjectName("problem_cards")
@@ -92,11 +92,11 @@ class ProblemCards(InSight):
             self._add(ProblemCard(self._theme, problem, self))
 
     def _on_alarms_changed(self, alarms: tuple[Alarm, ...]) -> None:
-        shown = {alarm.alarm_id: alarm for alarm in alarms}
-        for card in [card for card in self._cards if card.alarm_id and card.alarm_id not in shown]:
+        current = {alarm.alarm_id: alarm for alarm in alarms}
+        for card in [card for card in self._cards if card.alarm_id and card.alarm_id not in current]:
             self._dismiss(card)
         cards = {card.alarm_id: card for card in self._cards if card.alarm_id}
-        self._seen = {alarm_id: seen for alarm_id, seen in self._seen.items() if alarm_id in shown}
+        self._seen = {alarm_id: seen for alarm_id, seen in self._seen.items() if alarm_id in current}
         for alarm in sorted(alarms, key=lambda alarm: alarm.began_ns):
             news = (alarm.times, alarm.severity, alarm.asked_ns)
             if alarm.alarm_id in cards:
@@ -132,10 +132,10 @@ class ProblemCards(InSight):
 
     def _place(self) -> None:
         place = self._free_place() if self._cards else None
-        self._asked_for = self._asked_for and bool(self._cards) and place is None
+        self._open_requested = self._open_requested and bool(self._cards) and place is None
         problem = gravest(self._cards).problem if self._cards and place is None else None
-        self.line.show_problem(problem, len(self._cards), opened=self._asked_for)
-        if place is None and self._asked_for:
+        self.line.show_problem(problem, len(self._cards), opened=self._open_requested)
+        if place is None and self._open_requested:
             place = in_the_corner(Rect(0, 0, self._over.width(), self._over.height()), self._height_for)
         self.setVisible(place is not None)
         if place is None:
@@ -147,16 +147,16 @@ class ProblemCards(InSight):
         self.raise_()
 
     def _on_line_clicked(self) -> None:
-        self._asked_for = not self._asked_for
+        self._open_requested = not self._open_requested
         self._place()
 
     def _free_place(self) -> Rect | None:
         """Place for the popups. One is expanded, the newest of the most severe or the clicked one; the others are
         collapsed.
         """
-        whole = self._opened or gravest(self._cards)
+        open_card = self._opened or gravest(self._cards)
         for card in self._cards:
-            card.fold(card is not whole)
+            card.fold(card is not open_card)
         if not self._over.isVisibleTo(self._over.window()):
             return None
         clear_of = (card for card in self._clear_of if card.isVisible())
@@ -211,9 +211,9 @@ class ProblemLine(StatusButton):
             text = tr("{number} · {problem}").format(number=number, problem=text)
         spoken = tr("{severity}: {what}").format(severity=tr(word), what=text)
         self.show_words(text, icon, role, spoken=spoken)
-        said = " ".join(part for part in (one.meaning, one.advice) if part)
-        self.setAccessibleDescription(said)
-        self.setToolTip(wrapped_tip(one.what, said, tr("Click to show or hide it.")))
+        explanation = " ".join(part for part in (one.meaning, one.advice) if part)
+        self.setAccessibleDescription(explanation)
+        self.setToolTip(wrapped_tip(one.what, explanation, tr("Click to show or hide it.")))
 
 
 class ProblemCard(QWidget):
@@ -243,7 +243,7 @@ class ProblemCard(QWidget):
             label.setWordWrap(True)
             label.setTextFormat(Qt.TextFormat.PlainText)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        close = ActionButton(theme, "", icon="x", look="ghost", height_px=28)
+        close = ActionButton(theme, "", icon="x", role="ghost", height_px=28)
         close.setObjectName("problem_dismiss")
         close.setAccessibleName(tr("Dismiss"))
         close.clicked.connect(lambda: self.dismissed.emit(self))
@@ -278,8 +278,8 @@ class ProblemCard(QWidget):
 
     def show_alarm(self, alarm: Alarm) -> None:
         problem = _as_problem(alarm)
-        shown = (self.problem, self._count, self._folded, self._shown_why)
-        if (problem, alarm.times, alarm.folded, alarm.why) == shown:
+        before = (self.problem, self._count, self._folded, self._shown_why)
+        if (problem, alarm.times, alarm.folded, alarm.why) == before:
             return
         self._count, self._folded, self._shown_why = alarm.times, alarm.folded, alarm.why
         self.show_problem(problem)

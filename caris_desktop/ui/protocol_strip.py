@@ -44,12 +44,12 @@ _FULL, _NO_NOTE, _TICKS_COUNTED, _NEXT_SHORT, _ACTS_SHORT, _BRANCH_SHORT, _ALL_S
 
 class ProtocolStrip(Bar, QWidget):
     """Protocol strip, hidden if the scenario has no protocol. In a replay it shows the step at that time and the
-    duration of each step in the session; ``moment_wanted`` is the start time of a clicked step.
+    duration of each step in the session; ``moment_requested`` is the start time of a clicked step.
     """
 
     accessible_role = QAccessible.Role.Grouping
 
-    moment_wanted = Signal(int)
+    moment_requested = Signal(int)
 
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, hold: DriveInputFilter) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class ProtocolStrip(Bar, QWidget):
         self._branches_card: BranchesCard | None = None
         self.pills = StepPills(theme)
         self.pills.chosen.connect(self._go_to)
-        self.pills.list_wanted.connect(self._open_or_close_list)
+        self.pills.list_requested.connect(self._open_or_close_list)
         self._note = ElidedLabel()
         self._note.setObjectName("step_note_line")
         self._ticks: list[CheckBox] = []
@@ -103,7 +103,7 @@ class ProtocolStrip(Bar, QWidget):
         may_shrink: bool = False,
     ) -> ActionButton:  # fmt: skip
         button = ActionButton(
-            self._theme, icon=icon, look="ghost" if ghost else "plain", height_px=_BUTTON_PX,
+            self._theme, icon=icon, role="ghost" if ghost else "plain", height_px=_BUTTON_PX,
             text_px=tokens.STATUS_PX + 1, menu_arrow=menu_arrow, may_shrink=may_shrink,
         )  # fmt: skip
         button.setObjectName(f"strip_{name}")
@@ -145,8 +145,8 @@ class ProtocolStrip(Bar, QWidget):
         step = self._step
         self._say_buttons(step)
         self._show_ticks(step)
-        said = tr("The protocol has ended.") if self.status.ended else ""
-        self._note.setText(said if step is None else step.note)
+        note = tr("The protocol has ended.") if self.status.ended else ""
+        self._note.setText(note if step is None else step.note)
         self._show_time()
         if step is None:
             self._clock.stop()
@@ -257,7 +257,7 @@ class ProtocolStrip(Bar, QWidget):
         if not self._replay:
             self._console.do(intents.GoToStep(step_id))
         elif record is not None and record.first_ns is not None:
-            self.moment_wanted.emit(record.first_ns)
+            self.moment_requested.emit(record.first_ns)
 
     def choose_branch(self) -> None:
         """Take the only branch at once; of several, the one whose digit follows or that is clicked."""
@@ -482,9 +482,9 @@ class _CardBelow(FloatingCard):
     def _is_of(self, widget: QObject) -> bool:
         """Whether a widget belongs to the popup, or to the strip that opens and closes it."""
         return any(
-            isinstance(widget, QWidget) and (widget is whole or whole.isAncestorOf(widget))
-            for whole in (self, self._strip)
-            if whole is not None
+            isinstance(widget, QWidget) and (widget is part or part.isAncestorOf(widget))
+            for part in (self, self._strip)
+            if part is not None
         )
 
     def hideEvent(self, event: QHideEvent) -> None:
@@ -554,7 +554,7 @@ class StepsCard(_CardBelow):
         return box
 
     def _new_row(self) -> ActionButton:
-        row = ActionButton(self._theme, look="ghost", height_px=_ROW_PX, may_shrink=True, key_first=True)
+        row = ActionButton(self._theme, role="ghost", height_px=_ROW_PX, may_shrink=True, key_first=True)
         row.setCheckable(True)
         row.setMaximumWidth(_WIDE_PX - 24)
         row.clicked.connect(lambda _checked=False, row=row: self._on_row(row))

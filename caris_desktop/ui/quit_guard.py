@@ -71,9 +71,9 @@ class QuitGuard(QObject):
         question = " ".join((tr("Close the console?"), *ends))
         self._question.ask(question, tr("Close the console"), lambda: self._on_agreed(ends))
 
-    def _on_agreed(self, asked: list[str]) -> None:
+    def _on_agreed(self, confirmed: list[str]) -> None:
         ends = self.what_ends()
-        if set(ends) <= set(asked):
+        if set(ends) <= set(confirmed):
             self._agreed = True
             self.close_window()
             self._agreed = False

@@ -88,18 +88,18 @@ class ResumeTrialCard(QWidget):
         column = self._column = layouts.vbox(self, margins_px=(20, 16, 20, 16), spacing_px=tokens.GRID_PX)
         column.addWidget(self._heading)
         column.addWidget(self._text)
-        for what, asked in _ASKED.items():
-            box = self._boxes[what] = CheckBox(theme, tr(asked), wraps=True)
-            box.setObjectName(f"going_on_{what}")
-            box.clicked.connect(self._confirmer(what))
+        for condition, text in _ASKED.items():
+            box = self._boxes[condition] = CheckBox(theme, tr(text), wraps=True)
+            box.setObjectName(f"going_on_{condition}")
+            box.clicked.connect(self._confirmer(condition))
             column.addWidget(box)
-        self._yes = ActionButton(theme, tr("Resume the trial"), look="primary", height_px=38)
+        self._yes = ActionButton(theme, tr("Resume the trial"), role="primary", height_px=38)
         self._yes.setObjectName("going_on_yes")
         self._yes.clicked.connect(lambda: console.do(intents.GoOnWithTrial()))
-        self._start = ActionButton(theme, tr("Record the next part"), icon="record", look="primary", height_px=38)
+        self._start = ActionButton(theme, tr("Record the next part"), icon="record", role="primary", height_px=38)
         self._start.setObjectName("going_on_start")
         self._start.clicked.connect(start_recording)
-        self._no = ActionButton(theme, tr("Do not resume"), look="ghost", height_px=38)
+        self._no = ActionButton(theme, tr("Do not resume"), role="ghost", height_px=38)
         self._no.setObjectName("going_on_no")
         self._no.clicked.connect(lambda: console.do(intents.LeaveTrial()))
         buttons = layouts.hbox(spacing_px=tokens.GRID_PX)
@@ -118,9 +118,9 @@ class ResumeTrialCard(QWidget):
             value.changed.connect(self._show_permissions)
         self._show(console.state.going_on.value)
 
-    def _confirmer(self, what: AsBefore) -> Callable[[bool], None]:
+    def _confirmer(self, condition: AsBefore) -> Callable[[bool], None]:
         def confirm(_checked: bool) -> None:
-            self._console.do(intents.ConfirmAsBefore(what))
+            self._console.do(intents.ConfirmAsBefore(condition))
             self._show(self._console.state.going_on.value)  # a confirmation cannot be withdrawn
 
         return confirm
@@ -146,10 +146,10 @@ class ResumeTrialCard(QWidget):
                     "emergency stop."
                 )
             )
-        for what, box in self._boxes.items():
+        for condition, box in self._boxes.items():
             box.setVisible(not offered)
-            box.setChecked(what not in status.unconfirmed)
-            box.setEnabled(what in status.unconfirmed)
+            box.setChecked(condition not in status.unconfirmed)
+            box.setEnabled(condition in status.unconfirmed)
         self._show_permissions()
         self._yes.setVisible(offered)
         self._start.setVisible(not offered)

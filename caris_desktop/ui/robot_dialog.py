@@ -133,9 +133,11 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self.address_field.setMaxLength(300)
         self.address_field.returnPressed.connect(self.query_robot)
         self.address_field.textChanged.connect(self._on_address_changed)
-        self._look = ActionButton(theme, tr("Scan"), icon="magnifying-glass", key="Enter", look="primary", height_px=36)
-        self._look.setObjectName("robot_look")
-        self._look.clicked.connect(self.query_robot)
+        self._scan_button = ActionButton(
+            theme, tr("Scan"), icon="magnifying-glass", key="Enter", role="primary", height_px=36
+        )
+        self._scan_button.setObjectName("robot_look")
+        self._scan_button.clicked.connect(self.query_robot)
         self._certificates = self._optional_field(
             "robot_certificates", tr("a PEM file, if not signed by a known authority")
         )
@@ -157,7 +159,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
             security.addWidget(QLabel(text), 2 * line, 0)
             security.addWidget(field, 2 * line + 1, 0)
         self._security.hide()
-        self._security_toggle = ActionButton(theme, tr("Security"), icon="lock-simple", look="ghost", height_px=36)
+        self._security_toggle = ActionButton(theme, tr("Security"), icon="lock-simple", role="ghost", height_px=36)
         self._security_toggle.setObjectName("robot_security")
         self._security_toggle.setCheckable(True)
         self._security_toggle.setToolTip(tr("Custom certificates (wss://) and the rosauth secret"))
@@ -188,10 +190,10 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self._check.setObjectName("robot_check")
         self._check.setToolTip(tr("Listen to every stream for a few seconds"))
         self._check.clicked.connect(self.check)
-        self._save = ActionButton(theme, tr("Save and connect"), look="primary", height_px=38)
+        self._save = ActionButton(theme, tr("Save and connect"), role="primary", height_px=38)
         self._save.setObjectName("robot_save")
         self._save.clicked.connect(self.save)
-        cancel = ActionButton(theme, tr("Cancel"), look="ghost", height_px=38)
+        cancel = ActionButton(theme, tr("Cancel"), role="ghost", height_px=38)
         cancel.setObjectName("robot_cancel")
         cancel.clicked.connect(self.reject)
         self._lay_out(cancel)
@@ -213,7 +215,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         row = layouts.hbox(holder, margins_px=0, spacing_px=6)
         group = QButtonGroup(holder)
         for page, text in enumerate((tr("Mapping"), tr("Everything found"))):
-            button = ActionButton(self._theme, text, look="ghost")
+            button = ActionButton(self._theme, text, role="ghost")
             button.setObjectName(f"robot_page_{page}")
             button.setCheckable(True)
             button.setChecked(page == 0)
@@ -267,7 +269,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
     def _lay_out(self, cancel: ActionButton) -> None:
         address = layouts.hbox(spacing_px=8)
         address.addWidget(self.address_field, 1)
-        address.addWidget(self._look)
+        address.addWidget(self._scan_button)
         address.addWidget(self._security_toggle)
         foot = layouts.hbox(spacing_px=8)
         foot.addWidget(cancel)
@@ -291,9 +293,9 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         layout.addWidget(self._empty, 1)
         layout.addLayout(named)
         layout.addWidget(self._file)
-        whole = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
-        whole.addWidget(Scrolled(content), 1)
-        whole.addLayout(foot)
+        outer = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
+        outer.addWidget(Scrolled(content), 1)
+        outer.addLayout(foot)
 
     # ---- commands
 
@@ -511,15 +513,19 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
     def _fill_offer(self) -> None:
         self.offer_list.clear()
         if self._found is not None:
-            wanted = self._filter.text().casefold().split()
+            query_words = self._filter.text().casefold().split()
             self.offer_list.addItems(
-                [line for line in offer_lines(self._found.offer) if all(word in line.casefold() for word in wanted)]
+                [
+                    line
+                    for line in offer_lines(self._found.offer)
+                    if all(word in line.casefold() for word in query_words)
+                ]
             )
 
-    def _set_busy(self, what: str) -> None:
-        self._busy = what
-        if what:
-            self._note.show_note("blue", "hourglass", f"{what}…")
+    def _set_busy(self, activity: str) -> None:
+        self._busy = activity
+        if activity:
+            self._note.show_note("blue", "hourglass", f"{activity}…")
         self._refresh()
 
     def _refresh(self) -> None:
@@ -532,8 +538,8 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         if named:
             file = user_robots_dir() / profile_file_name(self._title())
             self._file.setText(tr("The profile will be saved as {file}.").format(file=file))
-        self._look.setEnabled(not self._busy)
-        self._look.set_label(tr("Scan again") if found else tr("Scan"))
+        self._scan_button.setEnabled(not self._busy)
+        self._scan_button.set_label(tr("Scan again") if found else tr("Scan"))
         self._check.setEnabled(found and not self._busy)
         self._save.setEnabled(found and not self._busy and bool(self._title()))
         self._save.setToolTip("" if self._title() else tr("Give the robot a name first"))

@@ -55,8 +55,8 @@ class ScenarioEditorWindow(QObject):
             bring_up(editor)
         elif editor.unsaved:
             bring_up(editor)
-            said = tr("The editor shows a different scenario than “{open}”, and your changes in it are not saved.")
-            editor.ask_before_closing(said.format(open=scenario.title), self.open)
+            message = tr("The editor shows a different scenario than “{open}”, and your changes in it are not saved.")
+            editor.ask_before_closing(message.format(open=scenario.title), self.open)
         else:
             editor.close()
             self.open()

@@ -45,8 +45,8 @@ class ScenarioFiles:
     def _ask_to_confirm(self, question: FileQuestion | None) -> None:
         """List the references of a file. Nothing in the file is used before a yes; closing the dialog means no."""
         if self._shown_question is not None:
-            shown, self._shown_question = self._shown_question, None
-            shown.close()
+            previous, self._shown_question = self._shown_question, None
+            previous.close()
         if question is None:
             return
         # Imported late: the first window does not need it.

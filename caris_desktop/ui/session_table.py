@@ -49,8 +49,8 @@ def purpose_title(purpose: str) -> str:
 
 def state_words(entry: SessionEntry) -> str:
     """Completeness of the session, its purpose and problems."""
-    whole = tr("Copy") if entry.copy_of else tr("Complete")
-    lost = tr("Incomplete") if entry.losses else whole
+    complete = tr("Copy") if entry.copy_of else tr("Complete")
+    lost = tr("Incomplete") if entry.losses else complete
     parts = [lost if entry.closed_properly else tr("Ended unexpectedly")]
     if entry.purpose:
         parts.insert(0, purpose_title(entry.purpose))
@@ -145,8 +145,8 @@ class SessionsModel(QAbstractTableModel):
             side = Qt.AlignmentFlag.AlignRight if column.right else Qt.AlignmentFlag.AlignLeft
             return int(side | Qt.AlignmentFlag.AlignVCenter)
         if role == Qt.ItemDataRole.ToolTipRole:
-            said = (str(entry.folder), tr("Recording now") if goes_on else state_words(entry), lacks_words(entry))
-            return "\n".join(part for part in said if part)
+            lines = (str(entry.folder), tr("Recording now") if goes_on else state_words(entry), lacks_words(entry))
+            return "\n".join(part for part in lines if part)
         if role == Qt.ItemDataRole.DecorationRole and column.title == "State":
             return _warning_icon(self._theme) if _doubtful(entry) and not goes_on else None
         return None

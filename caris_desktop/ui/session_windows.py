@@ -60,8 +60,8 @@ class SessionWindows(QObject):
     def find_recent(self) -> None:
         """Refresh ``recent`` in the background: once after each recording, never during one."""
         recording = self._console.state.recording.value.state in IN_SESSION
-        shown = self._sessions is not None and self._sessions.isVisible()
-        if self._library is not None and not (self._looked or recording or shown):
+        visible = self._sessions is not None and self._sessions.isVisible()
+        if self._library is not None and not (self._looked or recording or visible):
             self._looked = True
             self._library.find(SessionQuery())
 

@@ -87,7 +87,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self.setWindowTitle(tr("Sessions · CARIS Desktop"))
         self._theme = theme
         self._library = library
-        self._shown: tuple[SessionEntry, ...] = ()
+        self._listed: tuple[SessionEntry, ...] = ()
         self._known: dict[str, set[str]] = {name: set() for name, _ in _FILTERS}
         self.search = QLineEdit(placeholderText=tr("Search speech, notes and marks…"))
         self.search.setObjectName("sessions_search")
@@ -120,7 +120,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self.table.sortByColumn(0, Qt.SortOrder.DescendingOrder)
         self._places = PLACES_A_PAGE
         self.hits = HitsModel(self)
-        self.hits.more_wanted.connect(self._show_more)
+        self.hits.more_requested.connect(self._show_more)
         self.hit_list = HitList()
         self.hit_list.setObjectName("sessions_hits")
         self.hit_list.setAccessibleName(tr("Search results"))
@@ -142,10 +142,10 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self._lacks.setObjectName("sessions_lacks")
         self._lacks.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._lacks.hide()
-        self._all = self._button("sessions_show_all", tr("Show all"), "x", self._show_all, look="ghost")
+        self._all = self._button("sessions_show_all", tr("Show all"), "x", self._show_all, role="ghost")
         self._open = self._button("sessions_open_folder", tr("Open folder"), "folder-open", self._open_folder)
         self._export = self._button("sessions_export", tr("Export…"), "export", self._on_export)
-        self._replay_button = self._button("sessions_replay", tr("Replay"), "play", self._replay, look="primary")
+        self._replay_button = self._button("sessions_replay", tr("Replay"), "play", self._replay, role="primary")
         self._replay_button.set_key("Enter")
         self._lay_out()
         library.found.changed.connect(self._on_found)
@@ -226,9 +226,9 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self._find()
 
     def _on_found(self, status: LibraryStatus) -> None:
-        if status.sessions != self._shown:
+        if status.sessions != self._listed:
             # An unchanged list keeps its scroll position, however often the index is read.
-            self._shown = status.sessions
+            self._listed = status.sessions
             chosen = {entry.folder for entry in self.selected()}
             self.model.show_entries(status.sessions)
             self._select(chosen)
@@ -256,9 +256,9 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
     def _learn(self, status: LibraryStatus) -> None:
         """Add every participant, condition, ... seen so far to the filters."""
         for name, choice in self._filters.items():
-            seen = {str(getattr(entry, name)) for entry in status.sessions} - {""}
-            if not seen <= self._known[name]:
-                self._known[name] |= seen
+            values = {str(getattr(entry, name)) for entry in status.sessions} - {""}
+            if not values <= self._known[name]:
+                self._known[name] |= values
                 current = choice.currentData()
                 choice.blockSignals(True)
                 while choice.count() > 1:
@@ -409,7 +409,7 @@ _INDENT_PX = 12
 class HitsModel(QAbstractListModel):
     """Search results, each session's under a heading; more are fetched on scrolling."""
 
-    more_wanted = Signal(int)
+    more_requested = Signal(int)
     """New number of results to show."""
 
     def __init__(self, parent: QWidget) -> None:
@@ -417,17 +417,17 @@ class HitsModel(QAbstractListModel):
         self._hits: tuple[SearchHit, ...] = ()
         self._rows: list[SearchHit | Path] = []
         self._places: dict[Path, int] = {}
-        self._wanted = 0
+        self._requested_places = 0
         self._whose: dict[Path, str] = {}
         self.pattern: re.Pattern[str] | None = None
 
     def show_hits(self, status: LibraryStatus) -> None:
         if status.updating and status.hits == self._hits:
             return  # former results stay until new ones arrive
-        self._places, self._wanted = status.places, status.query.places
-        shown = len(self._hits)
-        if shown < len(status.hits) and self._hits and status.hits[:shown] == self._hits:
-            more = _grouped(status.hits[shown:], after=self._hits[-1].folder)
+        self._places, self._requested_places = status.places, status.query.places
+        count = len(self._hits)
+        if count < len(status.hits) and self._hits and status.hits[:count] == self._hits:
+            more = _grouped(status.hits[count:], after=self._hits[-1].folder)
             self.beginInsertRows(QModelIndex(), len(self._rows), len(self._rows) + len(more) - 1)
             self._hits = status.hits
             self._rows += more
@@ -457,11 +457,11 @@ class HitsModel(QAbstractListModel):
         return 0 if parent.isValid() else len(self._rows)
 
     def canFetchMore(self, _parent: QModelIndex | QPersistentModelIndex) -> bool:
-        return self._wanted <= len(self._hits) < sum(self._places.values())
+        return self._requested_places <= len(self._hits) < sum(self._places.values())
 
     def fetchMore(self, _parent: QModelIndex | QPersistentModelIndex) -> None:
-        self._wanted += PLACES_A_PAGE
-        self.more_wanted.emit(self._wanted)
+        self._requested_places += PLACES_A_PAGE
+        self.more_requested.emit(self._requested_places)
 
     def flags(self, index: QModelIndex | QPersistentModelIndex) -> Qt.ItemFlag:
         is_hit = isinstance(self._rows[index.row()], SearchHit)
@@ -567,22 +567,22 @@ class HitDelegate(QStyledItemDelegate):
             room = rect.right() - left
             if room <= 0:
                 return
-            shown = metrics.elidedText(text, Qt.TextElideMode.ElideRight, room)
+            elided = metrics.elidedText(text, Qt.TextElideMode.ElideRight, room)
             painter.setFont(font)
             painter.setPen(theme.color("blue" if found else "text"))
             painter.drawText(
-                QRect(left, rect.top(), room + 2, rect.height()), int(Qt.AlignmentFlag.AlignVCenter), shown
+                QRect(left, rect.top(), room + 2, rect.height()), int(Qt.AlignmentFlag.AlignVCenter), elided
             )
-            left += metrics.horizontalAdvance(shown)
-            if shown != text:
+            left += metrics.horizontalAdvance(elided)
+            if elided != text:
                 return
 
 
 def _draw_elided(painter: QPainter, box: QRect, text: str, font: QFont, color: QColor) -> None:
     painter.setFont(font)
     painter.setPen(color)
-    shown = QFontMetrics(font).elidedText(text, Qt.TextElideMode.ElideRight, box.width())
-    painter.drawText(box, int(Qt.AlignmentFlag.AlignVCenter), shown)
+    elided = QFontMetrics(font).elidedText(text, Qt.TextElideMode.ElideRight, box.width())
+    painter.drawText(box, int(Qt.AlignmentFlag.AlignVCenter), elided)
 
 
 def _pieces(text: str, pattern: re.Pattern[str] | None) -> list[tuple[str, bool]]:

@@ -157,14 +157,14 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         self._room.setObjectName("start_room")
         self._room.hide()
         begin = self._begin_button = ActionButton(
-            theme, tr("Start recording"), icon="record", key="Enter", look="primary", height_px=38
+            theme, tr("Start recording"), icon="record", key="Enter", role="primary", height_px=38
         )
         begin.setObjectName("start_dialog_begin")
         begin.clicked.connect(self._on_begin)
         skip = ActionButton(theme, tr("Start without details"), height_px=38)
         skip.setObjectName("start_dialog_skip")
         skip.clicked.connect(self._on_skip)
-        cancel = ActionButton(theme, tr("Cancel"), look="ghost", height_px=38)
+        cancel = ActionButton(theme, tr("Cancel"), role="ghost", height_px=38)
         cancel.setObjectName("start_dialog_cancel")
         cancel.clicked.connect(self.reject)
         buttons = layouts.hbox(spacing_px=8)
@@ -175,9 +175,9 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         column = layouts.vbox(spacing_px=4)
         column.addWidget(self._contents)
         column.addWidget(self._room)
-        self._asked = self._small("")
-        self._asked.setObjectName("start_asked")
-        self._asked.hide()
+        self._question = self._small("")
+        self._question.setObjectName("start_asked")
+        self._question.hide()
         layout = layouts.vbox(spacing_px=14)
         content = QWidget()
         self._room_px = parent.screen().availableGeometry().size()
@@ -195,11 +195,11 @@ class StartDialog(VisualTabOrderMixin, QDialog):
                 checks.setMinimumHeight(_CHECKS_BELOW_PX)
             sides.addWidget(checks)
         foot = layouts.vbox(margins_px=(_SIDE_PX, 8, _SIDE_PX, 20), spacing_px=10)
-        foot.addWidget(self._asked)
+        foot.addWidget(self._question)
         foot.addLayout(buttons)
-        whole = layouts.vbox(self, margins_px=0, spacing_px=0)
-        whole.addWidget(Scrolled(content), 1)
-        whole.addLayout(foot)
+        outer = layouts.vbox(self, margins_px=0, spacing_px=0)
+        outer.addWidget(Scrolled(content), 1)
+        outer.addLayout(foot)
         layout.addWidget(heading)
         layout.addWidget(hint)
         layout.addLayout(form)
@@ -240,8 +240,8 @@ class StartDialog(VisualTabOrderMixin, QDialog):
 
     def sizeHint(self) -> QSize:
         least_px = _WITH_CHECKS_PX if self._checks is not None and self._checks.value else 0
-        wanted = QSize(_FORM_PX, least_px).expandedTo(super().sizeHint())
-        return wanted.boundedTo(self._room_px - _FRAME_PX)
+        size = QSize(_FORM_PX, least_px).expandedTo(super().sizeHint())
+        return size.boundedTo(self._room_px - _FRAME_PX)
 
     def _make_checks(self, console: WizardConsole) -> QWidget:
         """List of preflight checks, next to the trial details."""
@@ -260,19 +260,19 @@ class StartDialog(VisualTabOrderMixin, QDialog):
 
     def _show_checks(self, checks: tuple[PreflightCheck, ...]) -> None:
         self._summary.setText(summary(checks))
-        if not self._asked.isHidden():
+        if not self._question.isHidden():
             self._ask_about_open(checks)
 
     def _ask_about_open(self, checks: tuple[PreflightCheck, ...]) -> None:
         """Name the checks that are not passed."""
         waits = any(check.asks_first for check in checks)
-        self._asked.setText(open_words(checks) if waits else "")
-        self._asked.setVisible(waits)
-        self._theme.color_text(self._asked, "amber")
+        self._question.setText(open_words(checks) if waits else "")
+        self._question.setVisible(waits)
+        self._theme.color_text(self._question, "amber")
         if waits:
-            self._begin_button.set_label(tr("Record anyway"), look="amber")
+            self._begin_button.set_label(tr("Record anyway"), role="amber")
         else:
-            self._begin_button.set_label(tr("Start recording"), look="primary")
+            self._begin_button.set_label(tr("Start recording"), role="primary")
 
     def _small(self, text: str) -> QLabel:
         label = QLabel(text, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
@@ -292,9 +292,9 @@ class StartDialog(VisualTabOrderMixin, QDialog):
             names.append(offer.microphone)  # unplugged, but still the selected one
         for name in names:
             # Until the inputs are listed, none can be reported missing.
-            gone = bool(name and offer.microphones and name not in offer.microphones)
-            shown = tr("{microphone} (not plugged in)") if gone else "{microphone}"
-            choice.addItem(shown.format(microphone=text_formatting.microphone(name)), name)
+            unplugged = bool(name and offer.microphones and name not in offer.microphones)
+            template = tr("{microphone} (not plugged in)") if unplugged else "{microphone}"
+            choice.addItem(template.format(microphone=text_formatting.microphone(name)), name)
         choice.setCurrentIndex(0 if offer.microphone is None else 1 + names.index(offer.microphone))
         choice.currentIndexChanged.connect(self._show_contents)
         return choice
@@ -347,7 +347,7 @@ class StartDialog(VisualTabOrderMixin, QDialog):
     def _finish(self, details: TrialDetails) -> None:
         checks = () if self._checks is None else self._checks.value
         waits = any(check.asks_first for check in checks)
-        if waits and self._asked.isHidden():
+        if waits and self._question.isHidden():
             self._ask_about_open(checks)
             return
         self.accept()

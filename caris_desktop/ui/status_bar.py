@@ -220,12 +220,12 @@ class StatusBar(Bar, InSight):
         state, items = self._console.state, self.items
         self._shown_states = self._states()
         link: LinkStatus = state.link.value
-        role, said = _LINK_WORDS[link.state]
+        role, text = _LINK_WORDS[link.state]
         if link.state == "connecting" and not state.present.live:
-            said = QT_TR_NOOP("{robot} not reachable")
+            text = QT_TR_NOOP("{robot} not reachable")
         robot = text_formatting.shortened(link.robot, _NAME_CHARACTERS) or tr("Robot")
         facts = text_formatting.link_facts(link, state.traffic.value, state.present.anchor).replace(" · ", "\n")
-        icon, whose = _LINK_ICONS[link.state], tr(said).format(robot=robot)
+        icon, whose = _LINK_ICONS[link.state], tr(text).format(robot=robot)
         if not state.present.live:
             # This replay may run while another robot is driven.
             role, icon = "dim" if role == "green" else role, "clock-counter-clockwise"
@@ -305,15 +305,15 @@ class StatusBar(Bar, InSight):
         news_px = min(self._news.full_px, _NEWS_PX[1])
         widths += [] if self._news.isHidden() else [news_px]
         missing_px = sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX - self.width()
-        gone = []
+        hidden = []
         for name in _MAY_GO if self._news.isHidden() else (*_MAY_GO, "video"):
             left_out = name in with_text and with_text[name].role == "dim" and missing_px > 0
             if left_out:
                 missing_px -= with_text[name].full_px + _GAP_PX
-                gone.append(with_text[name].text)
+                hidden.append(with_text[name].text)
             self.items[name].leave_out(left_out)
-        self.setToolTip("\n".join(gone))
-        self.setAccessibleDescription(", ".join(gone))
+        self.setToolTip("\n".join(hidden))
+        self.setAccessibleDescription(", ".join(hidden))
         if self._news.isHidden():
             self.items["video"].leave_out(False)
         for name in _MAY_BE_CUT:

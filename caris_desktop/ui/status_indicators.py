@@ -85,7 +85,7 @@ class StatusIndicators(QWidget):
         self._state = state
         self._compact = False
         self._named = True
-        self._tells_speed = False
+        self._odometry_has_speed = False
         self._signs: dict[SignName, Sign] = {}
         self._widths: list[int] = []
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
@@ -119,11 +119,11 @@ class StatusIndicators(QWidget):
         return self.sizeHint()
 
     def _on_robot(self, _robot: object) -> None:
-        self._tells_speed = False
+        self._odometry_has_speed = False
         self._on_changed()
 
     def _on_odometry(self, odometry: Odometry) -> None:
-        self._tells_speed = self._tells_speed or odometry.twist.moving
+        self._odometry_has_speed = self._odometry_has_speed or odometry.twist.moving
         self._on_changed()
 
     def _moves_now(self) -> bool | None:
@@ -134,11 +134,11 @@ class StatusIndicators(QWidget):
         odometry: Odometry | None = self._state.odometry.value
         if odometry is not None and self._state.odometry.freshness in ("fresh", "stale"):
             # Some robots leave the velocities empty; the control link then derives motion from their poses.
-            return moves(odometry.twist) or (drive.movement == "moving" and not self._tells_speed)
+            return moves(odometry.twist) or (drive.movement == "moving" and not self._odometry_has_speed)
         goal: GoalChanged | None = self._state.goal.value
-        asked = drive.target_forward_mps or drive.target_left_mps or drive.target_turn_radps
-        asked = bool(asked) or (goal is not None and goal.state in UNDER_WAY)
-        return True if asked and odometry is None else None
+        commanded = drive.target_forward_mps or drive.target_left_mps or drive.target_turn_radps
+        commanded = bool(commanded) or (goal is not None and goal.state in UNDER_WAY)
+        return True if commanded and odometry is None else None
 
     def _on_changed(self, _value: object = None) -> None:
         signs = signs_of(self._state, moves=self._moves_now())

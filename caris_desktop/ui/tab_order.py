@@ -62,13 +62,13 @@ def tab_stops(window: QWidget, focused: QWidget | None = None) -> list[QWidget]:
 
 def _below(holder: QWidget, focused: QWidget | None) -> list[QWidget]:
     parts: list[_Part] = []
-    shown = [child for child in holder.children() if isinstance(child, QWidget) and _is_shown(child)]
-    over = next((child for child in reversed(shown) if isinstance(child, Overlay)), None)
-    for child in shown:
+    visible = [child for child in holder.children() if isinstance(child, QWidget) and _is_shown(child)]
+    over = next((child for child in reversed(visible) if isinstance(child, Overlay)), None)
+    for child in visible:
         if over is not None and child is not over and child.geometry().intersects(over.geometry()):
             continue  # covered
-        own = [child] if child is focused or _is_stop(child) else []
-        stops = [*own, *_below(child, focused)]
+        own_stop = [child] if child is focused or _is_stop(child) else []
+        stops = [*own_stop, *_below(child, focused)]
         if stops:
             parts.append((child.geometry(), stops))
     return [stop for _place, stops in _as_read(parts) for stop in stops]

@@ -36,7 +36,7 @@ class Talking(QObject):
         gamepads.released.connect(self._on_released)
         gamepads.lost.connect(self.let_go)
 
-    def let_go(self, _why: str = "") -> None:
+    def let_go(self, _reason: str = "") -> None:
         """End push-to-talk."""
         if self._held is not None:
             (_, to), self._held = self._held, None

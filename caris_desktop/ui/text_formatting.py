@@ -25,8 +25,8 @@ def clock_time(stamp_ns: int, anchor: clock.ClockAnchor) -> str:
 
 def elapsed(seconds: float) -> str:
     """Duration as 12:43, or 1:02:03 from an hour on."""
-    whole = max(0, int(seconds))
-    hours, rest = divmod(whole, 3600)
+    total_s = max(0, int(seconds))
+    hours, rest = divmod(total_s, 3600)
     minutes, secs = divmod(rest, 60)
     return f"{hours}:{minutes:02}:{secs:02}" if hours else f"{minutes:02}:{secs:02}"
 
@@ -212,7 +212,7 @@ def mark_sentence(mark: events.Marked) -> str:
         if mark.state == "withdrawn":
             return tr("Note removed")
         return with_label(tr("Note"), f"“{shortened(mark.note, 120)}”")
-    what = tr("Wizard error marked") if mark.kind == "wizard_error" else tr("Marked")
+    text = tr("Wizard error marked") if mark.kind == "wizard_error" else tr("Marked")
     label = mark.label
     match mark.state:
         case "withdrawn":
@@ -223,7 +223,7 @@ def mark_sentence(mark: events.Marked) -> str:
         label = label or tr("interval")
         label = f"{label}, {age((mark.end_ns - mark.start_ns) / 1e9)}"
     note = f" “{shortened(mark.note, 80)}”" if mark.note else ""
-    return with_label(what, label) + note
+    return with_label(text, label) + note
 
 
 def in_menu(text: str) -> str:
@@ -257,16 +257,16 @@ def drive_line(drive: DriveStatus) -> str:
         return tr("Emergency stop active, but the robot is moving") if moves else tr("Emergency stop active")
     if not drive.allowed:
         return tr("Driving is off")
-    asked = moving(drive.target_forward_mps, drive.target_turn_radps, drive.target_left_mps)
+    commanded = moving(drive.target_forward_mps, drive.target_turn_radps, drive.target_left_mps)
     match drive.movement:
         case "uncommanded":
             return tr("Moving without a console command")
-        case "not_following" if asked:
-            return tr("{motion} commanded, but the robot is not following").format(motion=asked)
-        case "standing" if not asked:
+        case "not_following" if commanded:
+            return tr("{motion} commanded, but the robot is not following").format(motion=commanded)
+        case "standing" if not commanded:
             return tr("Standing still")
         case _:
-            return asked or tr("Nothing commanded")
+            return commanded or tr("Nothing commanded")
 
 
 def goal_speed(robot: RobotProfile | None, drive: DriveStatus, *, begins: bool = False) -> tuple[str, bool]:
@@ -302,7 +302,7 @@ def robot_now(drive: DriveStatus, goal: events.GoalChanged | None, robot: RobotP
     going = going.format(place=goal.place)
     if goal.distance_left_m is not None:
         going = tr("{going}, {distance} m left").format(going=going, distance=f"{goal.distance_left_m:.1f}")
-    speed, _as_drive_says = goal_speed(robot, drive)
+    speed, _by_speed_setting = goal_speed(robot, drive)
     return " · ".join(part for part in (going, speed) if part)
 
 
@@ -390,8 +390,8 @@ def no_picture(age_s: float | None, state: CameraState | None) -> str:
         lost = tr("No picture yet. The console is trying again.")
     else:
         lost = tr("No picture for {time}. The console is trying again.").format(time=age(age_s))
-    why = tr(state.detail) if state is not None and state.state in ("lost", "connecting") else ""
-    return " ".join(filter(None, (lost, why)))
+    reason = tr(state.detail) if state is not None and state.state in ("lost", "connecting") else ""
+    return " ".join(filter(None, (lost, reason)))
 
 
 def has_given_name(person: PersonRow) -> bool:

@@ -63,10 +63,10 @@ class TrialLabel(ElidedLabel):
         self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)
 
     def show_details(self, details: TrialDetails | None, *, roomy: bool) -> None:
-        shown = trial_words(details, at_most=_PART_CHARACTERS[roomy])
+        text = trial_words(details, at_most=_PART_CHARACTERS[roomy])
         full = trial_words(details, at_most=_TIP_CHARACTERS)
-        if (shown, full) != (self.text(), self.accessibleName()):
-            self.setText(shown)
+        if (text, full) != (self.text(), self.accessibleName()):
+            self.setText(text)
             set_wrapped_tip(self, full)
             self.setAccessibleName(full)
 
@@ -102,7 +102,7 @@ class TopBar(Bar, QWidget):
         self._console = console
         self._actions = actions
         self.scenario_button = ActionButton(
-            theme, "", menu_arrow=True, look="ghost", text_px=tokens.SPEECH_PX - 1, may_shrink=True, semibold=True
+            theme, "", menu_arrow=True, role="ghost", text_px=tokens.SPEECH_PX - 1, may_shrink=True, semibold=True
         )
         self.scenario_button.setObjectName("scenario_button")
         self.scenario_button.clicked.connect(self.scenario_menu_requested)
@@ -143,7 +143,7 @@ class TopBar(Bar, QWidget):
         self.window_button.setAccessibleName(tr("Panels and appearance"))
         self.window_button.setToolTip(tr("Panels and appearance"))
         self.window_button.clicked.connect(self.window_menu_requested)
-        self.emergency = ActionButton(theme, tr("Emergency stop"), key="Esc Esc", look="danger", height_px=40)
+        self.emergency = ActionButton(theme, tr("Emergency stop"), key="Esc Esc", role="danger", height_px=40)
         self.emergency.setObjectName("emergency_stop")
         self.emergency.setProperty(STOPS, True)
         self.emergency.setToolTip(
@@ -195,9 +195,9 @@ class TopBar(Bar, QWidget):
             tr("%n robots", "", len(live.robots)) if several else text_formatting.shortened("".join(live.robots), 24)
         )
         if live.emergency_stop:
-            self.emergency.set_label(tr("Emergency stop active (live)"), look="outline_danger")
+            self.emergency.set_label(tr("Emergency stop active (live)"), role="outline_danger")
         else:
-            self.emergency.set_label(tr("Stop {robot} (live)").format(robot=whose), look="danger")
+            self.emergency.set_label(tr("Stop {robot} (live)").format(robot=whose), role="danger")
         stops = (
             tr("Emergency stop for the robots driven by the live consoles:")
             if several
@@ -366,17 +366,17 @@ class TopBar(Bar, QWidget):
                 now_ns = self._console.state.present.now_ns()
                 lasts = "" if since_ns is None else text_formatting.elapsed((now_ns - since_ns) / 1e9)
                 paused = tr("Paused {time}").format(time=lasts) if lasts else tr("Paused")
-                self.record_button.set_label(paused, icon="pause", look="amber")
+                self.record_button.set_label(paused, icon="pause", role="amber")
             case "starting":
                 self.record_button.set_label(tr("Starting…"), icon="record")
             case "stopping":
                 self.record_button.set_label(tr("Saving…"), icon="record")
             case "failed":
-                self.record_button.set_label(tr("Recording failed"), icon="warning", look="amber")
+                self.record_button.set_label(tr("Recording failed"), icon="warning", role="amber")
             case _:
-                self.record_button.set_label(tr("Start recording"), icon="record", look="plain")
+                self.record_button.set_label(tr("Start recording"), icon="record", role="plain")
         if status.state == "recording":
-            self.record_button.set_label(self.record_button.text(), dot="red_fill", look="plain")
+            self.record_button.set_label(self.record_button.text(), dot="red_fill", role="plain")
         tip = _RECORD_TIPS.get(status.state, "")
         self.record_button.setToolTip(tr(tip))
         self.record_button.setEnabled(status.state not in ("starting", "stopping"))
@@ -389,9 +389,9 @@ class TopBar(Bar, QWidget):
         if self._in_replay:
             return  # that was recorded
         if drive.emergency_stop:
-            self.emergency.set_label(tr("Emergency stop active"), look="outline_danger")
+            self.emergency.set_label(tr("Emergency stop active"), role="outline_danger")
         else:
-            self.emergency.set_label(tr("Emergency stop"), look="danger")
+            self.emergency.set_label(tr("Emergency stop"), role="danger")
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)

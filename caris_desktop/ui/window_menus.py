@@ -196,7 +196,7 @@ class LayoutMenu:
         self._board = board
         self._theme = theme
         self._window = window
-        keeper.title_wanted.connect(self._ask_title)
+        keeper.title_requested.connect(self._ask_title)
 
     def title(self) -> str:
         return tr("Layout (changed, not saved)") if self._keeper.is_unsaved else tr("Layout")

@@ -53,8 +53,8 @@ class WizardProfiles(QObject):
 
     def value(self, key: str, default: Any = None) -> Any:
         """Value set by this wizard, else that of the default profile."""
-        own = self._settings.value(self._place(key))
-        return own if own is not None else self._settings.value(f"wizards/{_NOBODY}/{key}", default)
+        value = self._settings.value(self._place(key))
+        return value if value is not None else self._settings.value(f"wizards/{_NOBODY}/{key}", default)
 
     def own_value(self, key: str, default: Any = None) -> Any:
         """Value set by this wizard only, for personal data such as training results."""

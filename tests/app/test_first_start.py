@@ -53,7 +53,7 @@ def test_the_page_comes_and_its_first_choice_starts_the_simulated_robot(
     run = start()
     page = run.window.findChild(SetUpPage)
     assert page is not None and page.isVisible()
-    page.simulated_wanted.emit()
+    page.simulated_requested.emit()
     assert started == [run.demo_robot]
     assert run.window.first_use.hint.isVisible()
     page.close_overlay()

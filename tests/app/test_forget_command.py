@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from caris_desktop.app import forget_command
-from caris_desktop.app.composition import said_before_file
+from caris_desktop.app.composition import speech_history_file
 from caris_desktop.people.people_store import About, PeopleStore, StoredEmbeddings
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
 from caris_desktop.recording.forgetting.search_terms import all_of
@@ -108,7 +108,7 @@ def test_a_copy_of_the_people_is_told_since_it_has_the_key(study: Path, capsys: 
 
 
 def test_the_typed_sentences_of_the_study_are_cleaned_too(study: Path) -> None:
-    history = said_before_file(study)
+    history = speech_history_file(study)
     history.parent.mkdir(parents=True, exist_ok=True)
     history.write_text(f'"Fine."\n"Hello, {NAME}."\n', encoding="utf-8")
     try:

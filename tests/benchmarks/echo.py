@@ -287,7 +287,7 @@ def heard(scene: Scene, engine: LocalEngine, canceller: EchoCanceller, own_words
         TurnTaking(SilenceOfPeople(), SilenceBounds()),
         VoiceActivity(),
         canceller=canceller,
-        own_words=own_words,
+        robot_speech=own_words,
         turn_over=None if model is None else model.turn_over,
         tell=tell,
     )

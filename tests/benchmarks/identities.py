@@ -39,7 +39,7 @@ def identities_alone(visits: list[Visit], seed: int) -> Iterator[Sight]:
 
 def whole(visits: list[Visit], seed: int) -> Iterator[Sight]:
     os.environ.setdefault("CARIS_MODELS_DIR", str(OSNET_WEIGHTS.parent))
-    perceiver = open_perceiver(INT8_WEIGHTS, tracker="own", threads=1, recognise_looks=True)
+    perceiver = open_perceiver(INT8_WEIGHTS, tracker="own", threads=1, recognise_appearance=True)
     return found(film(visits, rate_hz=_WHOLE_RATE_HZ, seed=seed), perceiver)
 
 

@@ -62,8 +62,8 @@ class PaintWatch(QObject):
         view.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() is QEvent.Type.Paint and self._view.grid.shown is not self.painted_grid:
-            self.painted_grid = self._view.grid.shown
+        if event.type() is QEvent.Type.Paint and self._view.grid.displayed_grid is not self.painted_grid:
+            self.painted_grid = self._view.grid.displayed_grid
             self.painted_ns = time.monotonic_ns()
         return super().eventFilter(watched, event)
 

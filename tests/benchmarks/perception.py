@@ -93,7 +93,7 @@ def ours(name: str, detector: Detector, weights: Weights, looks: AppearanceModel
     """Pipeline of the console."""
     people = person_classes(detector, weights)
     perceiver = Perceiver(
-        Chosen(detector, people, None), PersonTracker(people, tracker="own", appearance=looks), looks_model=""
+        Chosen(detector, people, None), PersonTracker(people, tracker="own", appearance=looks), appearance_model=""
     )
 
     def step(number: int, stamp_s: float, image_bgr: Image) -> tuple[float, float]:

@@ -115,7 +115,7 @@ class Participant:
             TurnTaking(self._silence, SilenceBounds()),
             VoiceActivity(),
             canceller=EchoCanceller(),
-            own_words=RobotSpeechFilter(),
+            robot_speech=RobotSpeechFilter(),
             turn_over=self._judge,
             tell=self._on_reported,
         )

@@ -33,9 +33,9 @@ MUTE = replace(ROBOT, speech=None)
 STUDY = replace(TOUR, permissions=EVERYTHING, voice="computer")
 LINKED = LinkStatus("connected", "TIAGo", clock_offset_ms=3.0, clock_uncertainty_ms=1.0)
 GOOD = Facts(
-    STUDY, ROBOT, LINKED, link_for_s=60.0, robot_heard="fresh", robot_ahead_ms=3.0, drive=DriveStatus(guard="clear"),
-    cameras={"front": "fresh"}, scan="fresh", pose="fresh", has_map=True, charge_fraction=0.8,
-    free_bytes=90_000_000_000, bytes_per_hour=3e9, microphone=MicrophoneStatus("on"), loud=True,
+    STUDY, ROBOT, LINKED, link_for_s=60.0, robot_freshness="fresh", robot_ahead_ms=3.0,
+    drive=DriveStatus(guard="clear"), cameras={"front": "fresh"}, scan="fresh", pose="fresh", has_map=True,
+    charge_fraction=0.8, free_bytes=90_000_000_000, bytes_per_hour=3e9, microphone=MicrophoneStatus("on"), loud=True,
     listening=ListeningStatus("ready"), speech=SpeechStatus(ready=True), voice=VoiceStatus("computer"),
     perception=PerceptionStatus("ready"), assistant=AssistantStatus("ready", "SmolLM2"),
 )  # fmt: skip
@@ -84,11 +84,11 @@ def test_the_record_has_them_in_english_and_the_window_in_the_wizards_language()
         ("robot", "major", {"link": LinkStatus("connecting"), "link_for_s": 11.0}),
         ("robot", "minor", {"link": replace(LINKED, state="trouble")}),
         ("robot", "major", {"link": replace(LINKED, state="lost")}),
-        ("robot", "minor", {"robot_heard": "stale"}),
-        ("robot", "major", {"robot_heard": "lost", "robot_silent_s": 3.2}),
-        ("robot", "pending", {"robot_heard": "none", "link_for_s": 1.0}),
-        ("robot", "minor", {"robot_heard": "none"}),
-        ("robot", "passed", {"robot_heard": "none", "robot": RobotProfile(name="base", title="Base")}),
+        ("robot", "minor", {"robot_freshness": "stale"}),
+        ("robot", "major", {"robot_freshness": "lost", "robot_silent_s": 3.2}),
+        ("robot", "pending", {"robot_freshness": "none", "link_for_s": 1.0}),
+        ("robot", "minor", {"robot_freshness": "none"}),
+        ("robot", "passed", {"robot_freshness": "none", "robot": RobotProfile(name="base", title="Base")}),
         ("practice", "minor", {"robot": load_profile("simulated")}),
         ("emergency_stop", "major", {"drive": DriveStatus(emergency_stop=True)}),
         ("emergency_stop", "not checked", {"link": LinkStatus("lost")}),
@@ -151,7 +151,7 @@ def test_each_check_says_how_that_stands_and_what_to_do(check_id: str, state: st
 
 
 def test_a_link_that_is_lost_leaves_nothing_of_the_robot_checked() -> None:
-    lost = by_id(replace(GOOD, link=LinkStatus("lost"), cameras={}, robot_heard="none"))
+    lost = by_id(replace(GOOD, link=LinkStatus("lost"), cameras={}, robot_freshness="none"))
     assert {name for name, check in lost.items() if check.state == "not checked"} == {
         "emergency_stop", "video", "guard", "battery", "position", "clock", "microphone",
     }  # fmt: skip

@@ -32,7 +32,7 @@ class Bench:
 
     def start(self, name: str) -> ChildProcess:
         body = ProcessSpec(name, getattr(bodies, name))
-        return self.children.start(body, ended=self.unexpected.append, heard=lambda _message: None)
+        return self.children.start(body, ended=self.unexpected.append, on_message=lambda _message: None)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from PySide6.QtCore import QCoreApplication
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.speech_history import AT_MOST, SaidBefore, without_names
+from caris_desktop.live.speech_history import AT_MOST, SpeechHistory, without_names
 from caris_desktop.live.state import LiveState
 
 
@@ -30,13 +30,13 @@ def run(
 ) -> list[str]:
     """Say the sentences in one run of the program, and return its history."""
     state = LiveState()
-    said = SaidBefore(state, path, slow_work, lambda: names)
+    said = SpeechHistory(state, path, slow_work, lambda: names)
     said.read()
     settle(slow_work, qtbot)
     for sentence in sentences:
         said.add(sentence)
     settle(slow_work, qtbot)
-    kept = list(state.said_before.value)
+    kept = list(state.speech_history.value)
     state.deleteLater()
     QCoreApplication.processEvents()
     return kept
@@ -85,7 +85,7 @@ def test_a_forgotten_name_is_not_written_by_the_next_sentence(
     path = tmp_path / "a.jsonl"
     known = ["Zoë Quillfeather", "Basil"]
     state = LiveState()
-    said = SaidBefore(state, path, slow_work, lambda: known)
+    said = SpeechHistory(state, path, slow_work, lambda: known)
     for sentence in ("Hello, Zoë.", "Fine."):
         said.add(sentence)
     known.remove("Zoë Quillfeather")
@@ -93,7 +93,7 @@ def test_a_forgotten_name_is_not_written_by_the_next_sentence(
     settle(slow_work, qtbot)
     assert path.read_text(encoding="utf-8").splitlines() == ['"Fine."', '"And now the arm."']
     said.forget()
-    assert state.said_before.value == ("Fine.", "And now the arm.")
+    assert state.speech_history.value == ("Fine.", "And now the arm.")
     # The same sentence again in the same run.
     said.add("Quillfeather was here.")
     settle(slow_work, qtbot)
@@ -108,7 +108,7 @@ def test_a_name_that_was_known_before_anything_was_said_is_not_written_after_it_
     path = tmp_path / "a.jsonl"
     known = ["Zoë"]
     state = LiveState()
-    said = SaidBefore(state, path, slow_work, lambda: known)
+    said = SpeechHistory(state, path, slow_work, lambda: known)
     state.everybody.set(("a row",))
     known.clear()
     state.everybody.set(())

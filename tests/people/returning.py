@@ -35,7 +35,7 @@ class Sight:
     """One frame: detected people, their embeddings, and the true person of each track."""
 
     people: People
-    looks: tuple[PersonLooks, ...]
+    embeddings: tuple[PersonLooks, ...]
     truly: dict[int, TrueBox]
 
 
@@ -108,10 +108,10 @@ def found(frames: Iterable[FilmedFrame], perceiver: Perceiver) -> Iterator[Sight
         boxes = perceiver.perceive(frame.image_bgr, DetectionRequest(ref)).boxes
         looks = tuple(
             PersonLooks(
-                frame.stamp_ns, "front", box.track, "clothing", perceiver.looks_model, box.looks.astype(np.float32),
-                box.quality,
+                frame.stamp_ns, "front", box.track, "clothing", perceiver.appearance_model,
+                box.embedding.astype(np.float32), box.quality,
             )
-            for box in boxes if box.looks is not None
+            for box in boxes if box.embedding is not None
         )  # fmt: skip
         people = tuple(
             PersonBox(box.track, "", box.left_px, box.top_px, box.width_px, box.height_px, box.confidence)
@@ -164,8 +164,8 @@ def recognised(
     for sight in sights:
         now_ns = sight.people.stamp_ns
         events = presence.update(sight.people)[1]
-        for looks in sight.looks:
-            events += presence.add_embeddings(looks)
+        for embedding in sight.embeddings:
+            events += presence.add_embeddings(embedding)
         identified += [(event.person_id, event.is_person_id) for event in events if isinstance(event, PersonIdentified)]
         for row in presence.persons():
             true_box = sight.truly.get(row.track)

@@ -139,4 +139,4 @@ def test_nothing_grows() -> None:
     for number in range(500):
         walk(together, ("front", number), from_m=(0.0, 0.0), begin_ms=number * 400, until_ms=number * 400 + 300)
     assert together.verdict(("front", 0), ("desk", 0)) == "unknown"
-    assert len(together._seen) < 15
+    assert len(together._sightings) < 15

@@ -97,8 +97,8 @@ def test_who_comes_back_in_another_place_has_their_number_again(model: Appearanc
 
     first = seen({50: RED, 400: BLUE}, 0.0)
     assert [box.track for box in first] == [1, 2]
-    assert all(box.looks is not None and box.quality > 0.5 for box in first)
-    assert all(box.looks is None for box in seen({50: RED, 400: BLUE}, 0.1)), "nothing is in doubt"
+    assert all(box.embedding is not None and box.quality > 0.5 for box in first)
+    assert all(box.embedding is None for box in seen({50: RED, 400: BLUE}, 0.1)), "nothing is in doubt"
     seen({}, 1.0)
     seen({50: BLUE, 400: GREEN}, LOST_S + 5.0)
     assert [box.track for box in seen({50: BLUE, 400: GREEN}, LOST_S + 5.1)] == [2, 3]

@@ -30,7 +30,7 @@ class Running:
 
     def __init__(self, detector: DetectorSettings) -> None:
         self.connection, theirs = multiprocessing.Pipe()
-        settings = InferenceSettings(detector=detector, recognise_looks=False, niceness=0, max_load=1.0)
+        settings = InferenceSettings(detector=detector, recognise_appearance=False, niceness=0, max_load=1.0)
         self._thread = threading.Thread(target=self._run, args=(theirs, settings))
         self._thread.start()
         self._number = 0

@@ -85,7 +85,7 @@ def test_a_map_is_saved_as_pose_graph_and_as_picture() -> None:
         offered = await first_mapping(bench)
         assert (offered.mapping, offered.can_save, offered.can_load, offered.can_switch) == (True, True, True, True)
         # The console has discarded the state during the trouble.
-        bench.link.link_heard()
+        bench.link.link_recovered()
         assert [replace(change, stamp_ns=0) for change in bench.of(MappingChanged)] == [
             replace(offered, stamp_ns=0)
         ] * 2

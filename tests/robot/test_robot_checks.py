@@ -227,7 +227,7 @@ def test_a_call_that_is_answered_by_a_status_only_fails_with_its_words(caplog: p
         finally:
             await ros.aclose(0.3)
             await bridge.close()
-        return raised.value.said
+        return raised.value.answer
 
     assert asyncio.run(ask(Bridge())) == "the type is not installed"
     assert "rosbridge says: the type is not installed" in caplog.text

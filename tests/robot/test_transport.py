@@ -36,7 +36,7 @@ class Observer:
     def link_silent(self) -> None:
         self.told.append("silent")
 
-    def link_heard(self) -> None:
+    def link_recovered(self) -> None:
         self.told.append("heard")
 
     def link_lost(self, reason: str) -> None:

@@ -170,17 +170,17 @@ def test_it_is_the_participants_turn_when_the_robot_has_spoken(tmp_path: Path, m
         for expected in (1, 2):
             speaker.on_robot_finished()
             speaker.on_robot_finished()  # a second one during the answer changes nothing
-            while len([said for said in speaker.said if said.ended_ns]) < expected:
+            while len([said for said in speaker.utterances if said.ended_ns]) < expected:
                 microphone.take(640)
                 await asyncio.sleep(0)
         speaker.on_robot_finished()
         assert speaker.say("Asked for.") and not speaker.say("   ")
-        while len([said for said in speaker.said if said.ended_ns]) < 3:
+        while len([said for said in speaker.utterances if said.ended_ns]) < 3:
             microphone.take(640)
             await asyncio.sleep(0)
         speaker.stop()
         speaker.on_robot_finished()
-        return [said.text for said in speaker.said], states
+        return [said.text for said in speaker.utterances], states
 
     said, states = asyncio.run(scenario())
     assert said == ["One.", "Two.", "Asked for."]

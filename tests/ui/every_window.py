@@ -271,7 +271,7 @@ class EveryWindow:
     def _shown_to_others(self) -> Iterator[Seen]:
         for sees in SEES_WORDS:
             self.window.observers.open(sees)
-            shown = self.window.observers.shown
+            shown = self.window.observers.open_window
             assert shown is not None
             shown.complete()
             yield Seen(f"observer, {sees}", shown)

@@ -258,7 +258,7 @@ class FakeConsole:
         if self.refuses_speech:
             return False
         if origin == "typed":
-            self.state.said_before.set((*self.state.said_before.value, text))
+            self.state.speech_history.set((*self.state.speech_history.value, text))
         self.state.take(UtteranceChanged(clock.now_ns(), f"u{len(self.calls)}", "robot", text, origin, "started"))
         return True
 

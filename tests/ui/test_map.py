@@ -144,7 +144,7 @@ def test_a_huge_map_is_shown_soon_and_never_holds_up_the_window(
     view.grid.slowest_band_ms = 0.0
     began = time.perf_counter()
     console.state.take(grid)
-    qtbot.waitUntil(lambda: view.grid.shown is grid, timeout=5000)
+    qtbot.waitUntil(lambda: view.grid.displayed_grid is grid, timeout=5000)
     whole_s = time.perf_counter() - began
     slowest_whole_ms = view.grid.slowest_band_ms
     changed = cells.copy()
@@ -153,7 +153,7 @@ def test_a_huge_map_is_shown_soon_and_never_holds_up_the_window(
     update = dataclasses.replace(grid, cells=changed)
     began = time.perf_counter()
     console.state.take(update)
-    qtbot.waitUntil(lambda: view.grid.shown is update, timeout=5000)
+    qtbot.waitUntil(lambda: view.grid.displayed_grid is update, timeout=5000)
     print(
         f"\n4000x4000: shown after {whole_s * 1e3:.0f} ms in goes of at most {slowest_whole_ms:.1f} ms; "
         f"a change after {(time.perf_counter() - began) * 1e3:.0f} ms, at most {view.grid.slowest_band_ms:.1f} ms"
@@ -294,10 +294,10 @@ def test_the_trail_is_bounded_and_cleared(panel: MapPanel) -> None:
     assert strengths == sorted(strengths)
     trail.add(Pose2D(0.0, 50.0, 0.0))
     assert all(np.abs(np.diff(points, axis=0)).max() < 1.0 for _, points in trail.pieces()), "no line for a jump"
-    panel.view.shown.trail.add(Pose2D(1.0, 1.0, 0.0))
+    panel.view.map_state.trail.add(Pose2D(1.0, 1.0, 0.0))
     action = next(action for action in panel.fill_menu().actions() if action.text().startswith("Clear the driven path"))
     action.trigger()
-    assert len(panel.view.shown.trail) == 0
+    assert len(panel.view.map_state.trail) == 0
 
 
 def test_goal_end_is_said_with_its_reason(panel: MapPanel, console: FakeConsole) -> None:
@@ -336,7 +336,7 @@ def test_a_goal_with_heading_takes_the_tool(
     (target,) = console.named("go_to")
     assert (target.x_m, target.y_m) == pytest.approx((8.0, 3.0), abs=0.05)
     assert target.heading_rad == pytest.approx(math.pi / 2, abs=0.05)
-    assert (panel.view.shown.tool, panel.view.hint) == ("look", ""), "once"
+    assert (panel.view.map_state.tool, panel.view.hint) == ("look", ""), "once"
 
 
 def test_escape_gives_a_gesture_up(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
@@ -347,7 +347,7 @@ def test_escape_gives_a_gesture_up(panel: MapPanel, window: MainWindow, console:
     QTest.keyClick(panel.view, Qt.Key.Key_Escape)
     QTest.mouseRelease(panel.view, BUTTON, pos=start + QPoint(40, 0))
     assert console.named("go_to") == []
-    assert panel.view.shown.tool == "look"
+    assert panel.view.map_state.tool == "look"
 
 
 def test_an_obstacle_is_no_goal(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
@@ -364,7 +364,7 @@ def test_an_obstacle_is_no_goal(panel: MapPanel, window: MainWindow, console: Fa
     QTest.mouseClick(panel.view, BUTTON, pos=at(panel, *wall))
     assert console.named("go_to") == []
     assert panel.view.hint == "Obstacle here: choose a free spot"
-    assert panel.view.shown.tool == "goal", "another place can be chosen at once"
+    assert panel.view.map_state.tool == "goal", "another place can be chosen at once"
 
 
 def test_the_robot_is_told_where_it_is(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
@@ -473,7 +473,7 @@ def test_without_driving_nothing_on_the_map_drives(qtbot: QtBot, settings: Memor
         assert [widget for widget in window.findChildren(QWidget, name) if widget.isVisible()] == []
     QTest.mouseClick(panel.view, BUTTON, pos=at(panel, 8.0, 3.4))
     QTest.keyClick(panel.view, Qt.Key.Key_G)
-    assert panel.view.shown.tool == "look"
+    assert panel.view.map_state.tool == "look"
     assert not panel.tools._card.isVisible()
     assert console.calls == []
 
@@ -548,10 +548,10 @@ def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_said(
     assert view.place_position("Kitchen") is None, "places belong to a map"
     QTest.mouseClick(view, BUTTON, pos=at(panel, 5.5, 1.6))
     click(qtbot, find(window, "map_tool_goal"))
-    assert view.shown.tool == "look"
+    assert view.map_state.tool == "look"
     assert not console.named("go_to")
     assert ("Goals and places need a map", "warning") in view.chips
     state.take(RobotPose(clock.now_ns(), None, Pose2D(2.0, 3.0, 0.0)))
     assert not any("odometry" in words for words, _role in view.chips)
-    assert len(view.shown.trail) == 1, "what was driven by odometry has no place in the map"
+    assert len(view.map_state.trail) == 1, "what was driven by odometry has no place in the map"
     assert view.place_position("Kitchen") is not None

@@ -26,7 +26,7 @@ def _opened(window: MainWindow, console: FakeConsole, sees: Sees) -> ObserverWin
     samples.converse(console)
     samples.suggest(console)
     window.observers.open(sees)
-    observer = window.observers.shown
+    observer = window.observers.open_window
     assert observer is not None
     observer.complete()
     for _each in ("window", "columns", "cards"):
@@ -89,10 +89,10 @@ def test_another_scenario_takes_away_what_it_forbids(window: MainWindow, console
     _opened(window, console, "everything")
     console.scenario = dataclasses.replace(samples.MENTAL, panels_off=("map",))
     window.show_scenario(console.scenario)
-    observer = window.observers.shown
+    observer = window.observers.open_window
     assert observer is not None and observer.findChild(QWidget, "map_panel") is None
     observer.close()
-    assert window.observers.shown is None
+    assert window.observers.open_window is None
 
 
 @pytest.mark.long
@@ -126,7 +126,7 @@ def test_at_a_switch_it_stays_where_it_is_and_its_panels_come_one_in_a_turn(
     observer._turn.timeout.disconnect()
     observer._turn.timeout.connect(lambda: seen.append(len(observer._missing)) or made())  # type: ignore[func-returns-value]
     observer.show_scenario()
-    assert window.observers.shown is observer and observer.geometry() == QRect(40, 50, 900, 700)
+    assert window.observers.open_window is observer and observer.geometry() == QRect(40, 50, 900, 700)
     qtbot.waitUntil(lambda: not observer._missing)
     assert seen == [3, 2, 1] and panels() == before - {"map_panel"}
 
@@ -159,15 +159,15 @@ def test_one_that_was_open_as_the_program_ended_is_there_again_for_the_same_eyes
     observer.setGeometry(40, 50, 700, 500)
     window.close()
     again = open_window(qtbot, FakeConsole(samples.TOUR), settings, theme)
-    assert again.observers.shown is None, "not before the window stands"
+    assert again.observers.open_window is None, "not before the window stands"
     again.observers.restore()
-    shown = again.observers.shown
+    shown = again.observers.open_window
     assert shown is not None and (shown.sees, shown.geometry()) == (sees, QRect(40, 50, 700, 500))
     shown.close()
     again.close()
     third = open_window(qtbot, FakeConsole(samples.TOUR), settings, theme)
     third.observers.restore()
-    assert third.observers.shown is None, "the wizard had closed it"
+    assert third.observers.open_window is None, "the wizard had closed it"
     third.close()
 
 
@@ -181,7 +181,7 @@ def test_after_a_kill_it_is_there_again_too(qtbot: QtBot, console: FakeConsole, 
     window.close()
     again = open_window(qtbot, FakeConsole(samples.TOUR), killed, theme)
     again.observers.restore()
-    assert again.observers.shown is not None and again.observers.shown.sees == "no_names"
+    assert again.observers.open_window is not None and again.observers.open_window.sees == "no_names"
     again.close()
 
 
@@ -194,5 +194,5 @@ def test_what_no_observer_window_ever_kept_opens_none(
     settings.values.update({"observer/sees": kept, "observer/geometry": "nowhere"})
     window = open_window(qtbot, console, settings, theme)
     window.observers.restore()
-    assert window.observers.shown is None
+    assert window.observers.open_window is None
     window.close()

@@ -16,7 +16,7 @@ CHANGES: dict[str, Callable[[ActionButton], object]] = {
     "text": lambda button: button.set_label("Another"),
     "icon": lambda button: button.set_label("Mark", icon="camera"),
     "dot": lambda button: button.set_label("Mark", dot="red"),
-    "look": lambda button: button.set_label("Mark", look="primary"),
+    "look": lambda button: button.set_label("Mark", role="primary"),
     "key": lambda button: button.set_key("F7"),
     "no key": lambda button: button.set_key_shown(False),
     "badge": lambda button: button.set_badge("dot"),

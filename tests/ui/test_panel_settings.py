@@ -172,7 +172,7 @@ def test_a_map_that_follows_is_seen_from_near_though_its_first_map_comes_later(
     view.show_map(None)
     console.state.take(samples.floor_plan())
     qtbot.waitUntil(lambda: view.grid.raster is not None)
-    pose = view.shown.pose
+    pose = view.map_state.pose
     assert pose is not None
     middle = view.to_map(QPointF(view.width() / 2, view.height() / 2))
     assert (middle - QPointF(pose.x_m, pose.y_m)).manhattanLength() < 0.2

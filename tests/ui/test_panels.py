@@ -852,7 +852,7 @@ def test_a_large_map_is_drawn_in_pieces(qtbot: QtBot, window: MainWindow, consol
     cells[700:1300, 200:260] = 100
     grid = OccupancyGrid(clock.now_ns(), None, 0.02, Pose2D(-2.0, -12.0, 0.0), cells)
     console.state.take(grid)
-    qtbot.waitUntil(lambda: panel.view.grid.shown is grid)
+    qtbot.waitUntil(lambda: panel.view.grid.displayed_grid is grid)
     panel.view.fit()
     image = panel.view.grab().toImage()
     expected = {"map_wall": (2.6, 3.0), "map_free": (5.0, 12.5), "map_unknown": (1.0, 3.0)}

@@ -393,7 +393,7 @@ def test_a_scenario_that_neither_speaks_nor_drives_offers_neither(bare: Callable
 
 def test_a_replay_shows_where_the_wizard_was_and_goes_nowhere(bare: Callable[[Scenario], Bare]) -> None:
     desk, overview, wanted = bare(TOUR), LiveValue(None), []
-    desk.strip.moment_wanted.connect(wanted.append)
+    desk.strip.moment_requested.connect(wanted.append)
     desk.strip.show_replay(overview)
     state = desk.console.state
     state.protocol.set(

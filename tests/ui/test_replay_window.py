@@ -178,7 +178,7 @@ def test_nothing_is_live_and_nothing_is_waited_for(past: MainWindow) -> None:
     said += [field.placeholderText() for field in past.findChildren(QPlainTextEdit)]
     said += [panel.fact[0] for panel in past.panels.values()]
     said += [item.text for item in past.status_bar.items.values()]
-    said += [*video.view.words_without_picture(), map_panel.view.shown.waiting]  # type: ignore[attr-defined]
+    said += [*video.view.words_without_picture(), map_panel.view.map_state.waiting]  # type: ignore[attr-defined]
     coding = find(past, "coding_words")
     assert isinstance(coding, QLabel)
     said.remove(coding.text())  # annotation is the purpose of this window

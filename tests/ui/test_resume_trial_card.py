@@ -145,12 +145,12 @@ def test_the_map_says_it_in_words_and_look_until_it_is_confirmed(
     assert panel is not None
     before = panel.view.grab().toImage()
     console.state.going_on.set(replace(OFFERED, state="unconfirmed", unconfirmed=("map",)))
-    assert ("Position not confirmed", "warning") in panel.view.shown.chips
+    assert ("Position not confirmed", "warning") in panel.view.map_state.chips
     QApplication.sendEvent(panel.view, QEvent(QEvent.Type.Enter))  # the present state is announced on entering
     assert "Position not confirmed" in panel.view.accessibleDescription()
     confirm = find(panel, "map_confirm")
     confirm.hide()
-    without = panel.view.shown.chips
+    without = panel.view.map_state.chips
     panel.view.show_chips([])
     pin = panel.view.grab().toImage()
     panel.view.show_chips(without)
@@ -159,5 +159,5 @@ def test_the_map_says_it_in_words_and_look_until_it_is_confirmed(
     click(qtbot, confirm)
     assert console.named("ConfirmAsBefore") == [intents.ConfirmAsBefore("map")]
     console.state.going_on.set(CrashRecoveryStatus())
-    assert confirm.isHidden() and not panel.view.shown.unconfirmed
-    assert ("Position not confirmed", "warning") not in panel.view.shown.chips
+    assert confirm.isHidden() and not panel.view.map_state.unconfirmed
+    assert ("Position not confirmed", "warning") not in panel.view.map_state.chips

@@ -311,7 +311,12 @@ def test_who_has_a_name_has_none_at_once_where_nobody_is_named(window: MainWindo
         assert isinstance(map_, MapPanel)
         assert isinstance(conversation, ConversationPanel)
         assert isinstance(people, PeoplePanel)
-        said = (video.view.visible_detections(), map_.view.shown.people, conversation.view.rows, people.model.persons)
+        said = (
+            video.view.visible_detections(),
+            map_.view.map_state.people,
+            conversation.view.rows,
+            people.model.persons,
+        )
         return {name: "Luis" in str(words) for name, words in zip(NAMING, said, strict=True)}
 
     switch(console, NAMED)

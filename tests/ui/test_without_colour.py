@@ -242,5 +242,5 @@ def test_how_a_goal_stands_on_the_map(window: MainWindow, console: FakeConsole) 
         for goal in (begun, ended):
             console.state.take(goal)
             console.state.goal.set(goal)
-        said[state] = f"{panel.fact[0]} {panel.view.shown.chips} {panel.view.shown.goal is not None}"
+        said[state] = f"{panel.fact[0]} {panel.view.map_state.chips} {panel.view.map_state.goal is not None}"
     assert_words_differ(said)

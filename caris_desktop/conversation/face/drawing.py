@@ -84,32 +84,32 @@ class Drawing:
         }
 
 
-def drawing_of(face: Face, look: FaceState, *, caption: str = "") -> Drawing:
+def drawing_of(face: Face, state: FaceState, *, caption: str = "") -> Drawing:
     """Drawing of the face in this state."""
     eyes, mouth = face.eyes, face.mouth
     raised = _RAISED if caption else 0.0
-    shift_x = look.gaze_right * _GAZE_SHARE * eyes.width
-    shift_y = -look.gaze_up * _GAZE_SHARE * eyes.width
-    height = max(eyes.height * look.eyes_open, min(eyes.height, 1.2))
+    shift_x = state.gaze_right * _GAZE_SHARE * eyes.width
+    shift_y = -state.gaze_up * _GAZE_SHARE * eyes.width
+    height = max(eyes.height * state.eyes_open, min(eyes.height, 1.2))
     radius = min(eyes.width, height) / 2 * eyes.roundness
     shapes: list[Shape] = []
     for side in (-1, 1):
         x, y = side * eyes.apart / 2 + shift_x, -eyes.above - raised + shift_y
         shapes.append(Box(x, y, eyes.width, height, radius, 0.0, face.ink))
-        if look.lids_deg:
+        if state.lids_deg:
             # Eyelid in the background colour, which covers the upper end of the eye at a slant.
-            turn_deg = side * look.lids_deg
-            drop = height * 0.30 * min(1.0, abs(look.lids_deg) / 18)
+            turn_deg = side * state.lids_deg
+            drop = height * 0.30 * min(1.0, abs(state.lids_deg) / 18)
             lid_y = y - height / 2 - eyes.height / 2 + drop
             shapes.append(Box(x, lid_y, eyes.width * 1.8, eyes.height, 0.0, turn_deg, face.background))
-    half = mouth.width / 2 * (1.0 - 0.25 * look.mouth_open)
-    bend = look.smile * mouth.width * 0.33
-    open_by = look.mouth_open * _MOUTH_OPENS * mouth.width
+    half = mouth.width / 2 * (1.0 - 0.25 * state.mouth_open)
+    bend = state.smile * mouth.width * 0.33
+    open_by = state.mouth_open * _MOUTH_OPENS * mouth.width
     left, right, mouth_y = -half + shift_x * 0.3, half + shift_x * 0.3, mouth.below - raised
-    upper = mouth_y + bend * (1 - 0.8 * look.mouth_open) - open_by * 0.3
+    upper = mouth_y + bend * (1 - 0.8 * state.mouth_open) - open_by * 0.3
     shapes.append(Lips(left, right, mouth_y, upper, mouth_y + bend + open_by, mouth.stroke, face.ink))
-    if look.hearing > 0.02:
-        wide = 26.0 * look.hearing
+    if state.hearing > 0.02:
+        wide = 26.0 * state.hearing
         shapes.append(Box(0.0, 46.0, wide, 1.1, 0.55, 0.0, _between(face.background, face.ink, 0.55)))
     if caption:
         shapes.append(Words(caption, _CAPTION_Y, _CAPTION_SIZE, _CAPTION_WIDTH, face.words))

@@ -65,7 +65,7 @@ class FaceMotion:
         self._gaze = (0.0, 0.0)
         self._voice: SpokenLoudness | None = None
         self._hearing = False
-        self._look = self._at_rest()
+        self._state = self._at_rest()
         self._at_ns: int | None = None
         self._blink_ns: int | None = None
 
@@ -96,9 +96,9 @@ class FaceMotion:
         """State at this time."""
         passed_s = 0.0 if self._at_ns is None else max(0.0, (now_ns - self._at_ns) / 1e9)
         self._at_ns = now_ns
-        target, now = self._at_rest(), self._look
+        target, now = self._at_rest(), self._state
         share, eyes_share = -math.expm1(-passed_s / _GLIDE_S), -math.expm1(-passed_s / _EYES_GLIDE_S)
-        self._look = FaceState(
+        self._state = FaceState(
             _glided(now.eyes_open, target.eyes_open, share),
             _glided(now.lids_deg, target.lids_deg, share),
             _glided(now.smile, target.smile, share),
@@ -107,13 +107,13 @@ class FaceMotion:
             _glided(now.gaze_up, target.gaze_up, eyes_share),
             _glided(now.hearing, target.hearing, share),
         )
-        look = replace(self._look, mouth_open=max(self._look.mouth_open, self._spoken(now_ns)))
-        return replace(look, eyes_open=look.eyes_open * self._lids(now_ns))
+        state = replace(self._state, mouth_open=max(self._state.mouth_open, self._spoken(now_ns)))
+        return replace(state, eyes_open=state.eyes_open * self._lids(now_ns))
 
     @property
     def still(self) -> bool:
         """True if nothing moves until the next blink."""
-        target, now = self._at_rest(), self._look
+        target, now = self._at_rest(), self._state
         moving = max(
             abs(target.eyes_open - now.eyes_open), abs(target.lids_deg - now.lids_deg) / 30,
             abs(target.smile - now.smile), abs(target.mouth_open - now.mouth_open),
@@ -148,13 +148,13 @@ class FaceMotion:
         voice = self._voice
         if voice is None or now_ns < voice.started_ns or (voice.ended_ns is not None and now_ns >= voice.ended_ns):
             return 0.0
-        said_s = (now_ns - voice.started_ns) / 1e9
+        speaking_s = (now_ns - voice.started_ns) / 1e9
         if voice.shares:
-            number = int(said_s / _ENVELOPE_S)
+            number = int(speaking_s / _ENVELOPE_S)
             return voice.shares[number] if number < len(voice.shares) else 0.0
         # Unknown loudness: syllables at a typical rate, with varying mouth opening.
-        beat = math.sin(math.pi * _SYLLABLES_PER_S * said_s)
-        return abs(beat) * (0.55 + 0.35 * math.sin(2.3 * said_s))
+        beat = math.sin(math.pi * _SYLLABLES_PER_S * speaking_s)
+        return abs(beat) * (0.55 + 0.35 * math.sin(2.3 * speaking_s))
 
     def _lids(self, now_ns: int) -> float:
         """Eye opening factor during a blink."""

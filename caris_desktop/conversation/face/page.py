@@ -81,9 +81,9 @@ async def _serve_what_comes(connection: Connection, network: bool) -> None:
         await page.close()
 
 
-def drawn(shown: Drawing) -> str:
+def drawn(drawing: Drawing) -> str:
     """The message of a drawing to the page."""
-    return json.dumps({"drawing": shown.plain()})
+    return json.dumps({"drawing": drawing.plain()})
 
 
 class FacePage:

@@ -182,10 +182,10 @@ class EchoCanceller:
         self._rate_hz = 0
         # Sample positions count from ``_base_ns``.
         self._base_ns = 0
-        self._heard = np.zeros(0, np.float32)
+        self._microphone = np.zeros(0, np.float32)
         self._robot = np.zeros(0, np.float32)
-        """What of ``_heard`` is the robot."""
-        self._heard_from = self._given_until = self._next_frame = 0
+        """What of ``_microphone`` is the robot."""
+        self._microphone_from = self._given_until = self._next_frame = 0
         self._frames = np.zeros((BINS, TAPS), np.complex64)
         """What was played, newest frame first."""
         self._silent_frames = 0
@@ -211,7 +211,7 @@ class EchoCanceller:
         """Add sound that a loudspeaker plays."""
         start_ns = self._played.add(sound)
         first = self._place_of(start_ns) + self._late - FRAME
-        first = max(self._heard_from, self._next_frame - max(0, self._next_frame - first) // HOP * HOP)
+        first = max(self._microphone_from, self._next_frame - max(0, self._next_frame - first) // HOP * HOP)
         if first < self._next_frame:
             self._reported_late_from = (
                 first if self._reported_late_from is None else min(first, self._reported_late_from)
@@ -227,20 +227,20 @@ class EchoCanceller:
         resampler, lost = self._placed(chunk)
         new = resampler.take(chunk.samples.mean(axis=1, dtype=np.float32) / np.float32(32768.0))
         if lost:
-            until = self._heard_from + len(self._heard)
-            self._lost = [each for each in self._lost if each[1] > self._heard_from] + [(until, until + lost)]
+            until = self._microphone_from + len(self._microphone)
+            self._lost = [each for each in self._lost if each[1] > self._microphone_from] + [(until, until + lost)]
             new = np.concatenate((np.zeros(lost, np.float32), new))
-        self._heard = np.concatenate((self._heard, new))
+        self._microphone = np.concatenate((self._microphone, new))
         self._robot = np.concatenate((self._robot, np.zeros_like(new)))
-        heard_until = self._heard_from + len(self._heard)
+        microphone_until = self._microphone_from + len(self._microphone)
         if self._next_frame - self._caught_up_at >= _CATCHES_UP_EVERY:
             self._recompute()
-        while self._next_frame + FRAME <= heard_until:
+        while self._next_frame + FRAME <= microphone_until:
             self._take_frame(self._next_frame)
             self._next_frame += HOP
             self._search_echo(self._next_frame - HOP)
-        waits = self._resounds or self._reference(self._next_frame, heard_until - self._next_frame).any()
-        return self._give(self._next_frame if waits else heard_until)
+        waits = self._resounds or self._reference(self._next_frame, microphone_until - self._next_frame).any()
+        return self._give(self._next_frame if waits else microphone_until)
 
     def share_between(self, started_ns: int, ended_ns: int) -> float | None:
         """The robot's share of the energy in an interval, estimated with later knowledge of the room. None if nothing
@@ -262,25 +262,25 @@ class EchoCanceller:
 
         In pieces, as it may have been given nothing for a moment in between.
         """
-        start = max(self._place_of(started_ns), self._heard_from)
+        start = max(self._place_of(started_ns), self._microphone_from)
         end = min(self._place_of(ended_ns), self._next_frame)
         if end - start < FRAME + HOP:
             return None
         late: list[int] = []
-        whole = beyond = 0.0
+        total = beyond = 0.0
         pieces = max(1, round((end - start) / _PIECE))
         for first, last in itertools.pairwise(start + (end - start) * each // pieces for each in range(pieces + 1)):
             lag, peak, _loudness = self._find(first, last - FRAME)
-            heard = _spectral_energies(self._heard_at(first, last - first))
-            energy = float(heard.sum())
-            whole += energy
+            microphone = _spectral_energies(self._microphone_at(first, last - first))
+            energy = float(microphone.sum())
+            total += energy
             if peak < _SURE_PEAK_ELSEWHERE:
                 beyond += energy
                 continue
             late.append(lag)
             played = self._played.sound(self._base_ns + ns_of(first - lag - _LEAD), last - first + _LEAD)
-            beyond += _beyond_robot(heard, _resounding(_spectral_energies(played))[-len(heard) :])
-        return RobotHeard(late[0] / SAMPLE_RATE_HZ, beyond / max(whole, 1e-12)) if late else None
+            beyond += _beyond_robot(microphone, _resounding(_spectral_energies(played))[-len(microphone) :])
+        return RobotHeard(late[0] / SAMPLE_RATE_HZ, beyond / max(total, 1e-12)) if late else None
 
     def _recompute(self) -> None:
         """Recompute frames processed before their playback was reported."""
@@ -288,7 +288,7 @@ class EchoCanceller:
         if first is None:
             return
         self._caught_up_at = self._next_frame
-        first = max(first, self._heard_from)
+        first = max(first, self._microphone_from)
         if self._began is None:
             self._begin(first)
         self._learn_again(first, self._next_frame)
@@ -300,7 +300,7 @@ class EchoCanceller:
         """Position of a chunk, and the number of lost samples before it to replace by silence. Sample counts take
         precedence over jittering stamps, except at gaps, and slightly where nothing is played.
         """
-        off_ns = chunk.stamp_ns - self._base_ns - ns_of(self._heard_from + len(self._heard))
+        off_ns = chunk.stamp_ns - self._base_ns - ns_of(self._microphone_from + len(self._microphone))
         if self._resampler is not None and chunk.sample_rate_hz == self._rate_hz and abs(off_ns) > _HOLE_NS:
             self._resampler = Resampler(chunk.sample_rate_hz, SAMPLE_RATE_HZ)
             if self._may_sound_from is not None and 0 < off_ns <= _SHORT_HOLE_NS:
@@ -309,8 +309,8 @@ class EchoCanceller:
         elif self._resampler is None or chunk.sample_rate_hz != self._rate_hz:
             self._resampler, self._rate_hz = Resampler(chunk.sample_rate_hz, SAMPLE_RATE_HZ), chunk.sample_rate_hz
             self._base_ns = chunk.stamp_ns
-            self._heard = self._robot = np.zeros(0, np.float32)
-            self._heard_from = self._given_until = self._next_frame = 0
+            self._microphone = self._robot = np.zeros(0, np.float32)
+            self._microphone_from = self._given_until = self._next_frame = 0
             self._frames[:] = 0
             self._began = self._reported_late_from = self._may_sound_from = self._found = self._anew_from = None
             self._looked_at = -_HINDSIGHT
@@ -325,8 +325,8 @@ class EchoCanceller:
         """Continue after missing sound, retaining what is known of the time before."""
         later = -(-samples_in(stamp_ns - self._base_ns) // HOP) * HOP
         self._base_ns = stamp_ns
-        self._heard = self._robot = np.zeros(0, np.float32)
-        self._heard_from = self._given_until = self._next_frame = 0
+        self._microphone = self._robot = np.zeros(0, np.float32)
+        self._microphone_from = self._given_until = self._next_frame = 0
         self._lost = []
         self._reported_late_from, self._anew_from, self._caught_up_at = None, None, -_CATCHES_UP_EVERY
         self._energies = {at - later: energies for at, energies in self._energies.items() if at < later}
@@ -347,14 +347,14 @@ class EchoCanceller:
         """True while played sound may still be audible."""
         return self._began is not None and self._silent_frames < _RESOUNDS_FRAMES
 
-    def _heard_at(self, at: int, count: int) -> NDArray[np.float32]:
-        return self._heard[at - self._heard_from : at - self._heard_from + count]
+    def _microphone_at(self, at: int, count: int) -> NDArray[np.float32]:
+        return self._microphone[at - self._microphone_from : at - self._microphone_from + count]
 
     def _take_frame(self, at: int) -> None:
-        heard = self._heard_at(at, FRAME)
+        microphone = self._microphone_at(at, FRAME)
         reference = self._reference(at, FRAME)
         if not self._resounds and not reference.any():
-            energy = energy_of(heard)
+            energy = energy_of(microphone)
             self._note(at, _Energies(energy, energy, played=False))
             if self._began is not None and at - self._last_played > _SAME_ROOM_FOR:
                 self._began = None
@@ -392,9 +392,9 @@ class EchoCanceller:
         if any(first < at + FRAME and at < end for first, end in self._lost):
             # Inserted silence would distort the room estimate.
             return
-        split = self._room.take(spectrum(self._heard_at(at, FRAME)), self._frames)
-        self._robot[at - self._heard_from :][:FRAME] += part_of_sound(split.robot)
-        self._note(at, _Energies(split.heard_energy, split.others_energy, played=True))
+        split = self._room.take(spectrum(self._microphone_at(at, FRAME)), self._frames)
+        self._robot[at - self._microphone_from :][:FRAME] += part_of_sound(split.robot)
+        self._note(at, _Energies(split.microphone_energy, split.others_energy, played=True))
 
     def _note(self, at: int, energies: "_Energies") -> None:
         self._energies[at] = energies
@@ -402,14 +402,14 @@ class EchoCanceller:
 
     def _measure(self, at: int) -> None:
         """Measure delay and loudness of the robot; on a deviation, relearn the room."""
-        start = max(self._began or 0, self._heard_from, at + FRAME - _LOOKED_THROUGH)
+        start = max(self._began or 0, self._microphone_from, at + FRAME - _LOOKED_THROUGH)
         lag, peak, loudness = self._find(start, at)
         if peak < (_SURE_PEAK if lag <= _USUALLY_LATEST else _SURE_PEAK_ELSEWHERE):
             return
         self._found = lag
         if lag - self._late not in _WELL_PLACED:
             self._late = lag - _EARLY
-            start = self._first_heard(at)
+            start = self._first_audible(at)
         elif loudness * 1.5 < self._loudness < loudness * 24.0:
             return
         self._loudness = _MARGIN * loudness
@@ -423,7 +423,7 @@ class EchoCanceller:
         if self._found is not None and bad_from is None:
             return
         through = _LOOKED_THROUGH if self._found is None else _LOOKED_THROUGH_AGAIN
-        start = max(self._may_sound_from or 0, self._heard_from, at + FRAME - through)
+        start = max(self._may_sound_from or 0, self._microphone_from, at + FRAME - through)
         if at + FRAME - start < _LOOKED_FOR_EVERY * HOP:
             return
         lag, peak, loudness = self._find(start, at)
@@ -435,7 +435,7 @@ class EchoCanceller:
             return
         self._learns_anew = self._learns_anew - 1 if same else _LEARNT_ANEW if before is not None else 0
         self._late = lag - _EARLY if not same else self._late
-        first = max(self._first_heard(at), at - _LEARNT_ANEW_FROM if same else 0)
+        first = max(self._first_audible(at), at - _LEARNT_ANEW_FROM if same else 0)
         if before is not None and bad_from is not None:
             first = max(first, bad_from)
         start = first if before is None else self._again_from(first, at, loudness)
@@ -451,44 +451,44 @@ class EchoCanceller:
         """Delay of the robot between ``start`` and the end of frame ``at``, the clarity of the peak, and loudness as
         energy ratio.
         """
-        heard = self._heard_at(start, at + FRAME - start)
-        played = self._played.sound(self._base_ns + ns_of(start - _LATEST), len(heard) + _LATEST + _AHEAD)
-        lag, peak = _lag(heard, played)
-        part = played[_LATEST - lag :][: len(heard)]
-        return lag, peak, float((heard**2).sum()) / max(float((part**2).sum()), 1e-9)
+        microphone = self._microphone_at(start, at + FRAME - start)
+        played = self._played.sound(self._base_ns + ns_of(start - _LATEST), len(microphone) + _LATEST + _AHEAD)
+        lag, peak = _lag(microphone, played)
+        part = played[_LATEST - lag :][: len(microphone)]
+        return lag, peak, float((microphone**2).sum()) / max(float((part**2).sum()), 1e-9)
 
-    def _first_heard(self, at: int) -> int:
+    def _first_audible(self, at: int) -> int:
         """First frame in which the utterance of frame ``at``, or the last before it, is heard."""
         began_ns = self._played.began_ns(self._base_ns + ns_of(at + FRAME - self._late))
         first = at if began_ns is None else self._place_of(began_ns) + self._late - FRAME + HOP
-        return min(-(-max(first, self._heard_from) // HOP) * HOP, at)
+        return min(-(-max(first, self._microphone_from) // HOP) * HOP, at)
 
     def _again_from(self, start: int, at: int, loudness: float) -> int:
         """Frame at which the robot is heard again after a gap in its playback; before it nothing of it is heard."""
         for end in range(at + HOP, start, -_EXPLAINED_FRAMES * HOP):
             frames = range(max(start, end - _EXPLAINED_FRAMES * HOP), end, HOP)
             expected = loudness * sum(energy_of(self._reference(each, FRAME)) for each in frames)
-            if sum(energy_of(self._heard_at(each, FRAME)) for each in frames) < _HEARD_AGAIN * expected:
+            if sum(energy_of(self._microphone_at(each, FRAME)) for each in frames) < _HEARD_AGAIN * expected:
                 return min(end, at)
         return start
 
     def _unexplained_from(self, at: int) -> int | None:
         """Start of the sound that the robot's playback does not explain; None if it does."""
         since = None
-        for end in range(at + HOP, max(self._may_sound_from or 0, self._heard_from), -_EXPLAINED_FRAMES * HOP):
+        for end in range(at + HOP, max(self._may_sound_from or 0, self._microphone_from), -_EXPLAINED_FRAMES * HOP):
             first = end - _EXPLAINED_FRAMES * HOP
             there = [self._energies[each] for each in range(first, end, HOP) if each in self._energies]
-            heard = sum(energies.heard for energies in there)
-            if sum(energies.others for energies in there) < (1.0 - _EXPLAINED) * heard:
+            total = sum(energies.total for energies in there)
+            if sum(energies.others for energies in there) < (1.0 - _EXPLAINED) * total:
                 break
-            since = max(first, -(-self._heard_from // HOP) * HOP)
+            since = max(first, -(-self._microphone_from // HOP) * HOP)
         return since
 
     def _learn_again(self, start: int, until: int) -> None:
         """Relearn the frames from ``start`` up to ``until`` (exclusive)."""
         if start < self._given_until:
             self._anew_from = start if self._anew_from is None else min(start, self._anew_from)
-        self._robot[start - self._heard_from :] = 0
+        self._robot[start - self._microphone_from :] = 0
         self._recompute_from(start - HOP)
         for at in range(start, until, HOP):
             self._learn(at, self._reference(at, FRAME))
@@ -501,27 +501,27 @@ class EchoCanceller:
 
     def _give(self, until: int) -> CleanSound:
         start, until = self._given_until, max(until, self._given_until)
-        again = _NOTHING if self._anew_from is None else self._clean(max(self._anew_from, self._heard_from), start)
+        again = _NOTHING if self._anew_from is None else self._clean(max(self._anew_from, self._microphone_from), start)
         clean = self._clean(start, until)
         sound = CleanSound(self._base_ns + ns_of(start), clean, self._share(start, until) or 0.0, again)
         self._given_until, self._anew_from = until, None
-        old = (min(until, self._next_frame) - self._heard_from - _KEPT) // HOP * HOP
+        old = (min(until, self._next_frame) - self._microphone_from - _KEPT) // HOP * HOP
         if old > SAMPLE_RATE_HZ:
-            self._heard, self._robot = self._heard[old:], self._robot[old:]
-            self._heard_from += old
-            self._played.forget_before(self._base_ns + ns_of(self._heard_from - _LATEST - TAPS * HOP))
+            self._microphone, self._robot = self._microphone[old:], self._robot[old:]
+            self._microphone_from += old
+            self._played.forget_before(self._base_ns + ns_of(self._microphone_from - _LATEST - TAPS * HOP))
         return sound
 
     def _clean(self, start: int, until: int) -> NDArray[np.float32]:
-        return self._heard_at(start, until - start) - self._robot[start - self._heard_from :][: until - start]
+        return self._microphone_at(start, until - start) - self._robot[start - self._microphone_from :][: until - start]
 
     def _share(self, start: int, until: int) -> float | None:
         first = -(-(start - (FRAME + HOP) // 2) // HOP) * HOP
         there = [self._energies[at] for at in range(first, until - (FRAME - HOP) // 2, HOP) if at in self._energies]
         if not any(energies.played for energies in there):
             return None
-        heard = sum(energies.heard for energies in there)
-        return min(1.0, max(0.0, 1.0 - sum(energies.others for energies in there) / max(heard, 1e-12)))
+        total = sum(energies.total for energies in there)
+        return min(1.0, max(0.0, 1.0 - sum(energies.others for energies in there) / max(total, 1e-12)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -549,33 +549,33 @@ def _resounding(energies: NDArray[np.float32]) -> NDArray[np.float32]:
     return sounding
 
 
-def _beyond_robot(heard: NDArray[np.float32], robot: NDArray[np.float32]) -> float:
+def _beyond_robot(microphone: NDArray[np.float32], robot: NDArray[np.float32]) -> float:
     """The energy that is louder than the robot is as a rule in that band."""
     robot = robot + np.float32(1e-4) * robot.max() + np.float32(1e-12)
     loud = robot > 0.05 * robot.max(axis=0)
-    gains = np.nanmedian(np.where(loud, heard / robot, np.nan), axis=0)
-    return float(np.maximum(heard - _LOUDER * gains * robot, 0.0).sum())
+    gains = np.nanmedian(np.where(loud, microphone / robot, np.nan), axis=0)
+    return float(np.maximum(microphone - _LOUDER * gains * robot, 0.0).sum())
 
 
 @dataclass(frozen=True, slots=True)
 class _Energies:
     """Energy of one frame: total, and the part that is certainly not the robot."""
 
-    heard: float
+    total: float
     others: float
     played: bool
 
 
-def _lag(heard: NDArray[np.float32], played: NDArray[np.float32]) -> tuple[int, float]:
-    """Delay in samples of ``heard`` relative to ``played``, which begins ``_LATEST`` earlier, and the clarity of the
-    peak: phase correlation (GCC-PHAT, Knapp and Carter 1976).
+def _lag(microphone: NDArray[np.float32], played: NDArray[np.float32]) -> tuple[int, float]:
+    """Delay in samples of ``microphone`` relative to ``played``, which begins ``_LATEST`` earlier, and the clarity of
+    the peak: phase correlation (GCC-PHAT, Knapp and Carter 1976).
     """
-    size = 1 << (len(heard) + len(played) - 1).bit_length()
-    cross = np.fft.rfft(heard, size) * np.conj(np.fft.rfft(played, size))
+    size = 1 << (len(microphone) + len(played) - 1).bit_length()
+    cross = np.fft.rfft(microphone, size) * np.conj(np.fft.rfft(played, size))
     strength = np.abs(cross)
     whitened = np.where(strength > 1e-4 * strength.max(), cross / np.maximum(strength, 1e-12), 0)
     correlation = np.fft.irfft(whitened, size)
-    # heard[n] corresponds to played[n + _LATEST - lag]: the shift is lag - _LATEST.
+    # microphone[n] corresponds to played[n + _LATEST - lag]: the shift is lag - _LATEST.
     shifts = np.arange(-_LATEST - _AHEAD, 1)
     around = np.abs(correlation[shifts])
     best = int(around.argmax())

@@ -47,7 +47,7 @@ class TurnTaking:
     def __init__(self, silence: SilenceOfPeople, bounds: SilenceBounds) -> None:
         self._silence = silence
         self.bounds = bounds
-        self._voiced_ns = self._heard_ns = 0
+        self._voiced_ns = self._audio_end_ns = 0
         self._turn_over: float | None = None
         self._last_turn, self._last_ended_ns = "", 0
         self.turn = ""
@@ -63,11 +63,11 @@ class TurnTaking:
     @property
     def beginning_ns(self) -> int:
         """Duration of voice that is not a turn yet, including short silences."""
-        return self._heard_ns - self.started_ns if self._voiced_ns and not self.under_way else 0
+        return self._audio_end_ns - self.started_ns if self._voiced_ns and not self.under_way else 0
 
     def hear(self, stamp_ns: int, length_ns: int, voice: float) -> Change | None:
         """Process the next window with its voice probability."""
-        end_ns = self._heard_ns = stamp_ns + length_ns
+        end_ns = self._audio_end_ns = stamp_ns + length_ns
         self.voiced = voice >= (VOICE_UNTIL if self.voiced else VOICE_FROM)
         if self.voiced:
             return self._hear_voice(stamp_ns, end_ns)

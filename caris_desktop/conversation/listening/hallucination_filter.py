@@ -144,12 +144,12 @@ def is_nothing(text: str, *, no_speech: float, log_probability: float, language:
     """True for text that a recogniser produces without speech. ``language`` is that of the text, as in ``de`` or
     ``pt-BR``; without one, or for an unlisted one, all lists apply.
     """
-    said = _plain(text)
-    if not said or _BRACKETED.match(text.strip()) or _CREDITS.search(said):
+    plain = _plain(text)
+    if not plain or _BRACKETED.match(text.strip()) or _CREDITS.search(plain):
         return True
     if log_probability < _WORST or (no_speech > _NOTHING_SAID and log_probability < _UNLIKELY):
         return True
-    return no_speech > _UNSURE_OF_SUBTITLE and said in _subtitles(language)
+    return no_speech > _UNSURE_OF_SUBTITLE and plain in _subtitles(language)
 
 
 def _plain(text: str) -> str:
@@ -162,8 +162,8 @@ def _plain(text: str) -> str:
 def _subtitles(language: str) -> frozenset[str]:
     """Phrases of a language and of English, which occurs in silence of any."""
     code = language.replace("_", "-").partition("-")[0].lower()
-    wanted = ("en", code) if code in _SUBTITLES else tuple(_SUBTITLES)
-    return frozenset(_plain(phrase) for each in wanted for phrase in _SUBTITLES[each])
+    languages = ("en", code) if code in _SUBTITLES else tuple(_SUBTITLES)
+    return frozenset(_plain(phrase) for each in languages for phrase in _SUBTITLES[each])
 
 
 def within_voice(words: Sequence[HeardWord], voice_ended_s: float) -> list[HeardWord]:

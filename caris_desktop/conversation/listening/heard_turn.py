@@ -79,7 +79,7 @@ class HeardTurn:
         self._silent = 0
         self._dropped = 0
         self._from_s = 0.0
-        self._asked_until_ns = 0
+        self._requested_until_ns = 0
         self._known_until_ns = 0
 
     def hear(self, window: NDArray[np.float32], number: int, *, voiced: bool) -> None:
@@ -94,23 +94,23 @@ class HeardTurn:
         """Replace recent windows up to ``last`` after better echo cancellation; changed ones must
         be transcribed again.
         """
-        own = windows[: max(0, len(windows) - (last - self._last_window))]
+        own_windows = windows[: max(0, len(windows) - (last - self._last_window))]
         changed = 0
-        for window, again in zip(reversed(self._windows), reversed(own), strict=False):
+        for window, again in zip(reversed(self._windows), reversed(own_windows), strict=False):
             window[:] = again
             changed += 1
         if changed:
             from_ns = self._sound_from_ns + round((self._seconds - changed * WINDOW / RATE_HZ) * 1e9)
-            self._asked_until_ns = min(self._asked_until_ns, from_ns)
+            self._requested_until_ns = min(self._requested_until_ns, from_ns)
             self._known_until_ns = min(self._known_until_ns, from_ns)
 
     @property
     def known_whole(self) -> bool:
         """True if everything up to the end of the voice has been transcribed."""
-        wanted_ns = self.voice_ended_ns + _WHOLE_NS
+        needed_ns = self.voice_ended_ns + _WHOLE_NS
         if self.over:  # a turn that was ended within speech has no silence after it
-            wanted_ns = min(wanted_ns, self._sound_from_ns + round(self._seconds * 1e9))
-        return self._known_until_ns >= wanted_ns
+            needed_ns = min(needed_ns, self._sound_from_ns + round(self._seconds * 1e9))
+        return self._known_until_ns >= needed_ns
 
     @property
     def texts(self) -> tuple[str, str]:
@@ -134,7 +134,7 @@ class HeardTurn:
 
     def unheard_s(self, until_ns: int) -> float:
         """Seconds of voice not yet transcribed."""
-        return (until_ns - max(self._asked_until_ns, self.voice_began_ns)) / 1e9
+        return (until_ns - max(self._requested_until_ns, self.voice_began_ns)) / 1e9
 
     def sound_to_judge(self) -> NDArray[np.float32]:
         """Sound for the end-of-turn model. Silences are shortened: long ones would be mistaken for the end, and
@@ -145,21 +145,21 @@ class HeardTurn:
     def ask(self, *, at_pause: bool) -> TurnInterval:
         """Interval to transcribe now. ``take`` must follow."""
         self.asked = True
-        self._asked_until_ns = self._sound_from_ns + round(self._seconds * 1e9)
+        self._requested_until_ns = self._sound_from_ns + round(self._seconds * 1e9)
         self._cut()
         before = " ".join(self.words.committed.split()[-_CONTEXT_WORDS:]) if self._from_s else ""
         ended_s = (self.voice_ended_ns - self._sound_from_ns) / 1e9
         return TurnInterval(self.turn_id, self._sound_of(self._from_s), self._from_s, ended_s, before, at_pause)
 
-    def take(self, stretch: TurnInterval, heard: HeardText | None) -> bool:
+    def take(self, stretch: TurnInterval, recognised: HeardText | None) -> bool:
         """Add a transcript; None if recognition failed. True if the words changed."""
         self.asked = False
-        self._known_until_ns = self._asked_until_ns
-        if heard is None:
+        self._known_until_ns = self._requested_until_ns
+        if recognised is None:
             return False
-        self.language = heard.language
+        self.language = recognised.language
         before = self.words.committed, self.words.tentative
-        words = [word.later_by(stretch.from_s) for word in heard.words]
+        words = [word.later_by(stretch.from_s) for word in recognised.words]
         self.words.take(without_repetition(within_voice(words, stretch.voice_ended_s)))
         return self._changed_since(before)
 

@@ -67,9 +67,9 @@ class AgreedWords:
     def committed_until_s(self) -> float:
         return self._committed[-1].end_s if self._committed else 0.0
 
-    def take(self, heard: Sequence[HeardWord]) -> None:
+    def take(self, recognised: Sequence[HeardWord]) -> None:
         """Add the result of another pass, from any start to the end of the sound so far."""
-        new = list(heard[self._already(heard) :])
+        new = list(recognised[self._already(recognised) :])
         agreed = 0
         for before, now in zip(self._tentative, new, strict=False):
             if before.spoken != now.spoken:
@@ -90,26 +90,26 @@ class AgreedWords:
         ends = [word.end_s for word in self._committed if not sentences or word.text.endswith(_SENTENCE_END)]
         return ends[-1] if ends else None
 
-    def _already(self, heard: Sequence[HeardWord]) -> int:
+    def _already(self, recognised: Sequence[HeardWord]) -> int:
         """Number of leading words that repeat committed ones."""
         if not self._committed:
             return 0
         # A pass may begin within the committed words, and recognise some of them differently.
-        overlapping = [word for word in self._committed if not heard or word.end_s > heard[0].start_s - 0.1]
+        overlapping = [word for word in self._committed if not recognised or word.end_s > recognised[0].start_s - 0.1]
         last = [word.spoken for word in overlapping[-_ALIGN_WORDS:]]
         if last:
-            whole = [word.spoken for word in heard]
-            if whole[: len(overlapping)] == [word.spoken for word in overlapping]:
+            spoken_words = [word.spoken for word in recognised]
+            if spoken_words[: len(overlapping)] == [word.spoken for word in overlapping]:
                 return len(overlapping)
-            matcher = difflib.SequenceMatcher(None, last, whole, autojunk=False)
+            matcher = difflib.SequenceMatcher(None, last, spoken_words, autojunk=False)
             for block in reversed(matcher.get_matching_blocks()):
                 at = block.b + block.size
                 behind = len(last) - (block.a + block.size)
-                if not block.size or at + behind > len(heard):
+                if not block.size or at + behind > len(recognised):
                     continue
                 known = overlapping[-behind - 1]
                 # Times are inexact, above all after a pause; several words in a row rarely match by chance.
-                if abs(heard[at - 1].end_s - known.end_s) <= _SAME_TIME_S * block.size:
+                if abs(recognised[at - 1].end_s - known.end_s) <= _SAME_TIME_S * block.size:
                     return at + behind
         until_s = self.committed_until_s
-        return sum((word.start_s + word.end_s) / 2 <= until_s for word in heard)
+        return sum((word.start_s + word.end_s) / 2 <= until_s for word in recognised)

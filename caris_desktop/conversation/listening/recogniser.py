@@ -58,7 +58,7 @@ class _Recogniser:
     def __init__(self, connection: Connection, settings: RecogniserSettings) -> None:
         self._connection = connection
         self._bounds = SilenceBounds()
-        self._own_words = RobotSpeechFilter()
+        self._robot_speech = RobotSpeechFilter()
         self._silence = SilenceOfPeople()
         self._signal = SignalWatch()
         self._turn_model: TurnModel | None = None
@@ -67,7 +67,7 @@ class _Recogniser:
         self._turns: list[TurnTaking] = []
         self._played: deque[PlayedSound] = deque(maxlen=_PLAYED_AT_MOST)
         self._ready: RecogniserReady | None = None
-        self._asked: SpeechSegmenter | None = None
+        self._transcribing: SpeechSegmenter | None = None
         self._every_s = 0.5
         self._not_before_s = 0.0
         self._away = ""
@@ -110,7 +110,7 @@ class _Recogniser:
                 for ear in self._ears.values():
                     ear.canceller.play_ended(message)
             case UtteranceChanged():
-                self._own_words.robot_says(message)
+                self._robot_speech.robot_says(message)
                 for ear in self._ears.values():
                     if message.state == "started":
                         ear.another_spoke()
@@ -156,7 +156,7 @@ class _Recogniser:
             turns,
             VoiceActivity(),
             canceller=canceller,
-            own_words=self._own_words,
+            robot_speech=self._robot_speech,
             turn_over=None if self._turn_model is None else self._turn_model.turn_over,
             tell=self._connection.send,
         )
@@ -170,13 +170,13 @@ class _Recogniser:
                 ear.hear_nothing(now_ns - _UNDER_WAY_NS)
 
     def _ask(self) -> None:
-        if self._asked is not None or self._ready is None:
+        if self._transcribing is not None or self._ready is None:
             return
         every_s = self._every_s if time.monotonic() >= self._not_before_s else float("inf")
         for ear in self._ears.values():
             stretch = ear.wanted(every_s)
             if stretch is not None:
-                self._asked = ear
+                self._transcribing = ear
                 self._words.ask(stretch)
                 return
 
@@ -194,20 +194,20 @@ class _Recogniser:
                     self._connection.send(self._ready)
                 case NoEngineError() as failure:
                     self._fail(failure)
-                case WordsHeard() as heard:
-                    self._take_words(heard)
+                case WordsHeard() as result:
+                    self._take_words(result)
 
-    def _take_words(self, heard: WordsHeard) -> None:
-        ear, self._asked = self._asked, None
-        self._not_before_s = time.monotonic() + (_ROOM - 1) * heard.took_s
-        if heard.away is not None and not self._away:
-            self._away = heard.away.what
-            self._connection.send(RecogniserAway(_problem(heard.away)))
-        elif heard.away is None and self._away and self._ready is not None:
+    def _take_words(self, result: WordsHeard) -> None:
+        ear, self._transcribing = self._transcribing, None
+        self._not_before_s = time.monotonic() + (_ROOM - 1) * result.took_s
+        if result.away is not None and not self._away:
+            self._away = result.away.what
+            self._connection.send(RecogniserAway(_problem(result.away)))
+        elif result.away is None and self._away and self._ready is not None:
             self._away = ""
             self._connection.send(self._ready)
         if ear is not None:
-            ear.take(heard.stretch, heard.text)
+            ear.take(result.stretch, result.text)
         self._ask()
 
     def _fail(self, failure: UserFacingError) -> None:
@@ -244,16 +244,16 @@ class SignalWatch:
     """
 
     def __init__(self) -> None:
-        self._heard_ns: dict[str, int] = {}
+        self._received_ns: dict[str, int] = {}
         self._reported: set[str] = set()
 
     def hear(self, source: str, stamp_ns: int, peak: float) -> bool:
         """Add the peak level. True when a missing signal is to be reported."""
         if peak > _NOTHING:
-            self._heard_ns[source] = stamp_ns
+            self._received_ns[source] = stamp_ns
             self._reported.discard(source)
             return False
-        since_ns = self._heard_ns.setdefault(source, stamp_ns)
+        since_ns = self._received_ns.setdefault(source, stamp_ns)
         if source in self._reported or stamp_ns - since_ns < _TOLD_AFTER_NS:
             return False
         self._reported.add(source)
@@ -261,4 +261,4 @@ class SignalWatch:
 
     def closed(self, source: str) -> None:
         """Expect no sound from this microphone for now."""
-        self._heard_ns.pop(source, None)
+        self._received_ns.pop(source, None)

@@ -36,9 +36,9 @@ def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] |
     folders = models_dirs() if folders is None else folders
     if not settings.model:
         return _usual(folders)
-    wanted = settings.sha256.strip().lower()
+    sha256 = settings.sha256.strip().lower()
     if _ADDRESS.match(settings.model):
-        return _fetched(settings.model, wanted, folders[-1], allow_download=settings.allow_download)
+        return _fetched(settings.model, sha256, folders[-1], allow_download=settings.allow_download)
     path = _path_of(settings, folders)
     if not (path / _WEIGHTS).is_file():
         raise _no(
@@ -48,13 +48,13 @@ def find_recogniser(settings: RecogniserSettings, *, folders: tuple[Path, ...] |
             QT_TR_NOOP("Correct listening.model."),
         )
     try:
-        found = sha256_of(path / _WEIGHTS) if wanted else ""
+        found = sha256_of(path / _WEIGHTS) if sha256 else ""
     except OSError as error:
         raise _no(
             localized(QT_TR_NOOP("{path} cannot be read ({error})."), path=path / _WEIGHTS, error=error),
             QT_TR_NOOP("Correct the permissions of the file."),
         ) from error
-    if found != wanted:
+    if found != sha256:
         raise _no(
             localized(
                 QT_TR_NOOP("{name} is not the recogniser that the scenario specifies: the checksum does not match."),

@@ -80,9 +80,9 @@ class _Saying:
     started_ns: int
     ended_ns: int | None
     exactly: bool
-    heard: frozenset[int] = frozenset()
-    """The places of its words that a microphone has heard, until ``heard_ns``."""
-    heard_ns: int = 0
+    captured: frozenset[int] = frozenset()
+    """The places of its words that a microphone has captured, until ``captured_until_ns``."""
+    captured_until_ns: int = 0
 
     @property
     def end_ns(self) -> int:
@@ -98,7 +98,7 @@ class RobotSpeechFilter:
         self._sayings: deque[_Saying] = deque(maxlen=_KEPT)
         self._late_s = 0.0
         """Last delay from reported to heard."""
-        self._heard_until_ns = 0
+        self._captured_until_ns = 0
         """When the robot was heard last; 0 where it never was."""
 
     def robot_says(self, utterance: UtteranceChanged) -> None:
@@ -143,8 +143,8 @@ class RobotSpeechFilter:
         """
         if echo_share is not None and echo_share >= _NOTHING_BUT_ROBOT:
             return 1.0
-        heard = _without_loops(_words(text))
-        letters = sum(map(len, heard))
+        transcribed = _without_loops(_words(text))
+        letters = sum(map(len, transcribed))
         if not letters:
             return 0.0
         if echo_share is not None and letters <= _letters_of_what_is_left(echo_share):
@@ -160,10 +160,10 @@ class RobotSpeechFilter:
         slack_s, slack_of_length = (0.7, 0.15) if echo_share is None else (0.4, 0.1)
         most = 0.0
         for sayings in self._around(started_ns, ended_ns):
-            said = [word for saying in sayings for word in saying.words]
-            aligned = _aligned(heard, said)
-            heard_late_s = _late_s(aligned, heard, (started_ns, ended_ns), sayings)
-            if late_s is not None and aligned.pairs and abs(heard_late_s - late_s) <= _SAME_MOMENT_S:
+            spoken = [word for saying in sayings for word in saying.words]
+            aligned = _aligned(transcribed, spoken)
+            transcribed_late_s = _late_s(aligned, transcribed, (started_ns, ended_ns), sayings)
+            if late_s is not None and aligned.pairs and abs(transcribed_late_s - late_s) <= _SAME_MOMENT_S:
                 # Nobody says the robot's words with it.
                 most = max(most, aligned.letters / letters)
             if (
@@ -179,17 +179,18 @@ class RobotSpeechFilter:
             share = aligned.letters / letters
             # Remains of the robot's voice are recognised badly.
             nothing_else = max(0.5, _NOTHING_ELSE - 0.6 * max(0.0, (echo_share or 0.0) - 0.5))
-            if abs(heard_late_s) <= allowed_s or (
-                share >= nothing_else and self._may_be_as_late(heard_late_s, aligned, sayings, started_ns, echo_share)
+            if abs(transcribed_late_s) <= allowed_s or (
+                share >= nothing_else
+                and self._may_be_as_late(transcribed_late_s, aligned, sayings, started_ns, echo_share)
             ):
                 most = max(most, share)
             if echo_share is None or echo_share >= _MOSTLY_SOMEBODY_ELSE:
-                most = max(most, _sounds_like(heard, said, (started_ns, ended_ns), sayings))
+                most = max(most, _sounds_like(transcribed, spoken, (started_ns, ended_ns), sayings))
         return most
 
     def _speaks_at(self, moment_ns: int) -> bool:
         """True if the robot is known to speak then, or was heard just before."""
-        if 0 <= moment_ns - self._heard_until_ns <= _BREATH_NS:
+        if 0 <= moment_ns - self._captured_until_ns <= _BREATH_NS:
             return True
         late_ns = round(self._late_s * 1e9)
         return any(
@@ -201,26 +202,26 @@ class RobotSpeechFilter:
         self, late_s: float, aligned: "_Aligned", sayings: Sequence[_Saying], started_ns: int, echo_share: float | None
     ) -> bool:
         """True if the robot's words come at a time at which they may still be heard."""
-        said = [word for saying in sayings for word in saying.words]
-        heard_before = [
-            place in saying.heard and started_ns >= saying.heard_ns
+        spoken = [word for saying in sayings for word in saying.words]
+        captured_before = [
+            place in saying.captured and started_ns >= saying.captured_until_ns
             for saying in sayings
             for place in range(len(saying.words))
         ]
-        new = [place for _at, place in aligned.pairs if not heard_before[place]]
+        new = [place for _at, place in aligned.pairs if not captured_before[place]]
         if len(new) < _HEARD_SHARE * len(aligned.pairs) or late_s < -_EARLY_S:
             return False
-        left = sum(len(word) for word, before in zip(said, heard_before, strict=True) if not before)
+        left = sum(len(word) for word, before in zip(spoken, captured_before, strict=True) if not before)
         whole = aligned.letters >= _WHOLE * left and (
             len(new) >= _WHOLE_WORDS or aligned.letters > _SHORT_ANSWER_LETTERS
         )
         # No other speaker begins with words that the robot has only begun to say.
-        begins = heard_before[: new[0]].count(False) <= 1 and started_ns <= sayings[-1].end_ns
+        begins = captured_before[: new[0]].count(False) <= 1 and started_ns <= sayings[-1].end_ns
         if whole or begins:
             return late_s <= _WHOLE_LATE_S + self._late_s
         if echo_share is not None and echo_share < _LATE_BY_SHARE:
             return False
-        if not self._heard_until_ns and started_ns > sayings[-1].end_ns:
+        if not self._captured_until_ns and started_ns > sayings[-1].end_ns:
             return False
         return late_s <= max(_PART_LATE_S, self._late_s + 0.7)
 
@@ -228,15 +229,17 @@ class RobotSpeechFilter:
         """Similarity of a transcript to a whole sentence of a robot that speaks unprompted and reports it during or
         after speaking: 1 identical, 0 certainly not.
         """
-        heard = _without_loops(_words(text))
+        transcribed = _without_loops(_words(text))
         most = 0.0
         for saying in self._sayings:
             since_s = (saying.started_ns - started_ns) / 1e9
             at_most_s = sum(len(word) + 1 for word in saying.words) * _SECONDS_A_LETTER + _TOLD_LATE_S
-            if saying.exactly or len(heard) < _WHOLE_WORDS or not -_RINGS_ABOUT_NS / 1e9 <= since_s <= at_most_s:
+            if saying.exactly or len(transcribed) < _WHOLE_WORDS or not -_RINGS_ABOUT_NS / 1e9 <= since_s <= at_most_s:
                 continue
             # All of both: a person who says only some of the words may have asked for the robot's answer.
-            alike = _aligned(heard, saying.words).letters / max(sum(map(len, heard)), sum(map(len, saying.words)))
+            alike = _aligned(transcribed, saying.words).letters / max(
+                sum(map(len, transcribed)), sum(map(len, saying.words))
+            )
             most = max(most, alike if alike >= _TOLD_LATE_ALIKE else 0.0)
         return most
 
@@ -244,25 +247,25 @@ class RobotSpeechFilter:
         """Note words as heard from the robot: repetitions are another speaker's. Returns the utterances, and whether
         the interval begins and ends with their first and last word.
         """
-        heard = _without_loops(_words(text))
-        whole = sum(map(len, heard))
+        transcribed = _without_loops(_words(text))
+        letters = sum(map(len, transcribed))
         found: list[tuple[str, bool, bool]] = []
         for saying in self._near(started_ns, ended_ns):
-            aligned = _aligned(heard, saying.words)
-            if not aligned.pairs or aligned.letters < _HEARD_SHARE * min(whole, sum(map(len, saying.words))):
+            aligned = _aligned(transcribed, saying.words)
+            if not aligned.pairs or aligned.letters < _HEARD_SHARE * min(letters, sum(map(len, saying.words))):
                 continue
-            late_s = _late_s(aligned, heard, (started_ns, ended_ns), [saying])
+            late_s = _late_s(aligned, transcribed, (started_ns, ended_ns), [saying])
             if not -_EARLY_S <= late_s <= _WHOLE_LATE_S + self._late_s:
                 continue
-            if saying.exactly and aligned.letters >= max(_LEARNT_FROM_LETTERS, _HEARD_SHARE * whole):
+            if saying.exactly and aligned.letters >= max(_LEARNT_FROM_LETTERS, _HEARD_SHARE * letters):
                 self._late_s = max(0.0, late_s)
             first, last = aligned.pairs[0], aligned.pairs[-1]
-            begins = first[0] <= 1 and first[1] <= 1 and not saying.heard
-            ends = len(heard) - last[0] <= 2 and len(saying.words) - last[1] <= 2
+            begins = first[0] <= 1 and first[1] <= 1 and not saying.captured
+            ends = len(transcribed) - last[0] <= 2 and len(saying.words) - last[1] <= 2
             found.append((saying.utterance_id, begins, ends))
             places = frozenset(place for _at, place in aligned.pairs)
             # Words between and before heard ones were heard, too.
-            self._note_heard(saying, frozenset(range(max(places) + 1)), ended_ns)
+            self._note_captured(saying, frozenset(range(max(places) + 1)), ended_ns)
         return found
 
     def was_heard_on_time(self, share_between: Callable[[int, int], float | None]) -> None:
@@ -271,20 +274,22 @@ class RobotSpeechFilter:
         ``share_between``: the robot's share of the energy in an interval, None if unknown.
         """
         for saying in tuple(self._sayings):
-            if saying.ended_ns is None or not saying.exactly or len(saying.heard) == len(saying.words):
+            if saying.ended_ns is None or not saying.exactly or len(saying.captured) == len(saying.words):
                 continue
             share = share_between(saying.started_ns, saying.ended_ns)
             if share is not None and share >= _HEARD_SHARE:
-                self._note_heard(saying, frozenset(range(len(saying.words))), saying.ended_ns)
+                self._note_captured(saying, frozenset(range(len(saying.words))), saying.ended_ns)
 
     def may_be_heard(self, moment_ns: int, rings_ns: int) -> bool:
         """True if a voice that begins then may be the robot's, by its utterances and delay."""
         until_ns = rings_ns + round(self._late_s * 1e9)
         return any(saying.started_ns - rings_ns <= moment_ns <= saying.end_ns + until_ns for saying in self._sayings)
 
-    def _note_heard(self, saying: _Saying, places: frozenset[int], until_ns: int) -> None:
-        self._heard_until_ns = max(self._heard_until_ns, until_ns)
-        now = replace(saying, heard=saying.heard | places, heard_ns=max(saying.heard_ns, until_ns))
+    def _note_captured(self, saying: _Saying, places: frozenset[int], until_ns: int) -> None:
+        self._captured_until_ns = max(self._captured_until_ns, until_ns)
+        now = replace(
+            saying, captured=saying.captured | places, captured_until_ns=max(saying.captured_until_ns, until_ns)
+        )
         self._sayings[self._sayings.index(saying)] = now
 
     def robots_beginning(
@@ -296,28 +301,28 @@ class RobotSpeechFilter:
         """
         most = 0
         for sayings in self._around(started_ns, words[-1][1]) if words else ():
-            said = [word for saying in sayings for word in saying.words]
+            spoken = [word for saying in sayings for word in saying.words]
             ends_ns = sayings[-1].end_ns + (_RINGS_NS if sayings[-1].exactly else _RINGS_ABOUT_NS)
             ends_ns += round((_WHOLE_LATE_S + self._late_s) * 1e9)
             # By the start of a word: before silence, recognisers report word ends seconds too late.
             begin_ns = [started_ns, *(end_ns for _text, end_ns in words)]
             beginnings = [
-                (count, _aligned(_words(" ".join(text for text, _end_ns in words[:count])), said))
+                (count, _aligned(_words(" ".join(text for text, _end_ns in words[:count])), spoken))
                 for count in range(1, len(words))
                 if begin_ns[count - 1] <= ends_ns
             ]
-            whole = max((aligned.letters for _count, aligned in beginnings), default=0.0)
+            best_letters = max((aligned.letters for _count, aligned in beginnings), default=0.0)
             for count, aligned in beginnings:
                 # The shortest complete match: a person who answers with the robot's last words repeats them.
-                if aligned.letters < _ALL_OF_IT * whole or not aligned.pairs:
+                if aligned.letters < _ALL_OF_IT * best_letters or not aligned.pairs:
                     continue
                 text, rest = (" ".join(each for each, _end_ns in part) for part in (words[:count], words[count:]))
-                to_its_end = aligned.pairs[-1][1] >= _NEAR_ITS_END * (len(said) - 1)
+                to_its_end = aligned.pairs[-1][1] >= _NEAR_ITS_END * (len(spoken) - 1)
                 letters = sum(map(len, _words(text)))
                 # The words themselves must match: short ones during loud robot speech belong to a person who continues.
                 alike = aligned.letters >= _BEGINNING_IS_ROBOTS * letters
                 robots = self.is_robots(text, started_ns, words[count - 1][1], echo_share)
-                if to_its_end and alike and robots >= _BEGINNING_IS_ROBOTS and not _ends(said, rest):
+                if to_its_end and alike and robots >= _BEGINNING_IS_ROBOTS and not _ends(spoken, rest):
                     most = max(most, count)
                 break
         return most
@@ -350,10 +355,10 @@ def _words(text: str) -> tuple[str, ...]:
     return tuple(_NUMBERS.get(word, word.replace("'", "").replace("’", "")) for word in found)
 
 
-def _ends(said: Sequence[str], text: str) -> bool:
+def _ends(spoken: Sequence[str], text: str) -> bool:
     """True if a text is just the end of the robot's sentence."""
-    heard = _words(text)
-    return not heard or list(heard) == list(said[-len(heard) :])
+    transcribed = _words(text)
+    return not transcribed or list(transcribed) == list(spoken[-len(transcribed) :])
 
 
 def _without_loops(words: tuple[str, ...]) -> tuple[str, ...]:
@@ -369,19 +374,19 @@ def _without_loops(words: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _sounds_like(
-    heard: Sequence[str], said: Sequence[str], heard_ns: tuple[int, int], sayings: Sequence[_Saying]
+    transcribed: Sequence[str], spoken: Sequence[str], interval_ns: tuple[int, int], sayings: Sequence[_Saying]
 ) -> float:
     """Phonetic similarity of a transcript to the robot's simultaneous words, 0 if too low. Recognisers that hear a
     robot badly produce similar-sounding words: "That's him, I've got the quest" for "That is a good question".
     """
-    one, other = ("".join(_sound_of(word).replace("a", "") for word in words) for words in (heard, said))
+    one, other = ("".join(_sound_of(word).replace("a", "") for word in words) for words in (transcribed, spoken))
     if len(one) < _LEAST_SOUNDS or not other:
         return 0.0
     alike, first, end = _local_alignment(one, other)
     lasts_ns = max(1, sayings[-1].end_ns - sayings[0].started_ns)
     expected_ns = sayings[0].started_ns + lasts_ns * first / len(other)
-    takes = (heard_ns[1] - heard_ns[0]) / max(1.0, lasts_ns * (end - first) / len(other))
-    on_time = abs(heard_ns[0] - expected_ns) <= _SOUNDS_WITHIN_NS and 0.5 <= takes <= 2.0
+    takes = (interval_ns[1] - interval_ns[0]) / max(1.0, lasts_ns * (end - first) / len(other))
+    on_time = abs(interval_ns[0] - expected_ns) <= _SOUNDS_WITHIN_NS and 0.5 <= takes <= 2.0
     return max(alike, _SOUNDS_ALIKE_COUNT) if on_time and alike >= _SOUNDS_ALIKE else 0.0
 
 
@@ -417,25 +422,25 @@ class _Aligned:
     pairs: tuple[tuple[int, int], ...]
 
 
-def _aligned(heard: Sequence[str], said: Sequence[str]) -> _Aligned:
+def _aligned(transcribed: Sequence[str], spoken: Sequence[str]) -> _Aligned:
     """Global alignment (Needleman and Wunsch 1970). Similar words match, and two words may match one."""
     best: list[list[tuple[float, tuple[int, int, float] | None]]] = [
-        [(0.0, None)] * (len(said) + 1) for _ in range(len(heard) + 1)
+        [(0.0, None)] * (len(spoken) + 1) for _ in range(len(transcribed) + 1)
     ]
-    for i in range(1, len(heard) + 1):
-        for j in range(1, len(said) + 1):
+    for i in range(1, len(transcribed) + 1):
+        for j in range(1, len(spoken) + 1):
             options: list[tuple[float, tuple[int, int, float] | None]] = [
                 (best[i - 1][j][0], (1, 0, 0.0)),
                 (best[i][j - 1][0], (0, 1, 0.0)),
             ]
-            for of_heard, of_said in ((1, 1), (2, 1), (1, 2)):
-                if of_heard <= i and of_said <= j:
-                    one, other = "".join(heard[i - of_heard : i]), "".join(said[j - of_said : j])
+            for step_i, step_j in ((1, 1), (2, 1), (1, 2)):
+                if step_i <= i and step_j <= j:
+                    one, other = "".join(transcribed[i - step_i : i]), "".join(spoken[j - step_j : j])
                     alike = len(one) * _alike(one, other)
                     if alike:
-                        options.append((best[i - of_heard][j - of_said][0] + alike, (of_heard, of_said, alike)))
+                        options.append((best[i - step_i][j - step_j][0] + alike, (step_i, step_j, alike)))
             best[i][j] = max(options, key=lambda option: option[0])
-    i, j, pairs = len(heard), len(said), []
+    i, j, pairs = len(transcribed), len(spoken), []
     while i and j:
         step = best[i][j][1]
         if step is None:
@@ -443,15 +448,15 @@ def _aligned(heard: Sequence[str], said: Sequence[str]) -> _Aligned:
         if step[2]:
             pairs.append((i - 1, j - 1))
         i, j = i - step[0], j - step[1]
-    return _Aligned(best[len(heard)][len(said)][0], tuple(reversed(pairs)))
+    return _Aligned(best[len(transcribed)][len(spoken)][0], tuple(reversed(pairs)))
 
 
 @lru_cache(maxsize=4096)
-def _alike(heard: str, said: str) -> float:
+def _alike(transcribed: str, spoken: str) -> float:
     """Phonetic similarity of two words, 0 below a threshold."""
-    if heard == said or _NAME in (heard, said):
+    if transcribed == spoken or _NAME in (transcribed, spoken):
         return 1.0
-    one, other = _sound_of(heard), _sound_of(said)
+    one, other = _sound_of(transcribed), _sound_of(spoken)
     longer = max(len(one), len(other))
     if not longer or abs(len(one) - len(other)) > longer * (1 - _LEAST_ALIKE):
         return 0.0
@@ -476,18 +481,20 @@ def _distance(one: str, other: str) -> int:
     return row[-1]
 
 
-def _late_s(aligned: _Aligned, heard: Sequence[str], heard_ns: tuple[int, int], sayings: Sequence[_Saying]) -> float:
+def _late_s(
+    aligned: _Aligned, transcribed: Sequence[str], interval_ns: tuple[int, int], sayings: Sequence[_Saying]
+) -> float:
     """Median delay of heard words relative to the robot's."""
-    when_heard = _moments(heard, *heard_ns)
-    when_said = [moment for saying in sayings for moment in _moments(saying.words, saying.started_ns, saying.end_ns)]
-    return median([when_heard[i] - when_said[j] for i, j in aligned.pairs] or [0.0])
+    transcribed_at_s = _moments(transcribed, *interval_ns)
+    spoken_at_s = [moment for saying in sayings for moment in _moments(saying.words, saying.started_ns, saying.end_ns)]
+    return median([transcribed_at_s[i] - spoken_at_s[j] for i, j in aligned.pairs] or [0.0])
 
 
 def _moments(words: Sequence[str], start_ns: int, end_ns: int) -> list[float]:
     """Time of each word in seconds, assuming a constant time per letter."""
-    whole = sum(len(word) + 1 for word in words)
+    total = sum(len(word) + 1 for word in words)
     moments, before = [], 0.0
     for word in words:
-        moments.append((start_ns + (end_ns - start_ns) * (before + len(word) / 2) / whole) / 1e9)
+        moments.append((start_ns + (end_ns - start_ns) * (before + len(word) / 2) / total) / 1e9)
         before += len(word) + 1
     return moments

@@ -58,12 +58,12 @@ def part_of_sound(frame: NDArray[np.complex64]) -> NDArray[np.float32]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """Separated frame. ``robot`` is to be subtracted; ``others_energy`` of ``heard_energy`` is certainly not the
+    """Separated frame. ``robot`` is to be subtracted; ``others_energy`` of ``microphone_energy`` is certainly not the
     robot's.
     """
 
     robot: NDArray[np.complex64]
-    heard_energy: float
+    microphone_energy: float
     others_energy: float
 
 
@@ -93,11 +93,11 @@ class RoomFilter:
         self._covariance[:, _DIAGONAL, _DIAGONAL] = loudness * _EXPECTED
         self._noise[:] = _LEAST_NOISE
 
-    def take(self, heard: NDArray[np.complex64], played: NDArray[np.complex64]) -> Split:
+    def take(self, microphone: NDArray[np.complex64], played: NDArray[np.complex64]) -> Split:
         """Process a frame; ``played`` has the last played frames, newest first, shape (BINS, TAPS)."""
         seen = np.matmul(self._covariance, np.conj(played)[:, :, np.newaxis])[:, :, 0]
         unsure = np.maximum(np.real((played * seen).sum(axis=1)), 0.0)
-        error = heard - (played * self._weights).sum(axis=1)
+        error = microphone - (played * self._weights).sum(axis=1)
         others = np.convolve(np.maximum(np.abs(error) ** 2 - unsure, 0.0), _SPREAD, "same").astype(np.float32)
         self._noise = _SMOOTHING * self._noise + (1.0 - _SMOOTHING) * others
         noise = np.maximum(np.maximum(self._noise, others), _LEAST_NOISE)
@@ -106,14 +106,14 @@ class RoomFilter:
         self._covariance -= step[:, :, np.newaxis] * np.conj(seen)[:, np.newaxis, :]
         self._covariance[:, _DIAGONAL, _DIAGONAL] += _TURNED * np.abs(self._weights) ** 2
         echo = (played * self._weights).sum(axis=1)
-        rest = heard - echo
+        rest = microphone - echo
         rest2 = np.abs(rest) ** 2
         left = unsure * noise / (unsure + noise) + _LEFT_OF_ROBOT * np.abs(echo) ** 2 + self._beyond(played)
         mine = np.maximum(rest2 - left, 0.0)
-        heard_energy = float((np.abs(heard) ** 2).sum())
+        microphone_energy = float((np.abs(microphone) ** 2).sum())
         # The residual echo is removed by magnitude: spectral subtraction (Boll 1979).
         share = np.convolve(mine, _SPREAD, "same") / np.maximum(np.convolve(rest2, _SPREAD, "same"), 1e-12)
-        return Split(heard - np.sqrt(share) * rest, heard_energy, float(mine.sum()))
+        return Split(microphone - np.sqrt(share) * rest, microphone_energy, float(mine.sum()))
 
     def _beyond(self, played: NDArray[np.complex64]) -> NDArray[np.float32]:
         """Energy of reverberation beyond the filter's length."""

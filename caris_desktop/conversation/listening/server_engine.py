@@ -165,8 +165,8 @@ class ServerEngine:
 
 def _key_names(server: str) -> tuple[str, ...]:
     """Names of keys that may be sent to this server, which a scenario names: those that the user gave for it."""
-    own = (f"{KEY_NAME}@{urlsplit(server).hostname}",)
-    return (KEY_NAME, *own) if is_same_server(os.environ.get(SERVER_NAME, ""), server) else own
+    names = (f"{KEY_NAME}@{urlsplit(server).hostname}",)
+    return (KEY_NAME, *names) if is_same_server(os.environ.get(SERVER_NAME, ""), server) else names
 
 
 def _wav(sound: NDArray[np.float32]) -> bytes:
@@ -181,12 +181,12 @@ def _wav(sound: NDArray[np.float32]) -> bytes:
 
 def _refused_field(fields: dict[str, str], body: bytes) -> str:
     """Optional field that a refusal names; the server can do without each of them."""
-    said = body.decode("utf-8", "replace")
+    body_text = body.decode("utf-8", "replace")
     words = {"response_format": "response_format|verbose_json"}
     return next(
         (
             name for name in _OPTIONAL
-            if name in fields and re.search(rf"(?<![A-Za-z])(?:{words.get(name, name)})(?![A-Za-z])", said)
+            if name in fields and re.search(rf"(?<![A-Za-z])(?:{words.get(name, name)})(?![A-Za-z])", body_text)
         ),
         "",
     )  # fmt: skip
@@ -211,8 +211,8 @@ def _spread(words: list[str], start_s: float, end_s: float) -> Iterator[HeardWor
 
 def _reason(body: bytes, key: str | None) -> str:
     answer = object_in(body)
-    said = error_in(answer) if answer else body.decode("utf-8", "replace")
-    return shortened(without(key, said), 100) or QT_TR_NOOP("no reason given")
+    message = error_in(answer) if answer else body.decode("utf-8", "replace")
+    return shortened(without(key, message), 100) or QT_TR_NOOP("no reason given")
 
 
 def _advice(status: int) -> str:

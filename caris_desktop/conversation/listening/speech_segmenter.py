@@ -72,7 +72,7 @@ class SpeechSegmenter:
         voices: Voices,
         *,
         canceller: EchoCanceller,
-        own_words: RobotSpeechFilter,
+        robot_speech: RobotSpeechFilter,
         turn_over: Callable[[NDArray[np.float32]], float] | None,
         tell: Callable[[Hearing | UtteranceChanged | UtteranceCorrected], None],
     ) -> None:
@@ -81,7 +81,7 @@ class SpeechSegmenter:
         self._of_wizard = source == WIZARD_MICROPHONE
         self._turns = turns
         self._voices = voices
-        self._own_words = own_words
+        self._robot_speech = robot_speech
         self._turn_over = turn_over
         self._tell = tell
         self._rest = np.zeros(0, np.float32)
@@ -119,10 +119,10 @@ class SpeechSegmenter:
             self._rest = np.zeros(0, np.float32)
             self._until_ns = clean.stamp_ns
         sound = np.concatenate((self._rest, clean.samples))
-        whole = len(sound) // WINDOW * WINDOW
-        for at in range(0, whole, WINDOW):
+        usable = len(sound) // WINDOW * WINDOW
+        for at in range(0, usable, WINDOW):
             self._hear_window(sound[at : at + WINDOW], clean.echo_share)
-        self._rest = sound[whole:]
+        self._rest = sound[usable:]
 
     def _hear_again(self, sound: NDArray[np.float32]) -> None:
         """Process the newest sound again after better echo cancellation: uncommitted words may change."""
@@ -130,8 +130,8 @@ class SpeechSegmenter:
         if rest:
             self._rest[-len(sound) :] = sound[-rest:]
             sound = sound[:-rest]
-        whole = len(sound) // WINDOW
-        windows = list(sound[len(sound) - whole * WINDOW :].reshape(whole, WINDOW))
+        count = len(sound) // WINDOW
+        windows = list(sound[len(sound) - count * WINDOW :].reshape(count, WINDOW))
         for window, again in zip(reversed(self._lead), reversed(windows), strict=False):
             window[:] = again
         for turn in (*self._ending, self._turn):
@@ -175,7 +175,7 @@ class SpeechSegmenter:
         if not turns:
             return 0.0
         text = " ".join(turn.text for turn in turns)
-        return self._own_words.late_similarity(text, turns[0].began_ns)
+        return self._robot_speech.late_similarity(text, turns[0].began_ns)
 
     def judge(self) -> None:
         """Estimate the end of turn by sound at a new pause. It takes 0.1 s, during which its words can be recognised:
@@ -200,12 +200,12 @@ class SpeechSegmenter:
                 return turn.ask(at_pause=False)
         return None
 
-    def take(self, stretch: TurnInterval, heard: HeardText | None) -> None:
+    def take(self, stretch: TurnInterval, recognised: HeardText | None) -> None:
         """Add the transcript of an interval; None if recognition failed."""
         for turn in (*self._ending, self._turn):
             if turn is None or turn.turn_id != stretch.turn_id:
                 continue
-            changed = turn.take(stretch, heard)
+            changed = turn.take(stretch, recognised)
             changed |= self._leave_out_the_robot(turn)
             if not turn.reported and turn.own_words and not self._is_robots(turn):
                 self._report_beginning(turn)
@@ -254,12 +254,12 @@ class SpeechSegmenter:
         turn.voice_began_ns = turn.onset_ns(turn.voice_began_ns)
         turn.voice_ended_ns = self._until_ns
         self._turns.turn = turn_id
-        robot_heard = (
+        robot_audible = (
             self._robot_speaks
             or turn.voice_began_ns <= self._robot_until_ns + _ROBOT_RINGS_NS
-            or self._own_words.may_be_heard(turn.voice_began_ns, _ROBOT_RINGS_NS)
+            or self._robot_speech.may_be_heard(turn.voice_began_ns, _ROBOT_RINGS_NS)
         )
-        if self._of_wizard or not robot_heard:
+        if self._of_wizard or not robot_audible:
             self._report_beginning(turn)
 
     def _judge_words(self, turn: HeardTurn) -> bool:
@@ -291,14 +291,14 @@ class SpeechSegmenter:
         text, _none = turn.texts
         robots = not self._of_wizard and self._is_robots(turn)
         if robots or turn.robots_words:
-            own = text if robots else ""
+            robot_text = text if robots else ""
             began_ns = turn.sound_began_ns
             words = " ".join(word.text for word in turn.words.words[: turn.robots_words])
             until_ns = turn.voice_ended_ns if robots else turn.voice_began_ns
-            whole = self._own_words.was_heard(f"{words} {own}", began_ns, until_ns)
+            captured = self._robot_speech.was_heard(f"{words} {robot_text}", began_ns, until_ns)
             if self.canceller.share_between(began_ns, until_ns) is None:
                 # The robot's own speech synthesis: its reported times are not from samples.
-                self._report_times(turn.onset_ns(began_ns), turn.end_ns(until_ns), whole)
+                self._report_times(turn.onset_ns(began_ns), turn.end_ns(until_ns), captured)
         if not turn.reported:
             return
         if self._of_wizard:
@@ -329,7 +329,7 @@ class SpeechSegmenter:
             return False
         words = [(word.text, turn.moment_of(word.end_s)) for word in turn.words.words]
         share = self.canceller.share_between(turn.sound_began_ns, turn.voice_ended_ns)
-        count = self._own_words.robots_beginning(words, turn.sound_began_ns, share)
+        count = self._robot_speech.robots_beginning(words, turn.sound_began_ns, share)
         if count == turn.robots_words:
             return False
         # Possibly fewer than before: the rest of the sentence may show that it is all the robot's.
@@ -345,19 +345,19 @@ class SpeechSegmenter:
 
     def _is_robots(self, turn: HeardTurn) -> bool:
         text = " ".join(turn.texts)
-        self._own_words.was_heard_on_time(self.canceller.share_between)
+        self._robot_speech.was_heard_on_time(self.canceller.share_between)
         began_ns, ended_ns = turn.voice_began_ns, turn.voice_ended_ns
-        heard = self.canceller.heard_in(began_ns, ended_ns) if turn.over else None
-        if heard is not None and heard.beyond <= _NOTHING_BEYOND:
+        robot_sound = self.canceller.heard_in(began_ns, ended_ns) if turn.over else None
+        if robot_sound is not None and robot_sound.beyond <= _NOTHING_BEYOND:
             return True
-        robots = self._own_words.is_robots(
+        robots = self._robot_speech.is_robots(
             text,
             began_ns,
             ended_ns,
             self.canceller.share_between(began_ns, ended_ns),
             confidence=turn.confidence,
             beside_robot=self.canceller.plays_at(began_ns),
-            late_s=None if heard is None else heard.late_s,
+            late_s=None if robot_sound is None else robot_sound.late_s,
         )
         return robots >= _ROBOTS_WORDS
 
@@ -375,9 +375,9 @@ class SpeechSegmenter:
             )
         )  # fmt: skip
 
-    def _report_times(self, began_ns: int, ended_ns: int, whole: Sequence[tuple[str, bool, bool]]) -> None:
+    def _report_times(self, began_ns: int, ended_ns: int, captured: Sequence[tuple[str, bool, bool]]) -> None:
         """Report measured start and end times of the robot's utterances."""
-        for utterance_id, begins, ends in whole:
+        for utterance_id, begins, ends in captured:
             start_ns, end_ns = began_ns if begins else None, ended_ns if ends else None
             if start_ns is not None or end_ns is not None:
                 self._tell(

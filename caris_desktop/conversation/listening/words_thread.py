@@ -41,7 +41,7 @@ class WordsThread:
 
     def __init__(self, settings: RecogniserSettings) -> None:
         self.news: queue.SimpleQueue[WordsReady | NoEngineError | WordsHeard] = queue.SimpleQueue()
-        self._asked: queue.SimpleQueue[TurnInterval | None] = queue.SimpleQueue()
+        self._requests: queue.SimpleQueue[TurnInterval | None] = queue.SimpleQueue()
         self._settings = settings
         self._thread = threading.Thread(target=self._run, name=WORDS_THREAD, daemon=True)
 
@@ -51,11 +51,11 @@ class WordsThread:
 
     def ask(self, stretch: TurnInterval) -> None:
         """Transcribe an interval."""
-        self._asked.put(stretch)
+        self._requests.put(stretch)
 
     def end(self) -> None:
         """End the thread, without waiting long for a running load or transcription."""
-        self._asked.put(None)
+        self._requests.put(None)
         self._thread.join(_END_WITHIN_S)
 
     def _run(self) -> None:
@@ -67,7 +67,7 @@ class WordsThread:
             return
         self.news.put(WordsReady(engine.model, engine.language, engine.every_s, time.monotonic() - began_s))
         with contextlib.closing(engine):
-            while (stretch := self._asked.get()) is not None:
+            while (stretch := self._requests.get()) is not None:
                 self._make_out(engine, stretch)
 
     def _make_out(self, engine: Engine, stretch: TurnInterval) -> None:

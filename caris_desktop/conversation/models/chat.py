@@ -122,7 +122,7 @@ async def stream_chat(
     schema: dict[str, Any] | None = None,
     slot: int | None = None,
     on_version: Callable[[str], None] = lambda _version: None,
-    on_wait: Callable[[str], None] = lambda _why: None,
+    on_wait: Callable[[str], None] = lambda _reason: None,
     notes: AnswerNotes | None = None,
     timeouts: ChatTimeouts = ChatTimeouts(),
     retries: Retries = Retries(),
@@ -223,9 +223,9 @@ async def _one_try(  # noqa: PLR0917 - all of one call
     loop = asyncio.get_running_loop()
     limits = httpx.Timeout(connect=timeouts.connect_s, read=None, write=timeouts.connect_s, pool=timeouts.connect_s)
     began = ended = unfinished = closed = False
-    read_characters = said_characters = 0
+    read_characters = written_characters = 0
     most_characters = None if request.bounded else question.max_tokens * _CHARACTERS_PER_TOKEN
-    version = why = ""
+    version = reason = ""
     useless: LanguageModelError | None = None
     answers_by_s = 0.0
     part = SpokenPart(within=habits.begins_within)
@@ -259,7 +259,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                         # If the server marks finished answers, closing the stream without a mark means an unfinished
                         # one.
                         ended = chunk.ended or (closed and not unfinished)
-                        notes.cut, why = chunk.cut or notes.cut, chunk.why or why
+                        notes.cut, reason = chunk.cut or notes.cut, chunk.why or reason
                         if chunk.version and chunk.version != version:
                             version = chunk.version
                             on_version(version)
@@ -271,22 +271,22 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                         if read_characters > MAX_ANSWER_CHARACTERS:
                             raise failures.nonsense(endpoint, QT_TR_NOOP("the answer is too long"))
                         notes.reasoned = notes.reasoned or chunk.alive
-                        said = part.take(chunk.text)
+                        answer_pieces = part.take(chunk.text)
                         if ended or closed:
-                            said += part.end(whole=notes.cut != "length")
-                        for piece in said:
+                            answer_pieces += part.end(whole=notes.cut != "length")
+                        for piece in answer_pieces:
                             if isinstance(piece, Withdrawn):
                                 habits.begins_within = True
                                 answers_by_s = loop.time() + timeouts.first_token_s
-                                said_characters = 0
-                            said_characters += len(piece)
+                                written_characters = 0
+                            written_characters += len(piece)
                             before_s = loop.time()
                             yield piece
                             deadline_s += loop.time() - before_s
                         notes.reasoned = notes.reasoned or part.reasoned
-                        if began and not said_characters:
+                        if began and not written_characters:
                             deadline_s = min(deadline_s, answers_by_s)
-                        if most_characters is not None and said_characters >= most_characters and not ended:
+                        if most_characters is not None and written_characters >= most_characters and not ended:
                             notes.cut, ended = "length", True
                             break
                     else:
@@ -302,12 +302,12 @@ async def _one_try(  # noqa: PLR0917 - all of one call
             raise failure from error
         raise _TryAgainError(failure) from error
     except TimeoutError as error:
-        if began and not said_characters and loop.time() >= answers_by_s:
+        if began and not written_characters and loop.time() >= answers_by_s:
             raise failures.only_reasoned(endpoint, seconds=timeouts.first_token_s) from error
         waited_s = timeouts.between_tokens_s if began else timeouts.first_token_s
         raise failures.too_slow(endpoint, seconds=waited_s, answer_started=began) from error
-    if not said_characters:
-        _raise_nothing_said(endpoint, request, notes, why, useless)
+    if not written_characters:
+        _raise_nothing_said(endpoint, request, notes, reason, useless)
     if not ended:
         raise failures.broke_off(endpoint)
 
@@ -323,14 +323,14 @@ def _chunk_of(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
 
 
 def _raise_nothing_said(
-    endpoint: ModelEndpoint, request: Request, notes: AnswerNotes, why: str, useless: LanguageModelError | None
+    endpoint: ModelEndpoint, request: Request, notes: AnswerNotes, reason: str, useless: LanguageModelError | None
 ) -> NoReturn:
     limit = next((name for name in TOKEN_LIMITS if name in parameters_sent(request)), "")
     if notes.cut == "length" and limit and endpoint.provider != "embedded":
         # Reasoning used up the limit, reported or not.
         raise _LeaveOutError(limit)
     if notes.cut == "filter":
-        raise failures.blocked(endpoint, why)
+        raise failures.blocked(endpoint, reason)
     if notes.reasoned or notes.cut:
         raise failures.only_reasoned(endpoint, cut=notes.cut == "length")
     raise useless or failures.nothing(endpoint)

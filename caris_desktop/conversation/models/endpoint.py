@@ -134,9 +134,9 @@ def ollama_url(environment: Mapping[str, str]) -> str:
 
 def bad_address(url: str, source: str) -> LanguageModelError:
     """Error for an invalid ``url`` from ``source``."""
-    shown = "it" if "@" in url else f"“{shortened(url)}”"
+    address = "it" if "@" in url else f"“{shortened(url)}”"
     return LanguageModelError(
-        f"Invalid address of the language model in {source}: {shown} does not have the form http://HOST:PORT.",
+        f"Invalid address of the language model in {source}: {address} does not have the form http://HOST:PORT.",
         QT_TR_NOOP("The assistant cannot answer."),
         localized(QT_TR_NOOP("Correct {source}; keys do not belong in the address."), source=source),
     )

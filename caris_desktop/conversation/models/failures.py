@@ -22,27 +22,29 @@ class UnusableError(LanguageModelError):
     """One message of a stream is unusable; others may be usable."""
 
 
-def unusable(endpoint: ModelEndpoint, why: str) -> UnusableError:
+def unusable(endpoint: ModelEndpoint, reason: str) -> UnusableError:
     """Error if no better message follows."""
-    failure = nonsense(endpoint, why)
+    failure = nonsense(endpoint, reason)
     return UnusableError(failure.what, failure.meaning, failure.advice)
 
 
-def nonsense(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
+def nonsense(endpoint: ModelEndpoint, reason: str) -> LanguageModelError:
     return LanguageModelError(
         localized(
             QT_TR_NOOP("{place} sent an invalid answer: {why}."),
             place=endpoint.place,
-            why=why if isinstance(why, LocalizedText) else shortened(why),
+            why=reason if isinstance(reason, LocalizedText) else shortened(reason),
         ),
         _HALF,
         QT_TR_NOOP("Check that the address belongs to a language model server."),
     )
 
 
-def blocked(endpoint: ModelEndpoint, why: str) -> LanguageModelError:
+def blocked(endpoint: ModelEndpoint, reason: str) -> LanguageModelError:
     return LanguageModelError(
-        localized(QT_TR_NOOP("{place} refused to answer this ({why})."), place=endpoint.place, why=shortened(why, 60)),
+        localized(
+            QT_TR_NOOP("{place} refused to answer this ({why})."), place=endpoint.place, why=shortened(reason, 60)
+        ),
         _HALF,
         QT_TR_NOOP("Rephrase the question, remove something from its context, or choose another model."),
     )
@@ -141,13 +143,13 @@ def raise_error_object(endpoint: ModelEndpoint, message: dict[str, Any], key: st
 
 def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageModelError:
     """Error of an HTTP status. ``detail`` is the server's text without the key."""
-    said = f" ({detail})" if detail else ""
+    server_text = f" ({detail})" if detail else ""
     place = endpoint.place
     _log.warning("%s answered with HTTP status %d", place, status)
     if status in (401, 403) or (status == 400 and endpoint.provider == "gemini" and "api key" in detail.lower()):
         where = " or ".join(endpoint.key_names) or QT_TR_NOOP("the server's access rules")
         return LanguageModelError(
-            localized(QT_TR_NOOP("{place} refused access{said}."), place=place, said=said),
+            localized(QT_TR_NOOP("{place} refused access{said}."), place=place, said=server_text),
             _NO_ANSWER,
             localized(QT_TR_NOOP("Check {where}."), where=where),
         )
@@ -162,21 +164,21 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
                 QT_TR_NOOP("{place} does not have the model {model}{said}."),
                 place=place,
                 model=endpoint.model,
-                said=said,
+                said=server_text,
             ),
             _NO_ANSWER,
             advice,
         )
     if status == 429:
         return LanguageModelError(
-            localized(QT_TR_NOOP("{place} is not accepting questions now{said}."), place=place, said=said),
+            localized(QT_TR_NOOP("{place} is not accepting questions now{said}."), place=place, said=server_text),
             _NO_ANSWER,
             QT_TR_NOOP("Wait a moment, then ask again."),
         )
     if status >= 500:
         return LanguageModelError(
             localized(
-                QT_TR_NOOP("{place} failed (HTTP status {status}){said}."), place=place, status=status, said=said
+                QT_TR_NOOP("{place} failed (HTTP status {status}){said}."), place=place, status=status, said=server_text
             ),
             _NO_ANSWER,
             QT_TR_NOOP("Ask again in a moment."),
@@ -199,7 +201,7 @@ def of_status(endpoint: ModelEndpoint, status: int, detail: str) -> LanguageMode
             QT_TR_NOOP("{place} refused the question (HTTP status {status}){said}."),
             place=place,
             status=status,
-            said=said,
+            said=server_text,
         ),
         _NO_ANSWER,
         _advice_for(detail),
@@ -229,9 +231,9 @@ def of_httpx(endpoint: ModelEndpoint, error: "httpx.HTTPError", *, answer_starte
     # The caller reports it; without one, as at exit, no warning is needed.
     _log.info("exchange with %s failed: %s %s", place, type(error).__name__, error)
     if (refused := tls_error(error)) is not None:
-        why, _ = why_refused(refused, place, None)
+        reason, _ = why_refused(refused, place, None)
         return LanguageModelError(
-            localized(QT_TR_NOOP("The identity of {place} cannot be verified. {why}"), place=place, why=joined(why)),
+            localized(QT_TR_NOOP("The identity of {place} cannot be verified. {why}"), place=place, why=joined(reason)),
             QT_TR_NOOP("Nothing was sent to it."),
             QT_TR_NOOP(
                 "Check the address and this computer's clock. A lab server needs a certificate that this "

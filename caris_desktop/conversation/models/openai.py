@@ -82,13 +82,13 @@ def parse(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> 
     if not choices:
         return Chunk(version=version)  # usage or filter results
     choice = choices[0] if isinstance(choices, list) else None
-    said = (choice.get("delta") or choice.get("message") or {}) if isinstance(choice, dict) else None
-    if not isinstance(choice, dict) or not isinstance(said, dict):
+    reply = (choice.get("delta") or choice.get("message") or {}) if isinstance(choice, dict) else None
+    if not isinstance(choice, dict) or not isinstance(reply, dict):
         raise unusable(endpoint, QT_TR_NOOP("a choice has no delta"))
-    if isinstance(refusal := said.get("refusal"), str) and refusal:
+    if isinstance(refusal := reply.get("refusal"), str) and refusal:
         raise blocked(endpoint, refusal)
-    text, reasons = _text_of(endpoint, said.get("content") or choice.get("text") or "")
-    alive = reasons or bool(said.get("reasoning_content") or said.get("reasoning"))
+    text, reasons = _text_of(endpoint, reply.get("content") or choice.get("text") or "")
+    alive = reasons or bool(reply.get("reasoning_content") or reply.get("reasoning"))
     finish = choice.get("finish_reason")
     if finish == "error":
         raise_error_object(endpoint, {"error": "the server gave no reason"}, key)
@@ -108,12 +108,12 @@ def _text_of(endpoint: ModelEndpoint, content: object) -> tuple[str, bool]:
     return "".join(text for text in texts if isinstance(text, str)), len(texts) < len(parts)
 
 
-def refuses_schema(request: Request, status: int, said: str) -> bool:
+def refuses_schema(request: Request, status: int, error_text: str) -> bool:
     """True if the server refused because it does not know this schema format."""
     return (
         "json_schema" in request.body.get("response_format", ())
         and status in (400, 422, 500, 501)
-        and ("response_format" in said or "json_schema" in said)
+        and ("response_format" in error_text or "json_schema" in error_text)
     )
 
 

@@ -43,7 +43,7 @@ class SpokenPart:
         self._header_is_line = False
         self._assumed: list[str] = []  # hidden only because earlier answers began within reasoning
         self._over = False
-        self._said = False
+        self._began = False
 
     def take(self, piece: str) -> list[str]:
         """Visible text of a piece; a Withdrawn in it voids earlier text."""
@@ -84,15 +84,15 @@ class SpokenPart:
                 self._assumed.append(text)
         else:
             # Text before the first word followed the reasoning.
-            text = text if self._said else text.lstrip()
+            text = text if self._began else text.lstrip()
             if text:
-                self._said = True
+                self._began = True
                 given.append(text)
 
     def _read(self, mark: re.Match[str], given: list[str]) -> None:
         name = mark["name"]
         if mark["over"] or (name and _ENDS_TURN.fullmatch(name)):
-            self._over = self._over or self._said
+            self._over = self._over or self._began
         elif mark["line"]:
             self._header, self._header_is_line = [], True
         elif name:
@@ -103,7 +103,7 @@ class SpokenPart:
     def _tag(self, *, opens: bool, given: list[str]) -> None:
         if not opens and not self._hides:
             self.begins_within = self.reasoned = True
-            self._said = False
+            self._began = False
             given.clear()
             given.append(Withdrawn())
         self._hides = opens

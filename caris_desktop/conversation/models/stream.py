@@ -79,12 +79,12 @@ def _messages(data: list[str]) -> list[str]:
     """One message, or several if the server omitted the empty line between them."""
     if len(data) < 2:
         return data
-    whole = "\n".join(data)
+    message = "\n".join(data)
     try:
-        json.loads(whole)
+        json.loads(message)
     except (ValueError, RecursionError):
         return data
-    return [whole]
+    return [message]
 
 
 async def _lines(endpoint: ModelEndpoint, response: "httpx.Response") -> AsyncGenerator[str]:
@@ -92,8 +92,8 @@ async def _lines(endpoint: ModelEndpoint, response: "httpx.Response") -> AsyncGe
     pending = bytearray()
     async with aclosing(response.aiter_bytes()) as blocks:  # type: ignore[type-var]  # typed as an iterator
         async for block in blocks:
-            *whole, rest = block.split(b"\n")
-            for part in whole:
+            *lines, rest = block.split(b"\n")
+            for part in lines:
                 pending += part
                 if len(pending) > MAX_LINE_BYTES:
                     break

@@ -119,7 +119,7 @@ class _Playback:
         self._buffer: JitterBuffer | None = None
         self._lock = threading.Lock()
         self._played: queue.SimpleQueue[tuple[int, NDArray[np.int16]] | None] = queue.SimpleQueue()
-        self._heard_until_ns = 0
+        self._played_until_ns = 0
         self._ending = False
         self._alive_reported_s = 0.0
 
@@ -188,7 +188,7 @@ class _Playback:
                 self._fail("the sound device was disconnected")
                 return
             stamp_ns, sound = part
-            self._heard_until_ns = stamp_ns + len(sound) * 1_000_000_000 // self._rate_hz
+            self._played_until_ns = stamp_ns + len(sound) * 1_000_000_000 // self._rate_hz
             self._connection.send(PlaybackStarted(self._stream_id, stamp_ns, self._rate_hz, sound[:, None]))
         if self._ending and self._buffer is not None and not self._buffer.waiting and self._played.empty():
             self._end()
@@ -238,15 +238,15 @@ class _Playback:
 
     def _end(self) -> None:
         """End the stream after the device's buffer has been played."""
-        heard_out_ns = max(self._heard_until_ns, clock.now_ns()) if self._buffer is not None else clock.now_ns()
+        played_out_ns = max(self._played_until_ns, clock.now_ns()) if self._buffer is not None else clock.now_ns()
         stream_id = self._stream_id
         self._close()
-        self._connection.send(PlayedOut(stream_id, heard_out_ns))
+        self._connection.send(PlayedOut(stream_id, played_out_ns))
 
-    def _fail(self, why: str) -> None:
+    def _fail(self, reason: str) -> None:
         stream_id = self._stream_id
         self._close()
-        self._connection.send(PlaybackFailed(stream_id, why))
+        self._connection.send(PlaybackFailed(stream_id, reason))
 
     def _close(self) -> None:
         self._stream_id, self._ending = "", False

@@ -52,13 +52,13 @@ _EXAMPLES: tuple[tuple[str, Mapping[str, str]], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class ReplyGrounds:
-    """Context of a reply. ``turns`` (from ``reported_turns``) precede ``said``; unknown texts are empty.
+    """Context of a reply. ``turns`` (from ``reported_turns``) precede ``utterance``; unknown texts are empty.
 
     ``people`` are labels of people present, ``doing`` is the protocol step or the last label.
     """
 
     system_prompt: str
-    said: str
+    utterance: str
     turns: Sequence[Turn] = ()
     place: str = ""
     doing: str = ""
@@ -78,8 +78,8 @@ def reported_turns(turns: Iterable[Turn]) -> list[Turn]:
 def reply_messages(situation: ReplyGrounds, *, with_examples: bool) -> tuple[ChatMessage, ...]:
     """Messages of a question for replies; ``with_examples`` for small models."""
     messages = [ChatMessage("system", f"{situation.system_prompt.strip()}\n\n{_INSTRUCTION}".strip())]
-    for said, replies in _EXAMPLES if with_examples else ():
-        messages.append(ChatMessage("user", _said(said)))
+    for utterance, replies in _EXAMPLES if with_examples else ():
+        messages.append(ChatMessage("user", _said(utterance)))
         messages.append(ChatMessage("assistant", json.dumps(replies)))
     for turn in situation.turns:
         messages.append(ChatMessage("assistant" if turn.speaker == "robot" else "user", _said(turn.text)))
@@ -90,11 +90,13 @@ def reply_messages(situation: ReplyGrounds, *, with_examples: bool) -> tuple[Cha
         )
         if text
     )  # fmt: skip
-    messages.append(ChatMessage("user", f"({context}) {_said(situation.said)}" if context else _said(situation.said)))
+    messages.append(
+        ChatMessage("user", f"({context}) {_said(situation.utterance)}" if context else _said(situation.utterance))
+    )
     return alternating(messages)
 
 
-def action_messages(asked: Sequence[ChatMessage], replies: str, offer: Offer) -> tuple[ChatMessage, ...]:
+def action_messages(messages: Sequence[ChatMessage], replies: str, offer: Offer) -> tuple[ChatMessage, ...]:
     """Messages of a question for an action, after those for ``replies``."""
     can = {
         "go_to": "go_to with a place",
@@ -111,7 +113,7 @@ def action_messages(asked: Sequence[ChatMessage], replies: str, offer: Offer) ->
         f"What should the robot do now? One of: {'; '.join(can[name] for name in offer.actions)}. {' '.join(lists)} "
         f'Only where somebody wants just that, else "{NONE}".'
     )
-    return (*asked, ChatMessage("assistant", replies or "{}"), ChatMessage("user", " ".join(question.split())))
+    return (*messages, ChatMessage("assistant", replies or "{}"), ChatMessage("user", " ".join(question.split())))
 
 
 def replies_schema(*, whole_sentences: bool) -> dict[str, Any]:

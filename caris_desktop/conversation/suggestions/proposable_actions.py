@@ -121,25 +121,25 @@ def proposed_in(answer: str, offer: Offer) -> Proposed | None:
     if len(answer) > _LONGEST_ANSWER:
         raise NotOfferedError("the answer is too long")
     try:
-        said = _json_in(answer)
+        data = _json_in(answer)
     except (ValueError, RecursionError):
         raise NotOfferedError("the answer is not valid JSON") from None
-    if not isinstance(said, dict):
+    if not isinstance(data, dict):
         raise NotOfferedError("the answer is not a JSON object")
-    action = said.get("action")
+    action = data.get("action")
     if action in (NONE, None, ""):
         return None
     match action:
         case "go_to" if action in offer.actions:
-            return _go_to(said.get("place"), offer)
+            return _go_to(data.get("place"), offer)
         case "look" if action in offer.actions:
-            return _checked_gaze(said.get("pan_deg", 0), said.get("tilt_deg", 0), offer)
+            return _checked_gaze(data.get("pan_deg", 0), data.get("tilt_deg", 0), offer)
         case "nod" if action in offer.actions:
             return Proposed(intents.Nod(), QT_TR_NOOP("Nod"), moves=True)
         case "photo" if action in offer.actions:
             return Proposed(intents.TakePhoto(), QT_TR_NOOP("Take a photo"), moves=False)
         case "use" if action in offer.actions:
-            return _use(said.get("control"), said.get("value"), offer)
+            return _use(data.get("control"), data.get("value"), offer)
     raise NotOfferedError(f"{_bounded_text(action)} is not one of the permitted actions")
 
 

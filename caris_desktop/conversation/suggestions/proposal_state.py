@@ -49,11 +49,11 @@ class Proposals:
         self.card = Card(self._new_id(), proposed, begun, model, now_ns + TO_READ_NS, lapses_ns, acts_ns)
         self._say(self.card, "displayed" if acts_ns is None else "counting", now_ns, actor=MODEL)
 
-    def refuse(self, begun: Round, model: str, why: str, now_ns: int) -> None:
+    def refuse(self, begun: Round, model: str, reason: str, now_ns: int) -> None:
         """Record an invalid proposal without displaying it."""
         self._tell(
             ProposalChanged(
-                now_ns, self._new_id(), "refused", begun.turn_id, begun.revision, "", {}, model, why, CONSOLE
+                now_ns, self._new_id(), "refused", begun.turn_id, begun.revision, "", {}, model, reason, CONSOLE
             )
         )
 
@@ -71,8 +71,8 @@ class Proposals:
             card, self.card = self.card, None
             self._say(card, state, now_ns, actor=actor, detail=detail)
 
-    def lapse(self, now_ns: int, why: str) -> None:
-        self.end("lapsed", now_ns, CONSOLE, why)
+    def lapse(self, now_ns: int, reason: str) -> None:
+        self.end("lapsed", now_ns, CONSOLE, reason)
 
     def pass_time(self, now_ns: int) -> None:
         card = self.card

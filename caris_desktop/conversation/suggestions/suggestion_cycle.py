@@ -57,7 +57,7 @@ class Follower(Protocol):
     def ask(self, begun: Round) -> None:
         """Request replies from the model; each is returned by ``Rounds.offer``."""
 
-    def drop(self, why: str) -> None:
+    def drop(self, reason: str) -> None:
         """Cancel the last request."""
 
     def on_suggestion(self, event: SuggestionChanged) -> None: ...
@@ -79,9 +79,9 @@ class SuggestionCycle:
         self._last: Round | None = None
         self._done: Round | None = None
         self._spoken_since = False
-        self._gone_ns = -TO_READ_NS
+        self._cards_removed_ns = -TO_READ_NS
         # A queued sentence starts long after its request, which is what moved the conversation on.
-        self._robot_said: deque[str] = deque(maxlen=_SENTENCES_KEPT)
+        self._robot_utterances: deque[str] = deque(maxlen=_SENTENCES_KEPT)
 
     # Speech input
 
@@ -91,7 +91,7 @@ class SuggestionCycle:
             return
         if hearing.speaking:
             self._speaking, self._spoken_since, self._pause = hearing.utterance_id, True, None
-            self._end("superseded", hearing.stamp_ns, why="the participant continues speaking")
+            self._end("superseded", hearing.stamp_ns, reason="the participant continues speaking")
             return
         self._speaking = None
         words = " ".join(filter(None, (hearing.committed, hearing.tentative)))
@@ -99,7 +99,7 @@ class SuggestionCycle:
         if current is not None and (hearing.silent_since_ns or 0) > current.voice_ended_ns + PAUSE_NS:
             # There was speech in between, which the newest value of a stream may not show.
             self._spoken_since = True
-            self._end("superseded", hearing.stamp_ns, why="the participant continued speaking")
+            self._end("superseded", hearing.stamp_ns, reason="the participant continued speaking")
         if hearing.utterance_id and words.strip() and hearing.silent_since_ns is not None:
             self._wait_for(
                 Round(hearing.utterance_id, hearing.revision, words, hearing.silent_since_ns), hearing.stamp_ns
@@ -114,7 +114,7 @@ class SuggestionCycle:
         """A participant's turn ended with its final transcript, or was not speech."""
         same_turn = self._last is not None and self._last.turn_id == utterance.utterance_id
         if utterance.state == "failed" and same_turn:
-            self._end("superseded", now_ns, why="it was not speech")
+            self._end("superseded", now_ns, reason="it was not speech")
             self._pause = self._last = None
         elif utterance.state == "finished" and utterance.text.strip():
             revision = self._last.revision + 1 if same_turn and self._last is not None else 1
@@ -129,9 +129,9 @@ class SuggestionCycle:
         """The robot speaks, which ends the round, except for a filler."""
         if utterance.state not in ("requested", "started") or utterance.origin == "filler":
             return
-        if utterance.utterance_id not in self._robot_said:
-            self._robot_said.append(utterance.utterance_id)
-            self._leave("superseded", now_ns, why="the robot is replying")
+        if utterance.utterance_id not in self._robot_utterances:
+            self._robot_utterances.append(utterance.utterance_id)
+            self._leave("superseded", now_ns, reason="the robot is replying")
 
     # Model output
 
@@ -140,11 +140,11 @@ class SuggestionCycle:
         current = self.round
         if current is None or (begun.turn_id, begun.revision) != (current.turn_id, current.revision):
             return False
-        shown = [card.text for card in self.cards]
-        if len(shown) >= MOST_REPLIES or any(same_intention(text, other) for other in shown):
+        texts = [card.text for card in self.cards]
+        if len(texts) >= MOST_REPLIES or any(same_intention(text, other) for other in texts):
             return False
-        rank = len(shown) + 1
-        from_ns = now_ns + TO_READ_NS if now_ns - self._gone_ns < TO_READ_NS else 0
+        rank = len(texts) + 1
+        from_ns = now_ns + TO_READ_NS if now_ns - self._cards_removed_ns < TO_READ_NS else 0
         card = Suggested(self._new_id(), begun.turn_id, begun.revision, rank, text, model, now_ns, from_ns)
         self.cards = (*self.cards, card)
         self._notify(card, "displayed", now_ns, latency_ms=(now_ns - current.voice_ended_ns) / 1e6)
@@ -159,24 +159,24 @@ class SuggestionCycle:
             (card for card in self.cards if card.suggestion_id == suggestion_id and now_ns >= card.from_ns), None
         )
 
-    def take(self, card: Suggested, said: str, utterance_id: str, actor: Actor, now_ns: int) -> None:
+    def take(self, card: Suggested, text: str, utterance_id: str, actor: Actor, now_ns: int) -> None:
         """``card`` was said, unchanged or edited, which supersedes the others."""
-        distance = characters_changed(card.text, said)
+        distance = characters_changed(card.text, text)
         self._notify(
             card, "edited" if distance else "taken", now_ns,
             edit_distance=distance or None, utterance_id=utterance_id, actor=actor,
         )  # fmt: skip
         self.cards = tuple(other for other in self.cards if other is not card)
-        self._robot_said.append(utterance_id)
-        self._leave("superseded", now_ns, why="one of the replies was used")
+        self._robot_utterances.append(utterance_id)
+        self._leave("superseded", now_ns, reason="one of the replies was used")
 
     def dismiss(self, actor: Actor, now_ns: int) -> None:
         """Dismiss all replies."""
-        self._leave("dismissed", now_ns, why="the wizard dismissed them", actor=actor)
+        self._leave("dismissed", now_ns, reason="the wizard dismissed them", actor=actor)
 
-    def withdraw(self, why: str, now_ns: int) -> None:
+    def withdraw(self, reason: str, now_ns: int) -> None:
         """End the round without a need for a reply."""
-        self._leave("superseded", now_ns, why=why)
+        self._leave("superseded", now_ns, reason=reason)
 
     def reword(self, text: str, now_ns: int) -> None:
         """The wizard corrected the transcript."""
@@ -184,19 +184,19 @@ class SuggestionCycle:
         if current is not None and not same_words(current.text, text):
             self._restart_question(replace(current, text=text), "the transcript was corrected", now_ns)
 
-    def ask_again(self, why: str, now_ns: int) -> None:
+    def ask_again(self, reason: str, now_ns: int) -> None:
         """Request other replies."""
         if self.round is not None:
-            self._restart_question(self.round, why, now_ns)
+            self._restart_question(self.round, reason, now_ns)
 
-    def _restart_question(self, about: Round, why: str, now_ns: int) -> None:
-        self._end("superseded", now_ns, why=why)
+    def _restart_question(self, about: Round, reason: str, now_ns: int) -> None:
+        self._end("superseded", now_ns, reason=reason)
         self._pause = replace(about, revision=about.revision + 1)
         self.pass_time(now_ns)
 
     def forget(self, now_ns: int) -> None:
         """Reset for another conversation."""
-        self._leave("expired", now_ns, why="the conversation is over")
+        self._leave("expired", now_ns, reason="the conversation is over")
         self._pause = self._last = self._done = self._speaking = None
 
     def pass_time(self, now_ns: int) -> None:
@@ -206,7 +206,7 @@ class SuggestionCycle:
             self._pause, self._last, self.round = None, pause, pause
             self._follower.ask(pause)
         if self.cards and now_ns >= self.cards[0].shown_ns + EXPIRES_NS:
-            self._leave("expired", now_ns, why="they were not used")
+            self._leave("expired", now_ns, reason="they were not used")
 
     @property
     def says_ns(self) -> int | None:
@@ -237,7 +237,7 @@ class SuggestionCycle:
                 if self.round is not None and pause.person_id:
                     self.round = replace(self.round, person_id=pause.person_id)
                 return
-        self._end("superseded", now_ns, why="the transcript changed")
+        self._end("superseded", now_ns, reason="the transcript changed")
         last = self._last
         if last is not None and last.turn_id == pause.turn_id and pause.revision <= last.revision:
             pause = replace(pause, revision=last.revision + 1)
@@ -250,22 +250,22 @@ class SuggestionCycle:
             return False
         return not self._spoken_since or same_words(done.text, pause.text)
 
-    def _leave(self, fate: SuggestionState, now_ns: int, *, why: str, actor: Actor = CONSOLE) -> None:
+    def _leave(self, fate: SuggestionState, now_ns: int, *, reason: str, actor: Actor = CONSOLE) -> None:
         """End the round: this turn needs no reply, whatever its final transcript."""
         self._done = self._last = self._pause or self.round or self._last
         self._pause, self._spoken_since = None, False
-        self._end(fate, now_ns, why=why, actor=actor)
+        self._end(fate, now_ns, reason=reason, actor=actor)
 
-    def _end(self, fate: SuggestionState, now_ns: int, *, why: str, actor: Actor = CONSOLE) -> None:
+    def _end(self, fate: SuggestionState, now_ns: int, *, reason: str, actor: Actor = CONSOLE) -> None:
         if self.round is None:
             return
         for card in self.cards:
             self._notify(card, fate, now_ns, actor=actor)
         if self.cards:
-            self._gone_ns = now_ns
+            self._cards_removed_ns = now_ns
         self.cards = ()
         self.round = None
-        self._follower.drop(why)
+        self._follower.drop(reason)
 
     def _notify(
         self,

@@ -20,7 +20,7 @@ _TUNED_WITHIN_S = 1.0
 class EspeakVoice:
     """One system voice. ``name`` is its id, empty for the default, or else one of that language."""
 
-    least_heard = None
+    least_audible = None
 
     def __init__(self, name: str, language: str, *, rate: float, volume: float, folder: Path) -> None:
         import pyttsx3
@@ -30,9 +30,9 @@ class EspeakVoice:
         self._engine.connect("finished-utterance", lambda name, completed: self._completions.put(completed))
         voices = self.others = _voices(self._engine)
         self.has_wanted = not name or name in voices
-        wanted = name if name in voices else self._of_language(language, voices)
-        if wanted:
-            self._engine.setProperty("voice", wanted)
+        voice_name = name if name in voices else self._of_language(language, voices)
+        if voice_name:
+            self._engine.setProperty("voice", voice_name)
         self.tune(rate, volume)
         # The first run returns after 10 ms, whatever it should do.
         self._engine.runAndWait()

@@ -84,8 +84,8 @@ def find_piper_voice(name: str, folders: Sequence[Path]) -> PiperFiles:
 
 def best_for(language: str, voices: Sequence[PiperFiles]) -> PiperFiles | None:
     """Voice of this language, preferably of the same country."""
-    wanted = normalised(language)
-    exact = [voice for voice in voices if normalised(voice.language) == wanted]
+    tag = normalised(language)
+    exact = [voice for voice in voices if normalised(voice.language) == tag]
     same = [voice for voice in voices if base_language(voice.language) == base_language(language)]
     return next(iter([*exact, *same]), None)
 

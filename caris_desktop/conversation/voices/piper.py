@@ -39,7 +39,7 @@ _NETWORKS_OF_PIPER = {
 # Length of a first clause: long enough for its melody, and worth it only with much text after it.
 _FIRST_CLAUSE_AT_LEAST = 12
 _ALONE_AT_MOST = 60
-_LEAST_HEARD = 80
+_LEAST_AUDIBLE = 80
 
 
 class PiperVoice:
@@ -51,15 +51,15 @@ class PiperVoice:
         from piper.voice import PiperVoice as Piper
 
         config = PiperConfig.from_dict(parse_json(read_checked(files.config)[0]))
-        own = _NETWORKS_OF_PIPER.get("ar" if config.espeak_voice == "ar" else config.phoneme_type.value)
-        if own is None:
+        network = _NETWORKS_OF_PIPER.get("ar" if config.espeak_voice == "ar" else config.phoneme_type.value)
+        if network is None:
             raise NoSuchVoiceError(
                 localized(
                     QT_TR_NOOP("the voice {name} needs further files, which would be downloaded and run"),
                     name=files.name,
                 )
             )
-        for name in own:
+        for name in network:
             path = packaged_file(name)
             if path is not None:
                 check_file(path)
@@ -79,7 +79,7 @@ class PiperVoice:
         config = self._config
         self._scales = np.array([config.noise_scale, config.length_scale / rate, config.noise_w_scale], np.float32)
         self._volume = volume
-        self.least_heard = max(1, round(_LEAST_HEARD * volume))
+        self.least_audible = max(1, round(_LEAST_AUDIBLE * volume))
 
     def parts(self, text: str, stop: Stop) -> Iterator[Samples]:
         # Text in [[ ]] would be parsed as phonemes.
@@ -98,15 +98,15 @@ class PiperVoice:
                 raise
 
     def _spoken(self, ids: list[int], stop: Stop) -> Iterator[Samples]:
-        asked: dict[str, Any] = {
+        inputs: dict[str, Any] = {
             "input": np.array([ids], np.int64),
             "input_lengths": np.array([len(ids)], np.int64),
             "scales": self._scales,
         }
         if self._config.num_speakers > 1:
-            asked["sid"] = np.array([self._config.default_speaker_id], np.int64)
+            inputs["sid"] = np.array([self._config.default_speaker_id], np.int64)
         planning, *later = self._steps
-        planned = self._run(planning, asked, stop)
+        planned = self._run(planning, inputs, stop)
         if not later:
             yield self._pcm(planned[0])
             return
@@ -120,9 +120,9 @@ class PiperVoice:
             outer = _around(first, end, _AROUND_SHAPING_FRAMES + _AROUND_SOUNDING_FRAMES, frames)
             inner = _around(first, end, _AROUND_SOUNDING_FRAMES, frames)
             plan = {name: value[:, :, outer] for name, value in zip(names, planned, strict=True)}
-            shaped = self._run(shaping, asked | plan, stop)[0]
+            shaped = self._run(shaping, inputs | plan, stop)[0]
             piece = shaped[:, :, inner.start - outer.start : inner.stop - outer.start]
-            sound = self._run(sounding, {**asked, shaping.get_outputs()[0].name: piece}, stop)[0]
+            sound = self._run(sounding, {**inputs, shaping.get_outputs()[0].name: piece}, stop)[0]
             per_frame = sound.shape[-1] // (inner.stop - inner.start)
             yield self._pcm(sound[..., (first - inner.start) * per_frame : (end - inner.start) * per_frame])
             # The second piece is as short as the first, which is all that is audible until then.

@@ -64,7 +64,7 @@ class Voice(Protocol):
         """Sample rate of its audio."""
 
     @property
-    def least_heard(self) -> int | None:
+    def least_audible(self) -> int | None:
         """Amplitude below which samples are silence; None: relative to the maximum, for voices that return whole
         sounds.
         """
@@ -90,16 +90,16 @@ class SilenceTrimmer:
 
     def heard(self, part: Samples) -> Samples:
         """Part of the audio that is certain to be audible; silence is held back until sound follows."""
-        whole = np.concatenate([self._held, part])
-        loud = np.flatnonzero(np.abs(whole.astype(np.int32)) >= self._least)
+        sound = np.concatenate([self._held, part])
+        loud = np.flatnonzero(np.abs(sound.astype(np.int32)) >= self._least)
         if loud.size == 0:
-            self._held = whole if self._begun else whole[-self._margin_frames :]
-            return whole[:0]
+            self._held = sound if self._begun else sound[-self._margin_frames :]
+            return sound[:0]
         first = 0 if self._begun else max(0, int(loud[0]) - self._margin_frames)
         end = int(loud[-1]) + 1 + self._margin_frames
         self._begun = True
-        self._held = whole[end:]
-        return whole[first:end]
+        self._held = sound[end:]
+        return sound[first:end]
 
 
 def trimmed(parts: Iterator[Samples], rate_hz: int, least: int | None) -> Iterator[Samples]:
@@ -108,13 +108,13 @@ def trimmed(parts: Iterator[Samples], rate_hz: int, least: int | None) -> Iterat
     for part in parts:
         if trimmer is None:
             trimmer = SilenceTrimmer(rate_hz, least if least is not None else _least_of(part))
-        heard = trimmer.heard(part)
-        if heard.size:
-            yield heard
+        audible = trimmer.heard(part)
+        if audible.size:
+            yield audible
 
 
-def _least_of(whole: Samples) -> int:
-    return max(1, round(int(np.abs(whole.astype(np.int32)).max(initial=0)) * 0.005))
+def _least_of(sound: Samples) -> int:
+    return max(1, round(int(np.abs(sound.astype(np.int32)).max(initial=0)) * 0.005))
 
 
 class StreamingBuffer:
@@ -184,12 +184,12 @@ class SoundCache:
     def __init__(self, at_most_bytes: int) -> None:
         self._at_most_bytes = at_most_bytes
         self._sounds: OrderedDict[str, Samples] = OrderedDict()
-        self._wanted: frozenset[str] = frozenset()
+        self._texts: frozenset[str] = frozenset()
         self.bytes = 0
 
     def want(self, texts: Sequence[str]) -> None:
         """Set the texts to retain; others are dropped when space is needed."""
-        self._wanted = frozenset(texts)
+        self._texts = frozenset(texts)
 
     def clear(self) -> None:
         self._sounds.clear()
@@ -203,7 +203,7 @@ class SoundCache:
     def put(self, text: str, samples: Samples) -> bool:
         """Add audio; False if there is no space."""
         self._drop(text)
-        for other in [each for each in self._sounds if each not in self._wanted]:
+        for other in [each for each in self._sounds if each not in self._texts]:
             if self._fits(samples):
                 break
             self._drop(other)

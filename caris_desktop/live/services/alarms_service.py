@@ -81,8 +81,8 @@ class AlarmsService(Service):
         self._book.evaluate(tuple(found), endings(state), now_ns)
         self._notify()
 
-    def dismiss(self, asked: intents.DismissAlarm) -> None:
-        if not self._book.dismiss(asked.alarm_id, asked.actor, self._now_ns()):
+    def dismiss(self, intent: intents.DismissAlarm) -> None:
+        if not self._book.dismiss(intent.alarm_id, intent.actor, self._now_ns()):
             raise UserFacingError(
                 tr("The problem still exists, or it has already ended."), tr("Nothing was changed."),
                 tr("Alarms that end automatically leave the list when the problem is over."), severity="warning",

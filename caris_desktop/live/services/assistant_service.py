@@ -97,10 +97,10 @@ class AssistantService(Service):
     def handlers(self) -> Handlers:
         return {
             intents.Ask: self.ask,
-            intents.CancelAnswer: lambda asked: self._exchanges.cancel(cancelled_by(asked.actor), asked.exchange_id),
+            intents.CancelAnswer: lambda intent: self._exchanges.cancel(cancelled_by(intent.actor), intent.exchange_id),
             intents.SayAnswer: self._say_answer,
-            intents.DismissAnswer: lambda asked: self._exchanges.dismiss(
-                asked.exchange_id, cancelled_by(asked.actor), asked.actor
+            intents.DismissAnswer: lambda intent: self._exchanges.dismiss(
+                intent.exchange_id, cancelled_by(intent.actor), intent.actor
             ),
             intents.ChooseModel: self._choose,
             intents.ChoosePrompt: self._choose_prompt,
@@ -179,9 +179,9 @@ class AssistantService(Service):
                 tr("If participants have agreed, set assistant.pictures in the scenario."), severity="warning",
             )  # fmt: skip
 
-    def ask(self, asked: intents.Ask) -> None:
+    def ask(self, intent: intents.Ask) -> None:
         """Ask a question. Raises UserFacingError if refused; later failures are shown in its row."""
-        question = asked.question.strip()
+        question = intent.question.strip()
         if not question:
             return
         too_long = characters_too_long(question)
@@ -192,37 +192,37 @@ class AssistantService(Service):
                 tr("Use at most {most} characters.").format(most=f"{MAX_QUESTION_CHARACTERS:,}"),
                 severity="warning",
             )
-        if len(asked.pictures) > MOST_PICTURES:
+        if len(intent.pictures) > MOST_PICTURES:
             raise UserFacingError(
                 tr("A question can have at most {most} pictures.").format(most=MOST_PICTURES),
                 tr("The assistant was not asked."), tr("Remove some pictures."), severity="warning",
             )  # fmt: skip
-        if asked.pictures:
+        if intent.pictures:
             self.check_picture()
         exchange_id = self._exchanges.prepare(question)
-        if asked.pictures and self._read_pictures is not None:
+        if intent.pictures and self._read_pictures is not None:
             try:
                 self._read_pictures(
-                    asked.pictures,
-                    lambda jpegs: self._send(exchange_id, question, asked, jpegs),
+                    intent.pictures,
+                    lambda jpegs: self._send(exchange_id, question, intent, jpegs),
                     lambda failure: self._exchanges.fail(exchange_id, joined((failure.what, failure.advice))),
                 )
             except UserFacingError as failure:
                 self._exchanges.fail(exchange_id, joined((failure.what, failure.advice)))
         else:
-            self._send(exchange_id, question, asked, [])
+            self._send(exchange_id, question, intent, [])
 
-    def _send(self, exchange_id: str, question: str, asked: intents.Ask, jpegs: Sequence[bytes]) -> None:
-        what = self._may_report()
+    def _send(self, exchange_id: str, question: str, intent: intents.Ask, jpegs: Sequence[bytes]) -> None:
+        detail = self._may_report()
         settings = self._scenario.assistant
         self._exchanges.ask(
             exchange_id,
-            self._messages(question, what, asked.leave_out),
-            recorded=None if what == "numbers" else self._messages(question, "numbers", asked.leave_out),
+            self._messages(question, detail, intent.leave_out),
+            recorded=None if detail == "numbers" else self._messages(question, "numbers", intent.leave_out),
             max_tokens=settings.max_tokens,
             temperature=settings.temperature,
-            actor=asked.actor,
-            photo=", ".join(asked.pictures),
+            actor=intent.actor,
+            photo=", ".join(intent.pictures),
             jpegs=jpegs,
         )
 
@@ -230,40 +230,40 @@ class AssistantService(Service):
         return self._scenario.assistant.people if self._scenario.permissions.naming_people else "numbers"
 
     def _messages(
-        self, question: str, what: AssistantPeople, leave_out: Container[str] = ()
+        self, question: str, detail: AssistantPeople, leave_out: Container[str] = ()
     ) -> tuple[ChatMessage, ...]:
-        along = self._context.included(what, self._setup.text_of("notes"), leave_out)
+        along = self._context.included(detail, self._setup.text_of("notes"), leave_out)
         return build_messages(question, system_prompt=self._setup.prompt, along=along)
 
-    def _say_answer(self, asked: intents.SayAnswer) -> None:
-        utterance_id = self._speech.say(asked.text, "assistant", asked.actor)
-        self._exchanges.note_use(asked.text, utterance_id, asked.exchange_id, asked.actor)
+    def _say_answer(self, intent: intents.SayAnswer) -> None:
+        utterance_id = self._speech.say(intent.text, "assistant", intent.actor)
+        self._exchanges.note_use(intent.text, utterance_id, intent.exchange_id, intent.actor)
 
     # Setup
 
-    def _choose(self, asked: intents.ChooseModel) -> None:
-        if asked.model not in (choice.model for choice in self._offered()):
+    def _choose(self, intent: intents.ChooseModel) -> None:
+        if intent.model not in (choice.model for choice in self._offered()):
             raise UserFacingError(
                 tr("That language model cannot be chosen here."),
                 tr("{model} stays selected.").format(model=self.client.model or self._setup.model),
                 tr("Add it to assistant.models of the scenario, or start its server."),
                 severity="warning",
             )
-        if asked.model != self._setup.model:
-            self._setup.model = asked.model
-            self._notify("model", asked.model, "", asked.actor)
+        if intent.model != self._setup.model:
+            self._setup.model = intent.model
+            self._notify("model", intent.model, "", intent.actor)
             self._use_chosen()
 
-    def _choose_prompt(self, asked: intents.ChoosePrompt) -> None:
-        self._check_prompt(asked.kind, asked.name)
-        self._setup.choose(asked.kind, asked.name)
-        self._notify(asked.kind, asked.name, self._setup.text_of(asked.kind, asked.name), asked.actor)
+    def _choose_prompt(self, intent: intents.ChoosePrompt) -> None:
+        self._check_prompt(intent.kind, intent.name)
+        self._setup.choose(intent.kind, intent.name)
+        self._notify(intent.kind, intent.name, self._setup.text_of(intent.kind, intent.name), intent.actor)
 
-    def _edit_prompt(self, asked: intents.EditPrompt) -> None:
-        if asked.kind in ("role", "style"):
-            self._check_prompt("role" if asked.kind == "role" else "style", asked.name)
-        text = asked.text.strip()
-        most = most_characters(asked.kind)
+    def _edit_prompt(self, intent: intents.EditPrompt) -> None:
+        if intent.kind in ("role", "style"):
+            self._check_prompt("role" if intent.kind == "role" else "style", intent.name)
+        text = intent.text.strip()
+        most = most_characters(intent.kind)
         if len(text) > most:
             raise UserFacingError(
                 tr("The text is {count} characters too long.").format(count=f"{len(text) - most:,}"),
@@ -271,8 +271,8 @@ class AssistantService(Service):
                 tr("Shorten it to {most} characters.").format(most=f"{most:,}"),
                 severity="warning",
             )  # fmt: skip
-        self._setup.edit(asked.kind, asked.name, text)
-        self._notify(asked.kind, asked.name, text, asked.actor)
+        self._setup.edit(intent.kind, intent.name, text)
+        self._notify(intent.kind, intent.name, text, intent.actor)
 
     def _check_prompt(self, kind: Literal["role", "style"], name: str) -> None:
         if not self._setup.has(kind, name):
@@ -283,10 +283,10 @@ class AssistantService(Service):
                 tr("The assistant's settings are unchanged."), tr("Choose another one."), severity="warning",
             )  # fmt: skip
 
-    def _reset(self, asked: intents.ResetPrompts) -> None:
+    def _reset(self, intent: intents.ResetPrompts) -> None:
         before = self._setup.model
         self._setup.reset()
-        self._notify("reset", "", "", asked.actor)
+        self._notify("reset", "", "", intent.actor)
         if self._setup.model != before:
             self._use_chosen()
 
@@ -341,7 +341,7 @@ class AssistantService(Service):
             self._exchanges.show_status(AssistantStatus(state="starting", model=_embedded_shown()))
             if self._server is None:
                 self._server = self._children.start(
-                    self._parts.server, ended=self._on_server_ended, heard=self._on_heard
+                    self._parts.server, ended=self._on_server_ended, on_message=self._on_heard
                 )
         else:
             self._use_endpoint()
@@ -572,7 +572,7 @@ class Exchanges(QObject):
                 purpose="question",
                 exchange_id=exchange_id,
                 on_text=lambda answer: self._change(exchange_id, answer=answer, detail=""),
-                on_wait=lambda why: self._change(exchange_id, detail=why),
+                on_wait=lambda reason: self._change(exchange_id, detail=reason),
                 on_end=self._on_end,
                 actor=actor,
                 **how,
@@ -584,17 +584,17 @@ class Exchanges(QObject):
         """Mark a question as failed; the reason is shown with it."""
         self._change(exchange_id, state="failed", detail=detail)
 
-    def cancel(self, why: str, exchange_id: str = "") -> None:
+    def cancel(self, reason: str, exchange_id: str = "") -> None:
         """End one question or all pending ones; each is published before this returns."""
         if not exchange_id:
-            self._cancel_all(why)
+            self._cancel_all(reason)
         elif exchange_id in self._rows:
-            self._end(exchange_id, why)
+            self._end(exchange_id, reason)
 
-    def dismiss(self, exchange_id: str, why: str, actor: Actor = CONSOLE) -> None:
+    def dismiss(self, exchange_id: str, reason: str, actor: Actor = CONSOLE) -> None:
         """Remove a question with its answer."""
         if exchange_id in self._rows:
-            self._end(exchange_id, why)
+            self._end(exchange_id, reason)
             self._put_away(exchange_id, actor)
             self._show()
 
@@ -618,15 +618,15 @@ class Exchanges(QObject):
         self._publish(AnswerUsed(clock.now_ns(), row.exchange_id, use, text, utterance_id, actor))
         self._change(row.exchange_id, use=use)
 
-    def _cancel_all(self, why: str) -> None:
+    def _cancel_all(self, reason: str) -> None:
         for exchange_id in tuple(self._rows):
-            self._end(exchange_id, why)
+            self._end(exchange_id, reason)
 
-    def _end(self, exchange_id: str, why: str) -> None:
+    def _end(self, exchange_id: str, reason: str) -> None:
         if self._rows[exchange_id].state == "preparing":
-            self._change(exchange_id, state="cancelled", detail=why)  # the model was not asked yet
+            self._change(exchange_id, state="cancelled", detail=reason)  # the model was not asked yet
         else:
-            self._client.cancel(exchange_id, why)
+            self._client.cancel(exchange_id, reason)
 
     def _put_away(self, exchange_id: str, actor: Actor = CONSOLE) -> None:
         row = self._rows.pop(exchange_id)

@@ -55,10 +55,11 @@ class WantedCameras:
         """Requested cameras of the robot. One with the name of a local camera is renamed, because frames are identified
         by camera name.
         """
-        own = {camera.name for camera in self.own}
-        wanted = [camera for camera in cameras if self.of_robot is None or camera.name in self.of_robot]
+        own_names = {camera.name for camera in self.own}
+        robot_cameras = [camera for camera in cameras if self.of_robot is None or camera.name in self.of_robot]
         return tuple(
-            replace(camera, name=f"robot-{camera.name}") if camera.name in own else camera for camera in wanted
+            replace(camera, name=f"robot-{camera.name}") if camera.name in own_names else camera
+            for camera in robot_cameras
         )
 
 
@@ -79,7 +80,7 @@ class CamerasService(Service):
         state: LiveState,
         bus: Bus,
         children: ProcessManager,
-        wanted_by: Callable[[Scenario], WantedCameras],
+        cameras_of: Callable[[Scenario], WantedCameras],
         slow_work: BackgroundWorker,
         *,
         frames: FrameRings,
@@ -90,14 +91,14 @@ class CamerasService(Service):
         self._state = state
         self._bus = bus
         self._children = children
-        self._wanted_by = wanted_by
+        self._cameras_of = cameras_of
         self._slow_work = slow_work
         self._frames = frames
         self._free_rings: list[FrameRing] = []
-        self._wanted: tuple[OwnCamera, ...] = ()
+        self._own_cameras: tuple[OwnCamera, ...] = ()
         self._running: dict[str, _Running] = {}
         self._ended: set[str] = set()
-        self._heard = ""
+        self._audio_camera = ""
         self._started = self._stopped = False
         state.perception.changed.connect(self._on_perception)
         bus.tap(self._note, (CameraState,))
@@ -109,17 +110,17 @@ class CamerasService(Service):
         return {running.camera.body.name: running.restarts for running in self._running.values()}
 
     def use_scenario(self, scenario: Scenario) -> None:
-        wanted = self._wanted_by(scenario)
-        for failure in wanted.failures:
+        cameras = self._cameras_of(scenario)
+        for failure in cameras.failures:
             self._bus.problem(failure.severity, failure.what, failure.meaning, failure.advice)
-        if wanted.own != self._wanted:
-            self._wanted = wanted.own
-            self._state.own_cameras.set({camera.name: camera.model for camera in wanted.own})
+        if cameras.own != self._own_cameras:
+            self._own_cameras = cameras.own
+            self._state.own_cameras.set({camera.name: camera.model for camera in cameras.own})
             self._arrange()
 
     def hear(self, camera: str, on: bool) -> None:
         """Switch audio of a camera's microphone on or off; also applied after a restart."""
-        self._heard = camera if on else ""
+        self._audio_camera = camera if on else ""
         running = self._running.get(camera)
         if running is not None:
             running.child.send(HearCamera(on))
@@ -141,9 +142,9 @@ class CamerasService(Service):
         if not self._started or self._stopped:
             return
         for running in tuple(self._running.values()):
-            if running.camera not in self._wanted:
+            if running.camera not in self._own_cameras:
                 self._leave(running)
-        for camera in self._wanted:
+        for camera in self._own_cameras:
             if camera.name not in self._running:
                 self._begin(camera)
 
@@ -159,8 +160,8 @@ class CamerasService(Service):
     def _start_child(self, camera: OwnCamera, ring: FrameRing) -> ChildProcess:
         self._ended.discard(camera.name)
         body = replace(camera.body, arguments=(*camera.body.arguments, RingToWrite(ring.name)))
-        child = self._children.start(body, ended=self._on_ended, heard=self._on_heard)
-        if camera.name == self._heard:
+        child = self._children.start(body, ended=self._on_ended, on_message=self._on_heard)
+        if camera.name == self._audio_camera:
             child.send(HearCamera(True))
         return child
 

@@ -194,7 +194,7 @@ class CrashRecoveryService(Service):
         self._offered, details = found
         self._state.going_on.set(CrashRecoveryStatus("offered", self._offered.session.name, details))
 
-    def _go_on(self, asked: intents.GoOnWithTrial) -> None:
+    def _go_on(self, intent: intents.GoOnWithTrial) -> None:
         trial, status = self._offered, self._state.going_on.value
         if trial is None or status.state != "offered":
             raise UserFacingError(
@@ -207,16 +207,16 @@ class CrashRecoveryService(Service):
             )  # fmt: skip
         # Anyone about to move when the program crashed may be anywhere now.
         if not self._state.drive.value.emergency_stop:
-            self._do(intents.EmergencyStop(actor=asked.actor))
+            self._do(intents.EmergencyStop(actor=intent.actor))
         here, connection = self._scenario, self._robot.connection
         if trial.scenario and (here is None or str(here.path) != trial.scenario):
-            self._do(intents.OpenScenario(Path(trial.scenario), actor=asked.actor))
+            self._do(intents.OpenScenario(Path(trial.scenario), actor=intent.actor))
         if trial.robot and (connection is None or connection.profile.name != trial.robot):
-            self._do(intents.UseRobot(trial.robot, actor=asked.actor))
+            self._do(intents.UseRobot(trial.robot, actor=intent.actor))
         if trial.attended:
-            self._do(intents.AttendPerson(trial.attended, actor=asked.actor))
+            self._do(intents.AttendPerson(trial.attended, actor=intent.actor))
         self._offered, self.step = None, trial.step
-        self._resumed = TrialResumed(clock.now_ns(), trial.session.name, asked.actor)
+        self._resumed = TrialResumed(clock.now_ns(), trial.session.name, intent.actor)
         self._bus.publish(self._resumed)
         self._state.going_on.set(
             replace(
@@ -228,27 +228,27 @@ class CrashRecoveryService(Service):
             )
         )
 
-    def _leave(self, asked: intents.LeaveTrial) -> None:
+    def _leave(self, intent: intents.LeaveTrial) -> None:
         self._offered, self._resumed, self._confirmed, self.step = None, None, [], ""
         self._state.going_on.set(CrashRecoveryStatus())
-        _log.info("the trial is not gone on with, says %s", asked.actor)
+        _log.info("the trial is not gone on with, says %s", intent.actor)
 
-    def _confirm(self, asked: intents.ConfirmAsBefore) -> None:
+    def _confirm(self, intent: intents.ConfirmAsBefore) -> None:
         status: CrashRecoveryStatus = self._state.going_on.value
-        if asked.what not in status.unconfirmed:
+        if intent.what not in status.unconfirmed:
             return
-        if asked.person_id:
-            if asked.person_id not in status.unconfirmed_people:
+        if intent.person_id:
+            if intent.person_id not in status.unconfirmed_people:
                 return
-            self._note(ConfirmedAsBefore(clock.now_ns(), asked.what, asked.actor, asked.person_id))
-            people = tuple(person for person in status.unconfirmed_people if person != asked.person_id)
+            self._note(ConfirmedAsBefore(clock.now_ns(), intent.what, intent.actor, intent.person_id))
+            people = tuple(person for person in status.unconfirmed_people if person != intent.person_id)
             status = replace(status, unconfirmed_people=people)
             if self._have_rows(people):
                 self._state.going_on.set(status)
                 return
         # Confirming the last existing row covers everyone.
-        self._note(ConfirmedAsBefore(clock.now_ns(), asked.what, asked.actor))
-        left = tuple(what for what in status.unconfirmed if what != asked.what)
+        self._note(ConfirmedAsBefore(clock.now_ns(), intent.what, intent.actor))
+        left = tuple(what for what in status.unconfirmed if what != intent.what)
         people = status.unconfirmed_people if "people" in left else ()
         self._state.going_on.set(
             replace(status, unconfirmed=left, unconfirmed_people=people, state="unconfirmed" if left else "confirmed")

@@ -94,15 +94,15 @@ class DriveService(Service):
 
     def handlers(self) -> Handlers:
         return {
-            intents.Drive: lambda asked: self.drive(
-                forward=asked.forward, left=asked.left, turn=asked.turn, source=asked.source, actor=asked.actor
+            intents.Drive: lambda intent: self.drive(
+                forward=intent.forward, left=intent.left, turn=intent.turn, source=intent.source, actor=intent.actor
             ),
-            intents.ReleaseDrive: lambda asked: self.let_go(asked.reason, asked.actor),
-            intents.SetSpeed: lambda asked: self.set_speed_fraction(asked.fraction, asked.actor),
-            intents.SetGuard: lambda asked: self.set_guard(on=asked.on, actor=asked.actor),
-            intents.Stop: lambda asked: self._stop(asked.actor),
-            intents.EmergencyStop: lambda asked: self._emergency_stop(asked.actor),
-            intents.ReleaseEmergencyStop: lambda asked: self._release_emergency_stop(asked.actor),
+            intents.ReleaseDrive: lambda intent: self.let_go(intent.reason, intent.actor),
+            intents.SetSpeed: lambda intent: self.set_speed_fraction(intent.fraction, intent.actor),
+            intents.SetGuard: lambda intent: self.set_guard(on=intent.on, actor=intent.actor),
+            intents.Stop: lambda intent: self._stop(intent.actor),
+            intents.EmergencyStop: lambda intent: self._emergency_stop(intent.actor),
+            intents.ReleaseEmergencyStop: lambda intent: self._release_emergency_stop(intent.actor),
         }
 
     def follows(self) -> Follows:
@@ -155,9 +155,9 @@ class DriveService(Service):
         self._publish(StopRequested(clock.now_ns(), actor))
 
     def _emergency_stop(self, actor: Actor) -> None:
-        heard = self.set_emergency_stop(latched=True, actor=actor)
+        sent = self.set_emergency_stop(latched=True, actor=actor)
         self._publish(EmergencyStopChanged(clock.now_ns(), True, "wizard", actor))
-        if not heard:
+        if not sent:
             self._problem(
                 "error",
                 tr("The emergency stop could not be sent to the robot."),
@@ -182,9 +182,9 @@ class DriveService(Service):
         if latched:
             self.release(QT_TR_NOOP("Emergency stop"), actor)
         self._state.drive.set(replace(self._state.drive.value, emergency_stop=latched))
-        heard = self._robot.send(SetEmergencyStop(clock.now_ns(), latched, actor))
+        sent = self._robot.send(SetEmergencyStop(clock.now_ns(), latched, actor))
         self._on_condition_changed()
-        return heard
+        return sent
 
     def set_guard(self, *, on: bool, actor: Actor = CONSOLE) -> None:
         """Switch the link's obstacle guard. "Off" lasts until the link is lost or the scenario changes."""
@@ -366,13 +366,13 @@ class DriveService(Service):
         )
 
 
-def _missing(what: str, stream: LiveStream) -> str:
+def _missing(stream_name: str, stream: LiveStream) -> str:
     age_s = stream.age_s()
     if age_s is None:
         never = QT_TR_NOOP("no fresh {stream}") if stream.arrivals else QT_TR_NOOP("no {stream} yet")
-        return localized(never, stream=what)
+        return localized(never, stream=stream_name)
     late = stream.arrives_late
     seconds = age_s if late else stream.silent_s() or 0.0
     age = f"{seconds:.1f}" if seconds < 10.0 else f"{seconds:.0f}"
-    said = QT_TR_NOOP("{stream} delayed by {age} s") if late else QT_TR_NOOP("no fresh {stream} for {age} s")
-    return localized(said, stream=what, age=age)
+    template = QT_TR_NOOP("{stream} delayed by {age} s") if late else QT_TR_NOOP("no fresh {stream} for {age} s")
+    return localized(template, stream=stream_name, age=age)

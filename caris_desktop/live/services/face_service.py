@@ -75,7 +75,7 @@ class FaceService(Service):
         self._save = save
         self._face: Face | None = None
         self._motion: FaceMotion | None = None
-        self._wanted = ""
+        self._requested_face = ""
         self._captions = self._network = False
         self._live_permitted = self._photos_permitted = False
         self._caption = ""
@@ -84,7 +84,7 @@ class FaceService(Service):
         self._page: FacePageProcess | None = None
         self._asked_by: Actor = CONSOLE
         self._picture_ns = 0
-        self._shown: Drawing | bytes | None = None
+        self._contents: Drawing | bytes | None = None
         self._drawing = QTimer(self, interval=_DRAW_EVERY_MS)
         self._drawing.timeout.connect(self._draw)
         self._page_reported.connect(self._on_page_message, Qt.ConnectionType.QueuedConnection)
@@ -98,7 +98,7 @@ class FaceService(Service):
 
     def handlers(self) -> Handlers:
         return {
-            intents.UseFace: lambda asked: self._use(asked.face, asked.actor),
+            intents.UseFace: lambda intent: self._use(intent.face, intent.actor),
             intents.KeepFace: self._persist,
             intents.ShowExpression: self._express,
             intents.ShowOnFace: self._show_on_face,
@@ -115,7 +115,7 @@ class FaceService(Service):
         self._live_permitted, self._photos_permitted = settings.live_picture, permissions.photos
         if not permissions.face:
             self._put_away()
-        elif self._wanted != settings.face or self._face is None:
+        elif self._requested_face != settings.face or self._face is None:
             self._use(settings.face, CONSOLE)
 
     def stop(self) -> None:
@@ -127,27 +127,27 @@ class FaceService(Service):
     def _put_away(self) -> None:
         self._drawing.stop()
         self._close_page()
-        self._wanted = self._speaking_id = self._caption = ""
+        self._requested_face = self._speaking_id = self._caption = ""
         self._face = self._motion = None
         self._voices.clear()
         self._state.face.set(FaceStatus())
-        self._shown = None
+        self._contents = None
         self._state.face_drawing.reset_value(None)
 
     # Face and contents
 
     def _use(self, name: str, actor: Actor) -> None:
-        self._wanted = name
+        self._requested_face = name
 
         def loaded(face: Face) -> None:
-            if self._wanted == name:
+            if self._requested_face == name:
                 self._begin_with(face, actor)
 
         self._slow_work.do(lambda: self._load(name), loaded, self._notify)
 
-    def _persist(self, asked: intents.KeepFace) -> None:
-        face = parse_face(asked.content, file_name=tr("The face"), name=asked.name)
-        self._slow_work.do(lambda: self._save(face), lambda _path: self._use(asked.name, asked.actor), self._notify)
+    def _persist(self, intent: intents.KeepFace) -> None:
+        face = parse_face(intent.content, file_name=tr("The face"), name=intent.name)
+        self._slow_work.do(lambda: self._save(face), lambda _path: self._use(intent.name, intent.actor), self._notify)
 
     def _begin_with(self, face: Face, actor: Actor) -> None:
         if self._motion is None:
@@ -166,40 +166,40 @@ class FaceService(Service):
         )  # fmt: skip
         self._move()
 
-    def _express(self, asked: intents.ShowExpression) -> None:
+    def _express(self, intent: intents.ShowExpression) -> None:
         motion = self._motion_or_raise()
         status: FaceStatus = self._state.face.value
-        if asked.expression not in status.expressions:
+        if intent.expression not in status.expressions:
             raise UserFacingError(
-                tr("This face has no expression “{expression}”.").format(expression=asked.expression),
+                tr("This face has no expression “{expression}”.").format(expression=intent.expression),
                 tr("The expression is unchanged."),
                 tr("Choose one of these: {expressions}.").format(expressions=", ".join(status.expressions)),
                 severity="warning",
             )  # fmt: skip
-        motion.express(asked.expression)
-        self._change(replace(status, expression=asked.expression), asked.actor)
+        motion.express(intent.expression)
+        self._change(replace(status, expression=intent.expression), intent.actor)
         self._move()
 
-    def _show_on_face(self, asked: intents.ShowOnFace) -> None:
+    def _show_on_face(self, intent: intents.ShowOnFace) -> None:
         self._motion_or_raise()
-        text = " ".join(asked.text.split())
-        if asked.what == "text" and not text:
+        text = " ".join(intent.text.split())
+        if intent.what == "text" and not text:
             raise UserFacingError(
                 tr("There is nothing to show."),
                 tr("The face is unchanged."),
                 tr("Enter a text first."),
                 severity="warning",
             )
-        if asked.what == "live" and not self._live_permitted:
+        if intent.what == "live" and not self._live_permitted:
             raise UserFacingError(
                 tr("This scenario does not show people what the robot sees."), tr("The face is unchanged."),
                 tr("To allow this, set face.live_picture in the scenario."), severity="warning",
             )  # fmt: skip
-        if asked.what == "photo":
-            self._show_photo(text, asked.actor)
+        if intent.what == "photo":
+            self._show_photo(text, intent.actor)
             return
-        shown = replace(self._state.face.value, what=asked.what, text=text if asked.what == "text" else "")
-        self._change(shown, asked.actor)
+        changed = replace(self._state.face.value, what=intent.what, text=text if intent.what == "text" else "")
+        self._change(changed, intent.actor)
         self._move()
 
     def _show_photo(self, file_name: str, actor: Actor) -> None:
@@ -233,20 +233,20 @@ class FaceService(Service):
 
     def _notify(self, failure: UserFacingError) -> None:
         self._bus.answer(failure)
-        if self._face is None and isinstance(failure, FaceError) and self._wanted != DEFAULT_FACE:
+        if self._face is None and isinstance(failure, FaceError) and self._requested_face != DEFAULT_FACE:
             self._use(DEFAULT_FACE, CONSOLE)
 
     # Outputs
 
-    def _show_window(self, asked: intents.ShowFaceWindow) -> None:
+    def _show_window(self, intent: intents.ShowFaceWindow) -> None:
         self._motion_or_raise()
-        self._change(replace(self._state.face.value, window=asked.on), asked.actor)
+        self._change(replace(self._state.face.value, window=intent.on), intent.actor)
 
-    def _serve(self, asked: intents.ServeFace) -> None:
+    def _serve(self, intent: intents.ServeFace) -> None:
         self._motion_or_raise()
-        if not asked.on:
+        if not intent.on:
             self._close_page()
-            self._change(self._state.face.value, asked.actor)
+            self._change(self._state.face.value, intent.actor)
             return
         if self._page is not None:
             return
@@ -256,7 +256,7 @@ class FaceService(Service):
             on_message=lambda message, _raw: self._page_reported.emit(page, message),
             on_exit=lambda _code: self._page_ended.emit(page),
         )
-        self._asked_by = asked.actor
+        self._asked_by = intent.actor
 
     def _on_page_message(self, page: "FacePageProcess", message: Any) -> None:
         from caris_desktop.conversation.face.page import PageFailed, PageOpened, PagesOpen
@@ -267,10 +267,10 @@ class FaceService(Service):
             case PageOpened(address):
                 self._state.face_page.set(address)
                 self._change(replace(self._state.face.value, served=True), self._asked_by)
-                if self._shown is not None:
-                    page.show(self._shown)
-            case PageFailed(why):
-                self._report_not_served(tr("The face page cannot be served ({error}).").format(error=why))
+                if self._contents is not None:
+                    page.show(self._contents)
+            case PageFailed(reason):
+                self._report_not_served(tr("The face page cannot be served ({error}).").format(error=reason))
             case PagesOpen(pages) if pages != self._state.face.value.pages:
                 self._change(replace(self._state.face.value, pages=pages), CONSOLE)
 
@@ -324,11 +324,11 @@ class FaceService(Service):
         if self._motion is None or not sound.utterance_id:
             return
         before = self._voices.get(sound.utterance_id)
-        whole = self._voices[sound.utterance_id] = sound if before is None else joined(before, sound)
+        full_sound = self._voices[sound.utterance_id] = sound if before is None else joined(before, sound)
         while len(self._voices) > _KEPT_VOICES:
             del self._voices[next(iter(self._voices))]
         if sound.utterance_id == self._speaking_id:
-            self._motion.speak(_voice_of(whole))
+            self._motion.speak(_voice_of(full_sound))
 
     def _on_hearing(self, hearing: Hearing) -> None:
         listening = hearing.speaking and hearing.speaker in ("", "participant")
@@ -341,8 +341,8 @@ class FaceService(Service):
         """Look at the selected person, else at the nearest, with the tallest box."""
         if self._motion is None:
             return
-        meant = self._state.selected_person.value
-        box = next((one for one in people.boxes if one.person_id == meant), None)
+        selected = self._state.selected_person.value
+        box = next((one for one in people.boxes if one.person_id == selected), None)
         box = box or max(people.boxes, key=lambda one: one.height_px, default=None)
         if box is None or not people.frame_width_px or not people.frame_height_px:
             self._motion.turn_gaze_to(0.0, 0.0)
@@ -359,7 +359,7 @@ class FaceService(Service):
         self._picture_ns = frame.stamp_ns
         image_bgr = self._frames.read(frame)
         if image_bgr is not None:
-            self._shown = None
+            self._contents = None
             self._state.face_drawing.reset_value(image_bgr)
             if self._page is not None:
                 self._page.show(image_bgr)
@@ -380,8 +380,8 @@ class FaceService(Service):
             self._show(words_alone(face, status.text))
             return
         now_ns = clock.now_ns()
-        look = motion.at(now_ns)
-        self._show(drawing_of(face, look, caption=self._caption if self._captions else ""))
+        expression = motion.at(now_ns)
+        self._show(drawing_of(face, expression, caption=self._caption if self._captions else ""))
         if motion.still:
             blink_ns = motion.next_blink_ns()
             if blink_ns is None:
@@ -391,12 +391,12 @@ class FaceService(Service):
         elif self._drawing.interval() != _DRAW_EVERY_MS:
             self._drawing.start(_DRAW_EVERY_MS)
 
-    def _show(self, shown: Drawing | bytes) -> None:
-        if shown != self._shown:
-            self._shown = shown
-            self._state.face_drawing.reset_value(shown)
+    def _show(self, contents: Drawing | bytes) -> None:
+        if contents != self._contents:
+            self._contents = contents
+            self._state.face_drawing.reset_value(contents)
             if self._page is not None:
-                self._page.show(shown)
+                self._page.show(contents)
 
 
 class FacePageProcess:
@@ -421,9 +421,9 @@ class FacePageProcess:
         self._delivering = False
         self._child.start()
 
-    def show(self, shown: Drawing | bytes | NDArray[np.uint8]) -> None:
+    def show(self, contents: Drawing | bytes | NDArray[np.uint8]) -> None:
         """Show a drawing or an image (JPEG or BGR)."""
-        self._newest = shown
+        self._newest = contents
         if not self._delivering:
             self._delivering = True
             self._asyncio.submit(self._deliver())
@@ -434,16 +434,16 @@ class FacePageProcess:
 
     async def _deliver(self) -> None:
         while self._newest is not None:
-            shown, self._newest = self._newest, None
-            await asyncio.to_thread(self._send, shown)
+            contents, self._newest = self._newest, None
+            await asyncio.to_thread(self._send, contents)
         self._delivering = False
 
-    def _send(self, shown: Drawing | bytes | NDArray[np.uint8]) -> None:
+    def _send(self, contents: Drawing | bytes | NDArray[np.uint8]) -> None:
         from caris_desktop.conversation.face.page import drawn
 
-        if isinstance(shown, np.ndarray):
-            shown = jpeg_of(shown, quality=75, most_px=_PICTURE_PX)
-        self._child.send_raw_waiting(pickle.dumps(shown if isinstance(shown, bytes) else drawn(shown)))
+        if isinstance(contents, np.ndarray):
+            contents = jpeg_of(contents, quality=75, most_px=_PICTURE_PX)
+        self._child.send_raw_waiting(pickle.dumps(contents if isinstance(contents, bytes) else drawn(contents)))
 
 
 def _voice_of(played: PlayedSound) -> SpokenLoudness:

@@ -49,7 +49,7 @@ class ForgettingService(Service):
         self._body_of = body_of
         self._then = then
         self._child: ChildProcess | None = None
-        self._asked = intents.ForgetPerson("")
+        self._intent = intents.ForgetPerson("")
         self._ended: ForgettingEnded | None = None
         self._reported = 0.0
 
@@ -68,7 +68,7 @@ class ForgettingService(Service):
         if self._child is not None:
             self._child.stop(grace_s=_ENDS_WITHIN_S)
 
-    def _forget(self, asked: intents.ForgetPerson) -> None:
+    def _forget(self, intent: intents.ForgetPerson) -> None:
         if self._child is not None:
             raise UserFacingError(
                 tr("Another person is already being erased."),
@@ -83,8 +83,10 @@ class ForgettingService(Service):
                 tr("End the recording, then try again."),
                 severity="warning",
             )
-        self._asked, self._ended, self._reported = asked, None, 0.0
-        self._child = self._children.start(self._body_of(asked.person_id), ended=self._on_ended, heard=self._on_heard)
+        self._intent, self._ended, self._reported = intent, None, 0.0
+        self._child = self._children.start(
+            self._body_of(intent.person_id), ended=self._on_ended, on_message=self._on_heard
+        )
         self._bus.problem(
             "info",
             tr("The person is being erased from all recordings of the study."),
@@ -133,10 +135,10 @@ class ForgettingService(Service):
     def _forget_here(self) -> None:
         """Erase in-memory data after the database."""
         try:
-            self._then(self._asked)
+            self._then(self._intent)
         except UserFacingError:
             # Without perception nothing is in memory.
-            self._bus.publish(PersonForgotten(clock.now_ns(), self._asked.person_id, self._asked.actor))
+            self._bus.publish(PersonForgotten(clock.now_ns(), self._intent.person_id, self._intent.actor))
 
     def _notify(self, outcome: Forgotten) -> None:
         if outcome.review is not None:
@@ -149,7 +151,7 @@ class ForgettingService(Service):
                 tr("Someone must read or watch these to decide."),
                 tr(
                     "Decide on each in {review}, then run: caris-desktop forget {study} {person} --review {review}"
-                ).format(review=outcome.review, study=outcome.receipt.parent.parent, person=self._asked.person_id),
+                ).format(review=outcome.review, study=outcome.receipt.parent.parent, person=self._intent.person_id),
                 cause="forgetting",
             )
         for sentence in (

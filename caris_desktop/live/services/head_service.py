@@ -21,7 +21,8 @@ _NOD_RAD, _NOD_MS = 0.25, 450
 
 
 class HeadService(Service):
-    """Maintains ``state.look``, and sends MoveHead at 20 Hz while input is held. The link reports the commanded angles.
+    """Maintains ``state.look``, and sends MoveHead at 20 Hz while input is held. The link reports the commanded
+    angles.
 
     The head stops on release, under the emergency stop, without a link, and when the GUI stalls: each target is one
     step ahead, never the end of the range.
@@ -49,11 +50,11 @@ class HeadService(Service):
 
     def handlers(self) -> Handlers:
         return {
-            intents.LookAt: lambda asked: self.turn_to(
-                pan_rad=asked.pan_rad, tilt_rad=asked.tilt_rad, actor=asked.actor
+            intents.LookAt: lambda intent: self.turn_to(
+                pan_rad=intent.pan_rad, tilt_rad=intent.tilt_rad, actor=intent.actor
             ),
-            intents.TurnHead: lambda asked: self.turn_head(pan=asked.pan, tilt=asked.tilt, actor=asked.actor),
-            intents.Nod: lambda asked: self.nod(asked.actor),
+            intents.TurnHead: lambda intent: self.turn_head(pan=intent.pan, tilt=intent.tilt, actor=intent.actor),
+            intents.Nod: lambda intent: self.nod(intent.actor),
         }
 
     def use_scenario(self, scenario: Scenario) -> None:
@@ -95,10 +96,10 @@ class HeadService(Service):
         if self._moving.isActive() or self._nodding.isActive() or not self._may_move():
             return
         self._take_measured_angles()
-        look = self._state.look.value
+        head = self._state.look.value
         self._actor = actor
-        self._nodded_from = look.pan_rad, look.tilt_rad
-        if self._move_to(look.pan_rad, look.tilt_rad + _NOD_RAD):
+        self._nodded_from = head.pan_rad, head.tilt_rad
+        if self._move_to(head.pan_rad, head.tilt_rad + _NOD_RAD):
             self._nodding.start()
 
     def _end_nod(self) -> None:
@@ -139,8 +140,10 @@ class HeadService(Service):
         now_ns = clock.now_ns()
         stretch_rad = head.speed_radps * min((now_ns - self._stepped_ns) / 1e9, _LONGEST_STEP_S)
         self._stepped_ns = now_ns
-        look = self._state.look.value
-        if not self._move_to(look.pan_rad + self._pan * stretch_rad, look.tilt_rad + self._tilt * stretch_rad):
+        commanded = self._state.look.value
+        if not self._move_to(
+            commanded.pan_rad + self._pan * stretch_rad, commanded.tilt_rad + self._tilt * stretch_rad
+        ):
             self._end_turn()
 
     def _move_to(self, pan_rad: float, tilt_rad: float) -> bool:

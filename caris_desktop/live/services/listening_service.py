@@ -55,7 +55,7 @@ class ListeningService(Service):
         self._bus = bus
         self._children = children
         self._body_of = body
-        self._wanted: ProcessSpec | None = None
+        self._body: ProcessSpec | None = None
         self._child: ChildProcess | None = None
         self._feed: ListeningFeed | None = None
         self._to_recogniser: ListeningFeed | None = None
@@ -83,18 +83,18 @@ class ListeningService(Service):
         return {} if self._child is None else {self._child.body.name: self._child}
 
     def restarts(self) -> dict[str, Restarts]:
-        return {} if self._wanted is None else {self._wanted.name: self._restarts}
+        return {} if self._body is None else {self._body.name: self._restarts}
 
     def use_scenario(self, scenario: Scenario) -> None:
-        wanted = self._body_of(scenario) if scenario.permissions.transcription else None
+        body = self._body_of(scenario) if scenario.permissions.transcription else None
         settings = scenario.listening
         self._silence = UseSilence(settings.silence_at_least_s, settings.silence_at_most_s)
-        if wanted == self._wanted:
+        if body == self._body:
             self._report_silence()
             if self._soon.isActive():
                 self._soon.start()
             return
-        self._wanted = wanted
+        self._body = body
         self._leave()
         self._restarts = Restarts()
         if self._started:
@@ -146,7 +146,7 @@ class ListeningService(Service):
 
     def _begin(self) -> None:
         """Start the recogniser, once there is audio: it takes hundreds of megabytes."""
-        if self._wanted is None or self._child is not None or not self._started or self._stopped:
+        if self._body is None or self._child is not None or not self._started or self._stopped:
             return
         if self._soon.isActive():
             return
@@ -154,7 +154,7 @@ class ListeningService(Service):
         if self._restarts.exhausted or all(each.state in ("off", "failed") for each in microphones):
             return
         self._state.listening.set(ListeningStatus("loading"))
-        self._child = self._children.start(self._wanted, ended=self._on_ended, heard=self.on_heard)
+        self._child = self._children.start(self._body, ended=self._on_ended, on_message=self.on_heard)
         self._feed = ListeningFeed(self._child, self._bus.publish)
         self._report_silence()
 

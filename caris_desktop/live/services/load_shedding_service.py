@@ -53,7 +53,7 @@ class Step:
     the first level on (:meth:`LoadStatus.pays_small`).
     """
 
-    look_every_s: float = 0.0
+    detection_interval_s: float = 0.0
     panels_every_s: float = 0.0
     picture_every_s: float = 0.0
     detail: str = ""
@@ -126,7 +126,7 @@ class LoadLevels:
         """Looking for people ranks with the record: where it is slow, everything else pays."""
         self._stalls, self._frames, self._detection = _Measure(STALLS), _Measure(FRAMES), _Measure(DETECTION)
         self._measures = (self._stalls, self._frames, self._detection)
-        self._looks = 0
+        self._sample_count = 0
         self._changed_ns = 0
 
     def add_samples(
@@ -135,8 +135,8 @@ class LoadLevels:
         """Add samples; returns the new level. None without a frame or local detection."""
         for measure, ms in zip(self._measures, (late_ms, frame_age_ms, detection_ms), strict=True):
             measure.add(ms)
-        self._looks += 1
-        if self._looks < _WINDOW // 2:
+        self._sample_count += 1
+        if self._sample_count < _WINDOW // 2:
             return self.step
         since_ns = now_ns - self._changed_ns
         last = len(STEPS) - 1
@@ -161,7 +161,7 @@ class LoadLevels:
 
     def _go(self, step: int, now_ns: int) -> None:
         # Samples from another level are meaningless for this one.
-        self.step, self._changed_ns, self._looks = step, now_ns, 0
+        self.step, self._changed_ns, self._sample_count = step, now_ns, 0
         for measure in self._measures:
             measure.forget()
 
@@ -217,8 +217,8 @@ class LoadSheddingService(Service):
         """Detection level that favours work someone is waiting for."""
         if self._now_ns() < self._panels_until_ns or (self._models.answering and self._models.answers_here):
             return _ANSWERING
-        heard = (self._state.hearing_of(source).value for source in PARTICIPANT_SOURCES if self._hears_here)
-        return _ANSWERING if any(map(self._makes_out_words, heard)) else 0
+        hearings = (self._state.hearing_of(source).value for source in PARTICIPANT_SOURCES if self._hears_here)
+        return _ANSWERING if any(map(self._makes_out_words, hearings)) else 0
 
     def _makes_out_words(self, hearing: Hearing | None) -> bool:
         return (
@@ -241,15 +241,15 @@ class LoadSheddingService(Service):
         self._due_ns = now_ns + LOOK_EVERY_MS * 1_000_000
         frame_age_ms, self._frame_age_ms = self._frame_age_ms, None
         # Load shedding here does not help another machine.
-        looks_here = not self._state.perception.value.server and now_ns - self._detected_ns < _LOOK_COUNTS_NS
+        detects_here = not self._state.perception.value.server and now_ns - self._detected_ns < _LOOK_COUNTS_NS
         self._steps.add_samples(
-            late_ms, now_ns, frame_age_ms=frame_age_ms, detection_ms=self._detection_ms if looks_here else None
+            late_ms, now_ns, frame_age_ms=frame_age_ms, detection_ms=self._detection_ms if detects_here else None
         )
         self._apply()
 
     def _apply(self) -> None:
         number, steps = self._steps.step, STEPS_WITH_BLUR if self._blurs else STEPS
         step = steps[number]
-        self._people.limit_detection_rate(steps[max(number, self._waited_for())].look_every_s)
+        self._people.limit_detection_rate(steps[max(number, self._waited_for())].detection_interval_s)
         self._bus.pass_at_most_every(panels_s=step.panels_every_s, picture_s=step.picture_every_s)
         self._state.load.set(LoadStatus(number, step.detail))

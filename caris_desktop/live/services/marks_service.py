@@ -42,31 +42,33 @@ class MarksService(Service):
             intents.Mark: self.mark,
             intents.BeginMark: self.begin,
             intents.StretchMark: self.open_interval,
-            intents.EndMark: lambda asked: self.end_mark(asked.mark_id, asked.actor),
+            intents.EndMark: lambda intent: self.end_mark(intent.mark_id, intent.actor),
             intents.ChangeMark: self.change,
-            intents.WithdrawMark: lambda asked: self.withdraw(asked.mark_id, asked.actor),
+            intents.WithdrawMark: lambda intent: self.withdraw(intent.mark_id, intent.actor),
             intents.AddNote: self.add_note,
-            intents.ChangeNote: lambda asked: self.write_note(asked.note_id, asked.text, asked.actor),
+            intents.ChangeNote: lambda intent: self.write_note(intent.note_id, intent.text, intent.actor),
             intents.RemoveNote: self.remove_note,
             intents.RestoreNote: self.restore_note,
         }
 
-    def mark(self, asked: intents.Mark) -> None:
+    def mark(self, intent: intents.Mark) -> None:
         now_ns = clock.now_ns()
-        start_ns = now_ns - round(asked.earlier_s * _NANOSECONDS) if asked.earlier_s > 0 else None
-        self._persist(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, actor=asked.actor))
+        start_ns = now_ns - round(intent.earlier_s * _NANOSECONDS) if intent.earlier_s > 0 else None
+        self._persist(Marked(now_ns, intent.label, intent.kind, intent.mark_id, start_ns, actor=intent.actor))
 
-    def begin(self, asked: intents.BeginMark) -> None:
+    def begin(self, intent: intents.BeginMark) -> None:
         now_ns = clock.now_ns()
-        start_ns = now_ns - round(asked.earlier_s * _NANOSECONDS)
-        self._persist(Marked(now_ns, asked.label, asked.kind, asked.mark_id, start_ns, state="open", actor=asked.actor))
+        start_ns = now_ns - round(intent.earlier_s * _NANOSECONDS)
+        self._persist(
+            Marked(now_ns, intent.label, intent.kind, intent.mark_id, start_ns, state="open", actor=intent.actor)
+        )
 
-    def open_interval(self, asked: intents.StretchMark) -> None:
+    def open_interval(self, intent: intents.StretchMark) -> None:
         """Turn the moment into an open interval."""
-        mark = self._marks.get(asked.mark_id)
+        mark = self._marks.get(intent.mark_id)
         if mark is not None and mark.state == "done" and mark.end_ns is None:
             now_ns = clock.now_ns()
-            self._persist(replace(mark, stamp_ns=now_ns, start_ns=_moment_ns(mark), state="open", actor=asked.actor))
+            self._persist(replace(mark, stamp_ns=now_ns, start_ns=_moment_ns(mark), state="open", actor=intent.actor))
 
     def end_mark(self, mark_id: str, actor: Actor = CONSOLE) -> None:
         mark = self._marks.get(mark_id)
@@ -79,14 +81,14 @@ class MarksService(Service):
         for mark_id in tuple(self._marks):
             self.end_mark(mark_id, actor)
 
-    def change(self, asked: intents.ChangeMark) -> None:
-        mark = self._marks.get(asked.mark_id)
+    def change(self, intent: intents.ChangeMark) -> None:
+        mark = self._marks.get(intent.mark_id)
         if mark is None:
             return
-        start_ns = _moment_ns(mark) - round(asked.earlier_s * _NANOSECONDS)
-        label = mark.label if asked.label is None else asked.label
+        start_ns = _moment_ns(mark) - round(intent.earlier_s * _NANOSECONDS)
+        label = mark.label if intent.label is None else intent.label
         # The stamp becomes the time of the change.
-        self._persist(replace(mark, stamp_ns=clock.now_ns(), start_ns=start_ns, label=label, actor=asked.actor))
+        self._persist(replace(mark, stamp_ns=clock.now_ns(), start_ns=start_ns, label=label, actor=intent.actor))
 
     def withdraw(self, mark_id: str, actor: Actor = CONSOLE) -> None:
         mark = self._marks.pop(mark_id, None)
@@ -96,8 +98,8 @@ class MarksService(Service):
         self._notify(replace(mark, stamp_ns=clock.now_ns(), state="withdrawn", actor=actor))
         self._show(None)
 
-    def add_note(self, asked: intents.AddNote) -> None:
-        text = _written(asked.text)
+    def add_note(self, intent: intents.AddNote) -> None:
+        text = _written(intent.text)
         if self._state.recording.value.state != "recording":
             raise UserFacingError(
                 tr(
@@ -106,8 +108,8 @@ class MarksService(Service):
                 tr("Start or continue the recording, then press Enter again."), severity="warning",
             )  # fmt: skip
         now_ns = clock.now_ns()
-        at_ns = now_ns - round(asked.earlier_s * _NANOSECONDS)
-        self._persist(Marked(now_ns, "", "note", asked.note_id, at_ns, note=text, actor=asked.actor))
+        at_ns = now_ns - round(intent.earlier_s * _NANOSECONDS)
+        self._persist(Marked(now_ns, "", "note", intent.note_id, at_ns, note=text, actor=intent.actor))
 
     def write_note(self, note_id: str, text: str, actor: Actor) -> None:
         mark = self._of_this_session(note_id)
@@ -116,16 +118,16 @@ class MarksService(Service):
         at_ns = _moment_ns(mark)
         self._persist(replace(mark, stamp_ns=clock.now_ns(), start_ns=at_ns, note=" ".join(text.split()), actor=actor))
 
-    def remove_note(self, asked: intents.RemoveNote) -> None:
-        if self._of_this_session(asked.note_id).kind == "note":
-            self.withdraw(asked.note_id, asked.actor)
+    def remove_note(self, intent: intents.RemoveNote) -> None:
+        if self._of_this_session(intent.note_id).kind == "note":
+            self.withdraw(intent.note_id, intent.actor)
         else:
-            self.write_note(asked.note_id, "", asked.actor)
+            self.write_note(intent.note_id, "", intent.actor)
 
-    def restore_note(self, asked: intents.RestoreNote) -> None:
-        note = self._withdrawn.pop(asked.note_id, None)
+    def restore_note(self, intent: intents.RestoreNote) -> None:
+        note = self._withdrawn.pop(intent.note_id, None)
         if note is not None:
-            self._persist(replace(note, stamp_ns=clock.now_ns(), start_ns=_moment_ns(note), actor=asked.actor))
+            self._persist(replace(note, stamp_ns=clock.now_ns(), start_ns=_moment_ns(note), actor=intent.actor))
 
     def _of_this_session(self, note_id: str) -> Marked:
         mark = self._marks.get(note_id)

@@ -102,7 +102,7 @@ class MicrophoneService(Service):
         return "recording" in self._needs
 
     def handlers(self) -> Handlers:
-        return {intents.UseMicrophone: self._use, intents.TryMicrophone: lambda asked: self._try(asked.on)}
+        return {intents.UseMicrophone: self._use, intents.TryMicrophone: lambda intent: self._try(intent.on)}
 
     def follows(self) -> Follows:
         return {LinkChanged: self._on_link_changed}
@@ -164,8 +164,8 @@ class MicrophoneService(Service):
         permissions = scenario.permissions
         return self.current == "computer" and (permissions.audio_recording or permissions.transcription)
 
-    def _use(self, asked: intents.UseMicrophone) -> None:
-        (self._participant if asked.role == "participant" else self._wizard).use(asked.microphone)
+    def _use(self, intent: intents.UseMicrophone) -> None:
+        (self._participant if intent.role == "participant" else self._wizard).use(intent.microphone)
 
     def open_and_then(self, then: Callable[[], None]) -> None:
         """Listen for a recording, and call ``then`` once audio arrives, none can be expected, or the timeout has
@@ -229,11 +229,11 @@ class MicrophoneService(Service):
         """Open or close for the wizard to listen."""
         self._need("hearing", needed)
 
-    def _need(self, what: Need, needed: bool) -> None:
+    def _need(self, need: Need, needed: bool) -> None:
         if needed:
-            self._needs.add(what)
+            self._needs.add(need)
         else:
-            self._needs.discard(what)
+            self._needs.discard(need)
         self._arrange()
 
     def _arrange(self) -> None:

@@ -89,10 +89,13 @@ class PeopleService(Service):
 
     def use_scenario(self, scenario: Scenario) -> None:
         names = scenario.permissions.naming_people
-        asked = scenario.perception
+        settings = scenario.perception
         # Without naming there is nobody to recognise, so nothing is learnt about people.
         self._recognition = RecognitionSettings(
-            asked.recognise if names else "nobody", asked.confirm_at, _PORTRAITS[scenario.blur.who], asked.ask_at
+            settings.recognise if names else "nobody",
+            settings.confirm_at,
+            _PORTRAITS[scenario.blur.who],
+            settings.ask_at,
         )
         self._may_decide = names
         self._cover = scenario.covers_people
@@ -175,7 +178,7 @@ class PeopleService(Service):
         else:
             worker.offer_evidence(value)
 
-    def decide(self, asked: PeopleIntent) -> None:
+    def decide(self, intent: PeopleIntent) -> None:
         """Run a decision in the perception thread. Raises UserFacingError without perception."""
         if self._worker is None:
             raise UserFacingError(
@@ -183,15 +186,15 @@ class PeopleService(Service):
                 tr("Nothing about them was changed."),
                 tr("Start with people detection."),
             )
-        self._worker.ask(asked)
+        self._worker.ask(intent)
 
-    def _request_history(self, asked: intents.LookUpPerson) -> None:
+    def _request_history(self, intent: intents.LookUpPerson) -> None:
         if self._worker is not None:
-            self._worker.request_history(asked.person_id, asked.text)
+            self._worker.request_history(intent.person_id, intent.text)
 
-    def _attend(self, asked: intents.AttendPerson) -> None:
-        self._state.selected_person.set(asked.person_id)
-        self._bus.publish(PersonAttended(clock.now_ns(), asked.person_id, asked.actor))
+    def _attend(self, intent: intents.AttendPerson) -> None:
+        self._state.selected_person.set(intent.person_id)
+        self._bus.publish(PersonAttended(clock.now_ns(), intent.person_id, intent.actor))
 
     def _note(self, event: HistoryEvent) -> None:
         if self._worker is None:

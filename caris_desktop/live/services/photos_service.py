@@ -157,10 +157,10 @@ class PhotosService(Service):
         utc_ns = ClockAnchor.take().utc_ns_at(event.stamp_ns)
         entry = PhotoEntry(event.file_name, utc_ns, event.camera, event.person_ids, event.pose_in_map)
 
-        def done(shown: PhotoEntry) -> None:
+        def done(entry: PhotoEntry) -> None:
             if of_session and folder != self._session:
                 return  # of a session that has ended meanwhile
-            self._persist(_StoredPhoto(shown, folder, of_session))
+            self._persist(_StoredPhoto(entry, folder, of_session))
 
         self._slow_work.do(lambda: _with_pictures(entry, folder), done, self._bus.answer)
 
@@ -172,16 +172,16 @@ class PhotosService(Service):
 
     def _on_session_ended(self, _event: SessionEnded) -> None:
         self._session = None
-        gone = [photo for photo in self._stored.values() if photo.of_session and photo.entry.deleted]
-        for photo in gone:
+        deleted = [photo for photo in self._stored.values() if photo.of_session and photo.entry.deleted]
+        for photo in deleted:
             del self._stored[photo.entry.file_name]
         self._stored = {
             name: replace(photo, entry=replace(photo.entry, changeable=False)) if photo.of_session else photo
             for name, photo in self._stored.items()
         }
         self._show()
-        if gone:
-            lie_aside = [self._lies_aside(photo) for photo in gone]
+        if deleted:
+            lie_aside = [self._lies_aside(photo) for photo in deleted]
             self._slow_work.do(lambda: remove_photos(lie_aside), lambda _: None, self._bus.answer)
 
     def _persist(self, photo: _StoredPhoto) -> None:
@@ -200,8 +200,8 @@ class PhotosService(Service):
 
     # Intents
 
-    def _tag(self, asked: intents.TagPhoto) -> None:
-        cleaned = (" ".join(tag.replace(",", " ").split()) for tag in asked.tags)
+    def _tag(self, intent: intents.TagPhoto) -> None:
+        cleaned = (" ".join(tag.replace(",", " ").split()) for tag in intent.tags)
         tags = tuple(dict.fromkeys(tag for tag in cleaned if tag))
         if len(tags) > MAX_TAGS or any(len(tag) > MAX_TAG_CHARACTERS for tag in tags):
             raise UserFacingError(
@@ -212,25 +212,25 @@ class PhotosService(Service):
                 ),
                 severity="warning",
             )
-        photo = self._changeable(asked.file_name, tr("The photo was not tagged."))
+        photo = self._changeable(intent.file_name, tr("The photo was not tagged."))
 
         def done(_: None) -> None:
-            self._update(asked.file_name, tags=tags)
-            self._bus.publish(PhotoTagged(clock.now_ns(), asked.file_name, tags, asked.actor))
+            self._update(intent.file_name, tags=tags)
+            self._bus.publish(PhotoTagged(clock.now_ns(), intent.file_name, tags, intent.actor))
 
         self._change(lambda: change_texts(photo.path, {TAGS: ", ".join(tags)}), done, tr("The photo was not tagged."))
 
-    def _delete(self, asked: intents.DeletePhoto) -> None:
-        photo = self._changeable(asked.file_name, tr("The photo was not deleted."))
+    def _delete(self, intent: intents.DeletePhoto) -> None:
+        photo = self._changeable(intent.file_name, tr("The photo was not deleted."))
 
         self._change(
             lambda: move_photo(photo.path, self._lies_aside(photo)),
-            lambda _: self._note_deleted(photo, asked.actor, deleted=True),
+            lambda _: self._note_deleted(photo, intent.actor, deleted=True),
             tr("The photo was not deleted."),
         )
 
-    def _restore(self, asked: intents.RestorePhoto) -> None:
-        photo = self._stored.get(asked.file_name)
+    def _restore(self, intent: intents.RestorePhoto) -> None:
+        photo = self._stored.get(intent.file_name)
         if photo is None or not photo.entry.deleted:
             raise UserFacingError(
                 tr("There is no deleted photo to restore."),
@@ -240,7 +240,7 @@ class PhotosService(Service):
             )
         self._change(
             lambda: move_photo(self._lies_aside(photo), photo.path),
-            lambda _: self._note_deleted(photo, asked.actor, deleted=False),
+            lambda _: self._note_deleted(photo, intent.actor, deleted=False),
             tr("The photo was not restored."),
         )
 
@@ -248,7 +248,7 @@ class PhotosService(Service):
         self._update(photo.entry.file_name, deleted=deleted)
         self._bus.publish(PhotoDeleted(clock.now_ns(), photo.entry.file_name, not deleted, actor))
 
-    def _ask(self, asked: intents.AskAboutPhoto) -> None:
+    def _ask(self, intent: intents.AskAboutPhoto) -> None:
         if not self._permitted:
             raise UserFacingError(
                 tr("This scenario does not allow photos."),
@@ -256,9 +256,9 @@ class PhotosService(Service):
                 tr("Ask without a photo."),
                 severity="warning",
             )
-        photo = self._found(asked.file_name)
-        question = asked.question.strip() or tr("What is in this picture?")
-        self._assistant.ask(intents.Ask(question, pictures=(photo.entry.file_name,), actor=asked.actor))
+        photo = self._found(intent.file_name)
+        question = intent.question.strip() or tr("What is in this picture?")
+        self._assistant.ask(intents.Ask(question, pictures=(photo.entry.file_name,), actor=intent.actor))
 
     def _read_for_model(
         self, names: Sequence[str], done: Callable[[list[bytes]], None], failed: Callable[[UserFacingError], None]

@@ -78,7 +78,7 @@ class PracticeService(Service):
         self._wizard = ""
         self._scenario_before: Scenario | None = None
         self._robot_before = ""
-        self._asked = 0
+        self._question_count = 0
         self._ask_again = QTimer(self, interval=_ASKED_AGAIN_MS)
         self._ask_again.timeout.connect(self._ask_once_more)
         self._stage = QTimer(self, interval=_STAGE_EVERY_MS)
@@ -89,8 +89,8 @@ class PracticeService(Service):
     def handlers(self) -> Handlers:
         return {
             intents.BeginPractice: self._begin,
-            intents.SkipPracticeStep: lambda asked: self._skip(asked.actor),
-            intents.EndPractice: lambda asked: self._end(asked.actor),
+            intents.SkipPracticeStep: lambda intent: self._skip(intent.actor),
+            intents.EndPractice: lambda intent: self._end(intent.actor),
         }
 
     def follows(self) -> Follows:
@@ -102,7 +102,7 @@ class PracticeService(Service):
 
     # Start and end
 
-    def _begin(self, asked: intents.BeginPractice) -> None:
+    def _begin(self, intent: intents.BeginPractice) -> None:
         if self._state.practice.value.state in ("preparing", "running"):
             return
         if self._state.recording.value.state in IN_SESSION:
@@ -112,15 +112,15 @@ class PracticeService(Service):
                 tr("Stop the recording first."),
             )
         scenario, robot = self._state.scenario.value, self._state.robot.value
-        self._parts.robot(asked.actor)
-        self._wizard = asked.wizard
+        self._parts.robot(intent.actor)
+        self._wizard = intent.wizard
         self._practice = None
         again = self._state.practice.value.state == "ended"
         # Set first: scenario and robot opened for the practice must not be saved as preferences.
         self._state.practice.set(PracticeStatus("preparing"))
         if not self._is_stage(scenario):
             self._scenario_before = scenario
-            self._do(intents.OpenScenario(self._parts.scenario, actor=asked.actor))
+            self._do(intents.OpenScenario(self._parts.scenario, actor=intent.actor))
         elif not again:
             self._scenario_before = None
         if robot is not None and robot.name != _SIMULATED:
@@ -233,10 +233,10 @@ class PracticeService(Service):
 
     def _ask(self) -> None:
         """Simulate a participant's question, so that replies are suggested."""
-        self._asked += 1
-        turn, now_ns = f"practice-{self._asked}", clock.now_ns()
-        said = UtteranceChanged(now_ns, turn, "participant", _ASKED, "heard", "started", source=PURPOSE)
-        for event in (said, replace(said, state="finished")):
+        self._question_count += 1
+        turn, now_ns = f"practice-{self._question_count}", clock.now_ns()
+        question = UtteranceChanged(now_ns, turn, "participant", _ASKED, "heard", "started", source=PURPOSE)
+        for event in (question, replace(question, state="finished")):
             self._bus.publish(event)
 
     def _show(self) -> None:

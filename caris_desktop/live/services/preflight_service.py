@@ -127,7 +127,7 @@ class PreflightService(Service):
     def _facts(self, scenario: Scenario) -> Facts:
         state = self._state
         link: LinkStatus = state.link.value
-        heard = min(
+        freshest = min(
             (stream for stream in (state.odometry, state.scan, state.pose) if stream.value is not None),
             key=lambda stream: stream.silent_s() or 0.0,
             default=None,
@@ -140,8 +140,8 @@ class PreflightService(Service):
             state.robot.value,
             link,
             link_for_s=(clock.now_ns() - self._link_since_ns) / 1e9,
-            robot_heard="none" if heard is None else heard.freshness,
-            robot_silent_s=0.0 if heard is None else heard.silent_s() or 0.0,
+            robot_freshness="none" if freshest is None else freshest.freshness,
+            robot_silent_s=0.0 if freshest is None else freshest.silent_s() or 0.0,
             robot_ahead_ms=ahead_ms,
             drive=state.drive.value,
             cameras={name: state.frame_of(name).freshness for name in state.cameras.value},
@@ -162,8 +162,8 @@ class PreflightService(Service):
             people=state.persons.value,
         )
 
-    def _tick(self, asked: intents.TickCheck) -> None:
-        check = next((one for one in self._state.preflight.value if one.id == asked.check_id and one.manual), None)
+    def _tick(self, intent: intents.TickCheck) -> None:
+        check = next((one for one in self._state.preflight.value if one.id == intent.check_id and one.manual), None)
         if check is None:
             raise UserFacingError(
                 tr("This check does not exist or cannot be ticked."),
@@ -171,22 +171,22 @@ class PreflightService(Service):
                 tr("Check the list of checks."),
             )
         now_ns = clock.now_ns()
-        if asked.done:
-            self._ticks[check.id] = ChecklistItem(now_ns, asked.actor)
+        if intent.done:
+            self._ticks[check.id] = ChecklistItem(now_ns, intent.actor)
         else:
             self._ticks.pop(check.id, None)
         self._publish(
             PreflightChecked(
-                now_ns, check.id, check.title, "passed" if asked.done else "not checked", manual=True,
-                checked_ns=now_ns if asked.done else None, actor=asked.actor,
+                now_ns, check.id, check.title, "passed" if intent.done else "not checked", manual=True,
+                checked_ns=now_ns if intent.done else None, actor=intent.actor,
             )
         )  # fmt: skip
         self.evaluate()
 
-    def _reset(self, why: str) -> None:
-        """Reset the manual checks; ``why`` is shown for those that were done."""
-        if self._ticks or not why:
-            self._why_open, self._taken_back = why, frozenset(self._ticks)
+    def _reset(self, reason: str) -> None:
+        """Reset the manual checks; ``reason`` is shown for those that were done."""
+        if self._ticks or not reason:
+            self._why_open, self._taken_back = reason, frozenset(self._ticks)
         self._ticks.clear()
         self._loud = False
 

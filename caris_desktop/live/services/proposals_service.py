@@ -61,7 +61,7 @@ class ProposalsService(Service):
         self.drop(QT_TR_NOOP("the program is closing"))
 
     def ask_about(
-        self, begun: Round, asked: Sequence[ChatMessage], recorded: Sequence[ChatMessage], replies: str
+        self, begun: Round, messages: Sequence[ChatMessage], recorded: Sequence[ChatMessage], replies: str
     ) -> None:
         """Ask which actions fit, after the model was asked for ``replies``."""
         offer = self._offer()
@@ -70,7 +70,7 @@ class ProposalsService(Service):
         self._cancel(QT_TR_NOOP("a newer question was asked"))
         try:
             self._asking = self._model.ask(
-                prompt.action_messages(asked, replies, offer),
+                prompt.action_messages(messages, replies, offer),
                 recorded=prompt.action_messages(recorded, replies, offer),
                 purpose="actions",
                 max_tokens=prompt.ACTION_TOKENS,
@@ -84,10 +84,10 @@ class ProposalsService(Service):
         except UserFacingError:
             self._asking = None  # a missing model is reported with the replies
 
-    def drop(self, why: str) -> None:
+    def drop(self, reason: str) -> None:
         """Drop proposals whose subject is over."""
-        self._cancel(why)
-        self._proposals.lapse(clock.now_ns(), why)
+        self._cancel(reason)
+        self._proposals.lapse(clock.now_ns(), reason)
         self._show()
 
     def _offer(self) -> proposable_actions.Offer:
@@ -101,10 +101,10 @@ class ProposalsService(Service):
             tilt_range_rad=head.tilt_range_rad if head is not None else None,
         )
 
-    def _cancel(self, why: str) -> None:
+    def _cancel(self, reason: str) -> None:
         asking, self._asking = self._asking, None
         if asking is not None:
-            asking.cancel(why)
+            asking.cancel(reason)
 
     def _on_answer(self, begun: Round, offer: proposable_actions.Offer, exchange: LlmExchange) -> None:
         if self._asking is None or self._asking.exchange_id != exchange.exchange_id:
@@ -124,8 +124,8 @@ class ProposalsService(Service):
             self._proposals.offer(begun, proposed, exchange.model, now_ns, acts_after_ns=countdown_ns if acts else None)
             self._show()
 
-    def _confirm(self, asked: intents.ConfirmProposal) -> None:
-        card = self._proposals.answered(asked.proposal_id, clock.now_ns())
+    def _confirm(self, intent: intents.ConfirmProposal) -> None:
+        card = self._proposals.answered(intent.proposal_id, clock.now_ns())
         if card is None:
             self._show()
             raise UserFacingError(
@@ -133,11 +133,11 @@ class ProposalsService(Service):
                 tr("Do it yourself if it is still needed."),
                 severity="info",
             )  # fmt: skip
-        self._carry_out(card, asked.actor)
+        self._carry_out(card, intent.actor)
 
-    def _veto(self, asked: intents.VetoProposal) -> None:
-        if self._proposals.answered(asked.proposal_id, clock.now_ns(), readable=False) is not None:
-            self._proposals.end("vetoed", clock.now_ns(), asked.actor)
+    def _veto(self, intent: intents.VetoProposal) -> None:
+        if self._proposals.answered(intent.proposal_id, clock.now_ns(), readable=False) is not None:
+            self._proposals.end("vetoed", clock.now_ns(), intent.actor)
         self._show()
 
     def _carry_out(self, card: Card, actor: Actor) -> None:

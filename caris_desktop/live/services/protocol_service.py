@@ -47,13 +47,15 @@ class ProtocolService(Service):
 
     def handlers(self) -> Handlers:
         return {
-            intents.NextStep: lambda asked: self._notify(self._walk.next(clock.now_ns(), asked.actor)),
-            intents.PreviousStep: lambda asked: self._notify(self._walk.back(clock.now_ns(), asked.actor)),
-            intents.SkipStep: lambda asked: self._notify(self._walk.skip(clock.now_ns(), asked.actor)),
-            intents.TakeBranch: lambda asked: self._notify(
-                self._walk.branch(asked.branch, clock.now_ns(), asked.actor)
+            intents.NextStep: lambda intent: self._notify(self._walk.next(clock.now_ns(), intent.actor)),
+            intents.PreviousStep: lambda intent: self._notify(self._walk.back(clock.now_ns(), intent.actor)),
+            intents.SkipStep: lambda intent: self._notify(self._walk.skip(clock.now_ns(), intent.actor)),
+            intents.TakeBranch: lambda intent: self._notify(
+                self._walk.branch(intent.branch, clock.now_ns(), intent.actor)
             ),
-            intents.GoToStep: lambda asked: self._notify(self._walk.choose(asked.step_id, clock.now_ns(), asked.actor)),
+            intents.GoToStep: lambda intent: self._notify(
+                self._walk.choose(intent.step_id, clock.now_ns(), intent.actor)
+            ),
             intents.TickItem: self._tick,
         }
 
@@ -113,8 +115,8 @@ class ProtocolService(Service):
             if self._walk.steps:
                 self._notify(self._walk.start(clock.now_ns(), actor), shown=shown)
 
-    def _tick(self, asked: intents.TickItem) -> None:
-        event = self._walk.tick(asked.item, asked.on, clock.now_ns(), asked.actor)
+    def _tick(self, intent: intents.TickItem) -> None:
+        event = self._walk.tick(intent.item, intent.on, clock.now_ns(), intent.actor)
         if event is not None:
             self._notify(event)
 

@@ -81,7 +81,7 @@ class RecordingService(Service):
         self._started = False
 
     def _new_recorder(self) -> ChildProcess:
-        return self._children.new(self._body, ended=self._on_ended, heard=self.on_report, reads=self._read)
+        return self._children.new(self._body, ended=self._on_ended, on_message=self.on_report, reads=self._read)
 
     def _read(self, value: Any, _raw: bytes) -> None:  # reader thread
         if isinstance(value, RecorderReport):
@@ -209,11 +209,11 @@ class RecordingService(Service):
         self._state.recording.set(replace(self._state.recording.value, state="stopping"))
         self._feed.stop(StopRecording(reason, actor))
 
-    def pause_session(self, opened: Sequence[Event], asked: intents.PauseRecording) -> None:
+    def pause_session(self, opened: Sequence[Event], intent: intents.PauseRecording) -> None:
         """Pause or resume. ``opened``: current state for the record, which misses changes during a pause."""
         if self._state.recording.value.state in ("recording", "paused"):
-            standing = () if asked.paused else opened
-            self._feed.pause(PauseRecording(asked.paused, asked.actor), *standing, paused=asked.paused)
+            standing = () if intent.paused else opened
+            self._feed.pause(PauseRecording(intent.paused, intent.actor), *standing, paused=intent.paused)
 
     def use_scenario(self, scenario: Scenario) -> None:
         """Apply permissions at once, also to a running session."""
@@ -259,9 +259,11 @@ class RecordingService(Service):
             return
         state = self._state
         people: People | None = state.people.value if state.people.freshness == "fresh" else None
-        seen = () if people is None else tuple(dict.fromkeys(box.person_id for box in people.boxes if box.person_id))
+        person_ids = (
+            () if people is None else tuple(dict.fromkeys(box.person_id for box in people.boxes if box.person_id))
+        )
         pose = state.pose.value.pose_in_map if state.pose.freshness == "fresh" else None
-        self._feed.request(TakePhoto(ref, without_session, actor, self._blur, addressee(state), seen, pose))
+        self._feed.request(TakePhoto(ref, without_session, actor, self._blur, addressee(state), person_ids, pose))
 
     def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
         """Update consents: consenting people stay unblurred where only others must be blurred."""

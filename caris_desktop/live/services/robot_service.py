@@ -115,8 +115,8 @@ class RobotService(Service):
         self._publish = publish
         self._problem = problem
         self._before_goal = before_goal
-        self._wanted_by = wanted_cameras
-        self._wanted = WantedCameras()
+        self._cameras_of = wanted_cameras
+        self._cameras = WantedCameras()
         self._slow_work = slow_work
         self._asyncio = asyncio_thread
         self._settling: Future[None] | None = None
@@ -145,16 +145,16 @@ class RobotService(Service):
 
     def handlers(self) -> Handlers:
         return {
-            intents.GoToPlace: lambda asked: self.go_to_place(asked.place, asked.actor),
-            intents.GoToPoint: lambda asked: self.go_to(asked.target_in_map, asked.actor),
-            intents.CancelGoal: lambda asked: self.cancel_goal(asked.actor),
-            intents.SetInitialPose: lambda asked: self.set_initial_pose(asked.pose_in_map, asked.actor),
-            intents.SaveMap: lambda asked: self.request_map("save", asked.name, asked.actor),
-            intents.LoadMap: lambda asked: self.request_map("load", asked.name, asked.actor),
-            intents.SetMapping: lambda asked: self.request_map(
-                "start_mapping" if asked.mapping else "start_localization", actor=asked.actor
+            intents.GoToPlace: lambda intent: self.go_to_place(intent.place, intent.actor),
+            intents.GoToPoint: lambda intent: self.go_to(intent.target_in_map, intent.actor),
+            intents.CancelGoal: lambda intent: self.cancel_goal(intent.actor),
+            intents.SetInitialPose: lambda intent: self.set_initial_pose(intent.pose_in_map, intent.actor),
+            intents.SaveMap: lambda intent: self.request_map("save", intent.name, intent.actor),
+            intents.LoadMap: lambda intent: self.request_map("load", intent.name, intent.actor),
+            intents.SetMapping: lambda intent: self.request_map(
+                "start_mapping" if intent.mapping else "start_localization", actor=intent.actor
             ),
-            intents.UseControl: lambda asked: self.use_control(asked.control, asked.value, asked.actor),
+            intents.UseControl: lambda intent: self.use_control(intent.control, intent.value, intent.actor),
         }
 
     def follows(self) -> Follows:
@@ -170,7 +170,7 @@ class RobotService(Service):
         return self._restarts
 
     def use_scenario(self, scenario: Scenario) -> None:
-        self._use_cameras(self._wanted_by(scenario))
+        self._use_cameras(self._cameras_of(scenario))
         driving = scenario.permissions.driving
         if not driving:
             self.cancel_goal()
@@ -251,8 +251,8 @@ class RobotService(Service):
                 self._settled.emit(connection, settled)
                 return
 
-    def _on_settled(self, asked: RobotConnection, settled: RobotConnection) -> None:
-        if self._connection is asked and not (self._left or self._closed):
+    def _on_settled(self, requested: RobotConnection, settled: RobotConnection) -> None:
+        if self._connection is requested and not (self._left or self._closed):
             self.connect_robot(settled, self._chosen_by)
 
     def stop(self) -> None:
@@ -287,8 +287,8 @@ class RobotService(Service):
         goal = self._state.goal.value
         if name == "control" and goal is not None and goal.state in ("requested", "active"):
             # Nothing else reports its end.
-            why = QT_TR_NOOP("the connection process stopped; the goal is cancelled when the connection is back")
-            self._publish(replace(goal, stamp_ns=clock.now_ns(), state="failed", detail=why, actor=CONSOLE))
+            reason = QT_TR_NOOP("the connection process stopped; the goal is cancelled when the connection is back")
+            self._publish(replace(goal, stamp_ns=clock.now_ns(), state="failed", detail=reason, actor=CONSOLE))
         self._publish(LinkChanged(clock.now_ns(), name, "lost", address, QT_TR_NOOP("the connection process stopped")))
         worked = name == "control" and clock.now_ns() - self._control_since_ns > _RESTART_AT_ONCE_AFTER_NS
         self._restarts[name].after_end(
@@ -343,10 +343,10 @@ class RobotService(Service):
 
     def _profile(self, connection: RobotConnection) -> RobotProfile:
         """Profile with the requested cameras only: others are not subscribed."""
-        return replace(connection.profile, cameras=self._wanted.among(connection.profile.cameras))
+        return replace(connection.profile, cameras=self._cameras.among(connection.profile.cameras))
 
-    def _use_cameras(self, wanted: WantedCameras) -> None:
-        self._wanted = wanted
+    def _use_cameras(self, cameras: WantedCameras) -> None:
+        self._cameras = cameras
         connection = self._connection
         if connection is None or self._profile(connection) == self._state.robot.value:
             return
@@ -496,8 +496,8 @@ class RobotService(Service):
         status = self._state.drive.value
         if not status.allowed:
             what = tr("The robot cannot go to {place}.").format(place=where)
-            why = tr("No goal was sent. {why}.").format(why=tr(status.reason))
-            self._problem("warning", what, why, tr("Send the goal again when this has changed."), cause=ANSWER)
+            reason = tr("No goal was sent. {why}.").format(why=tr(status.reason))
+            self._problem("warning", what, reason, tr("Send the goal again when this has changed."), cause=ANSWER)
             return
         self._before_goal()
         now_ns = clock.now_ns()
@@ -546,13 +546,13 @@ class RobotService(Service):
         )
 
     def _show_controls(self) -> None:
-        own = self._connection.profile.controls if self._connection is not None else ()
+        robot_controls = self._connection.profile.controls if self._connection is not None else ()
         names = {control.id for control in self._scenario_controls}
         # A scenario may redefine a control of the profile.
         robot = interface_names(self._connection.profile) if self._connection is not None else NO_NAMES
         every = [
             decided(control, robot)
-            for control in (*(one for one in own if one.id not in names), *self._scenario_controls)
+            for control in (*(one for one in robot_controls if one.id not in names), *self._scenario_controls)
         ]
         self._state.controls.set(tuple(one for one in every if self._driving_permitted or not one.is_motion))
 

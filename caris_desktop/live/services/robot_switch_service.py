@@ -46,14 +46,14 @@ class AnotherRobotService(Service):
         self._drive = drive
         self._recording = recording
         self._people = people
-        self._asked: object = None
-        self._wanted: RobotConnection | None = None
+        self._token: object = None
+        self._requested: RobotConnection | None = None
         self._stopped = False
 
     def handlers(self) -> Handlers:
         return {
-            UseRobot: lambda asked: self.use(lambda: self._by_name(asked.robot), asked.actor),
-            UseSimulatedRobot: lambda asked: self._use_simulated(asked.actor),
+            UseRobot: lambda intent: self.use(lambda: self._by_name(intent.robot), intent.actor),
+            UseSimulatedRobot: lambda intent: self._use_simulated(intent.actor),
         }
 
     def _use_simulated(self, actor: Actor) -> None:
@@ -67,10 +67,10 @@ class AnotherRobotService(Service):
 
         ``find`` runs in a background thread; its UserFacingError is reported (``until`` as in Problem).
         """
-        asked = self._asked = object()
+        token = self._token = object()
 
         def found(connection: RobotConnection) -> None:
-            if asked is self._asked:
+            if token is self._token:
                 self.connect_to(connection, actor)
 
         self._slow_work.do(find, found, lambda failure: self._bus.answer(failure, until))
@@ -79,14 +79,14 @@ class AnotherRobotService(Service):
         """Connect a robot, leaving a former one stopped; the last request wins."""
         if self._stopped:
             return
-        self._asked = None
-        self._wanted = connection
+        self._token = None
+        self._requested = connection
         self._drive.release(QT_TR_NOOP("Another robot is connected"))
         leave = self._robot.leave_for(connection)
         self._slow_work.do(leave, lambda _left: self._connect(connection, actor), self._bus.answer)
 
     def _connect(self, connection: RobotConnection, actor: Actor) -> None:
-        if self._stopped or connection is not self._wanted:
+        if self._stopped or connection is not self._requested:
             return
         # Process the last values of the former robot first, so that they are not taken for the new one's.
         self._bus.take_in()

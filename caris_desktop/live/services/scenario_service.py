@@ -52,10 +52,10 @@ class LayoutFiles(Protocol):
     thread.
     """
 
-    def save(self, scenario: Scenario, asked: intents.SaveLayout) -> Path:
+    def save(self, scenario: Scenario, intent: intents.SaveLayout) -> Path:
         """Write the scenario with a layout, to its own file or a new one for its title; returns the path."""
 
-    def note_saved(self, path: Path, asked: intents.SaveLayout, *, replaced: Scenario) -> None:
+    def note_saved(self, path: Path, intent: intents.SaveLayout, *, replaced: Scenario) -> None:
         """Register a saved layout; ``replaced``: the scenario before."""
 
     def as_before(self, scenario: Scenario) -> Scenario:
@@ -161,21 +161,21 @@ class ScenarioService(Service):
             )
         return self._parts.layouts
 
-    def _save_layout(self, asked: intents.SaveLayout) -> None:
+    def _save_layout(self, intent: intents.SaveLayout) -> None:
         layouts, replaced = self._layouts(), self.current
 
         def written(path: Path) -> None:
-            layouts.note_saved(path, asked, replaced=replaced)
-            if asked.title:
-                what = tr("The scenario {title} was created and is open.").format(title=asked.title)
+            layouts.note_saved(path, intent, replaced=replaced)
+            if intent.title:
+                what = tr("The scenario {title} was created and is open.").format(title=intent.title)
                 self._bus.problem("info", what, tr("It is in {path}.").format(path=path), "", cause=ANSWER)
             else:
                 where = tr("It is saved in your own copy, {path}.").format(path=path)
                 self._bus.problem("info", tr("The panel layout was saved."), where, "", cause=ANSWER)
 
-        self._rewrite(lambda scenario: layouts.save(scenario, asked), written, asked.actor)
+        self._rewrite(lambda scenario: layouts.save(scenario, intent), written, intent.actor)
 
-    def _reset_layout(self, asked: intents.ResetLayout) -> None:
+    def _reset_layout(self, intent: intents.ResetLayout) -> None:
         """Undo a saved layout in the file too; otherwise the next start would restore it."""
         if self._parts.layouts is None:
             return  # none was saved
@@ -191,7 +191,7 @@ class ScenarioService(Service):
                 tr("Save the layout again to store another one."), cause=ANSWER,
             )  # fmt: skip
 
-        self._rewrite(lambda scenario: layouts.reset(scenario, before), written, asked.actor)
+        self._rewrite(lambda scenario: layouts.reset(scenario, before), written, intent.actor)
 
     def _rewrite(self, write: Callable[[Scenario], Path], written: Callable[[Path], None], actor: Actor) -> None:
         """Write the scenario with ``write``, notify ``written``, and open the result.
@@ -239,18 +239,18 @@ class ScenarioService(Service):
 
         self._slow_work.do(work, lambda filed: self._use(filed, CONSOLE), self._bus.answer)
 
-    def _open(self, asked: intents.OpenScenario) -> None:
+    def _open(self, intent: intents.OpenScenario) -> None:
         self._slow_work.do(
-            lambda: self._load(asked.path), lambda filed: self._use(filed, asked.actor), self._bus.answer
+            lambda: self._load(intent.path), lambda filed: self._use(filed, intent.actor), self._bus.answer
         )
 
-    def _confirm_file(self, asked: intents.ConfirmFile) -> None:
+    def _confirm_file(self, intent: intents.ConfirmFile) -> None:
         """Save the confirmation before the pending intent: both go through the same queue."""
         question = self._state.file_question.value
-        if question is None or question.sha256 != asked.sha256:
+        if question is None or question.sha256 != intent.sha256:
             return
         self._state.file_question.set(None)
-        if not asked.accepted:
+        if not intent.accepted:
             self._bus.problem(
                 "info",
                 tr("“{title}” is not used.").format(title=question.title),
@@ -272,21 +272,21 @@ class ScenarioService(Service):
 
         self._slow_work.do(save, lambda _saved: None, self._bus.answer)
 
-    def _save(self, asked: intents.SaveScenario) -> None:
+    def _save(self, intent: intents.SaveScenario) -> None:
         in_session = self._state.recording.value.state in IN_SESSION
 
         def work() -> tuple[SavedScenario, Filed | ConfirmationNeededError | None]:
-            text = self._parts.save_text(asked.text, asked.path, asked.edited, asked.replaces)
-            concerned = [path.resolve() for path in (asked.path, asked.edited) if path is not None]
-            if in_session and asked.path not in (asked.edited, own_file(asked.edited)):
+            text = self._parts.save_text(intent.text, intent.path, intent.edited, intent.replaces)
+            concerned = [path.resolve() for path in (intent.path, intent.edited) if path is not None]
+            if in_session and intent.path not in (intent.edited, own_file(intent.edited)):
                 # For another scenario the protocol would restart: the recording keeps its own.
-                concerned = [asked.path.resolve()]
+                concerned = [intent.path.resolve()]
             open_now = self._filed.path is not None and self._filed.path.resolve() in concerned
             sha256 = hashlib.sha256(text.encode("utf-8")).hexdigest()
             try:
-                return SavedScenario(asked.path, text, sha256), self._load(asked.path) if open_now else None
+                return SavedScenario(intent.path, text, sha256), self._load(intent.path) if open_now else None
             except ConfirmationNeededError as needed:
-                return SavedScenario(asked.path, text, sha256), needed
+                return SavedScenario(intent.path, text, sha256), needed
 
         def done(outcome: tuple[SavedScenario, Filed | ConfirmationNeededError | None]) -> None:
             saved, filed = outcome
@@ -294,22 +294,22 @@ class ScenarioService(Service):
             if isinstance(filed, ConfirmationNeededError):
                 self._bus.answer(filed)
             elif filed is not None:
-                self._use(filed, asked.actor)
+                self._use(filed, intent.actor)
 
         def failed(failure: UserFacingError) -> None:
             taken = isinstance(failure.__cause__, OtherFileError)
-            self._state.saved_scenario.reset_value(SavedScenario(asked.path, problem=failure.meaning, taken=taken))
+            self._state.saved_scenario.reset_value(SavedScenario(intent.path, problem=failure.meaning, taken=taken))
             self._bus.answer(failure)
 
         self._slow_work.do(work, done, failed)
 
-    def _import(self, asked: intents.ImportScenario) -> None:
+    def _import(self, intent: intents.ImportScenario) -> None:
         def work() -> tuple[Imported, Filed] | ImportQuestion:
-            decided = {(one.kind, one.name) for one in asked.decided}
-            conflicts = self._parts.conflicts(asked.path)
+            decided = {(one.kind, one.name) for one in intent.decided}
+            conflicts = self._parts.conflicts(intent.path)
             if any((one.part.kind, one.part.name) not in decided for one in conflicts):
-                return ImportQuestion(asked.path, conflicts)
-            imported = self._parts.unpack(asked.path, asked.decided)
+                return ImportQuestion(intent.path, conflicts)
+            imported = self._parts.unpack(intent.path, intent.decided)
             return imported, self._load(imported.path)
 
         def done(outcome: tuple[Imported, Filed] | ImportQuestion) -> None:
@@ -317,7 +317,7 @@ class ScenarioService(Service):
                 self._state.import_question.reset_value(outcome)
                 return
             imported, filed = outcome
-            self._use(filed, asked.actor)
+            self._use(filed, intent.actor)
             if not (imported.put_aside or imported.renamed):
                 what = tr("“{title}” was imported and is open.").format(title=self.current.title)
                 where = tr("It is in {path}.").format(path=imported.path)
@@ -341,11 +341,11 @@ class ScenarioService(Service):
 
         self._slow_work.do(work, done, self._bus.answer)
 
-    def _share(self, asked: intents.ShareScenario) -> None:
+    def _share(self, intent: intents.ShareScenario) -> None:
         def done(_written: None) -> None:
             self._bus.problem(
                 "info",
-                tr("The scenario was exported to {file}.").format(file=asked.path.name),
+                tr("The scenario was exported to {file}.").format(file=intent.path.name),
                 tr(
                     "The file contains the phrases, places, prompts and notes, and the robot profile without any "
                     "secrets."
@@ -354,7 +354,7 @@ class ScenarioService(Service):
                 cause=ANSWER,
             )
 
-        self._slow_work.do(lambda: self._parts.share(self._filed, asked.path), done, self._bus.answer)
+        self._slow_work.do(lambda: self._parts.share(self._filed, intent.path), done, self._bus.answer)
 
     def _load(self, path: Path) -> Filed:  # background thread
         self._filed = self._parts.load(path)
@@ -382,21 +382,21 @@ class ScenarioService(Service):
         name = scenario.path.name if scenario.path else ""
         return ScenarioOpened(clock.now_ns(), name, scenario.title, scenario.sha256, self._text, self._opened_by)
 
-    def _save_place(self, asked: intents.SavePlace) -> None:
-        place = Place(" ".join(asked.place.split()), asked.pose_in_map)
+    def _save_place(self, intent: intents.SavePlace) -> None:
+        place = Place(" ".join(intent.place.split()), intent.pose_in_map)
 
         def with_it(places: Places) -> Places:
             at = next((index for index, one in enumerate(places) if one.name == place.name), len(places))
             return (*places[:at], place, *places[at + 1 :])
 
-        self._change_places(with_it, PlacesChanged(clock.now_ns(), place.name, asked.pose_in_map, asked.actor))
+        self._change_places(with_it, PlacesChanged(clock.now_ns(), place.name, intent.pose_in_map, intent.actor))
 
-    def _remove_place(self, asked: intents.RemovePlace) -> None:
+    def _remove_place(self, intent: intents.RemovePlace) -> None:
         def without_it(places: Places) -> Places | None:
-            left = tuple(place for place in places if place.name != asked.place)
+            left = tuple(place for place in places if place.name != intent.place)
             return left if len(left) < len(places) else None
 
-        self._change_places(without_it, PlacesChanged(clock.now_ns(), asked.place, None, asked.actor))
+        self._change_places(without_it, PlacesChanged(clock.now_ns(), intent.place, None, intent.actor))
 
     def _change_places(self, change: Callable[[Places], Places | None], event: PlacesChanged) -> None:
         """``change`` returns None for no change."""
@@ -421,8 +421,8 @@ class ScenarioService(Service):
 
         self._slow_work.do(work, done, self._bus.answer)
 
-    def _store_layout(self, asked: intents.KeepLayout) -> None:
-        self._layout = LayoutChanged(clock.now_ns(), asked.layout, asked.actor)
+    def _store_layout(self, intent: intents.KeepLayout) -> None:
+        self._layout = LayoutChanged(clock.now_ns(), intent.layout, intent.actor)
         self._bus.publish(self._layout)
 
 

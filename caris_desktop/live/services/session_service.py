@@ -88,10 +88,10 @@ class SessionService(Service):
     def handlers(self) -> Handlers:
         return {
             intents.StartRecording: self._start_session,
-            intents.StopRecording: lambda asked: self._stop_session("wizard", asked.actor),
+            intents.StopRecording: lambda intent: self._stop_session("wizard", intent.actor),
             intents.PauseRecording: self._pause,
-            intents.TakePhoto: lambda asked: self._with.recording.take_photo(
-                without_session=self._parts.photo_file(), actor=asked.actor
+            intents.TakePhoto: lambda intent: self._with.recording.take_photo(
+                without_session=self._parts.photo_file(), actor=intent.actor
             ),
         }
 
@@ -101,25 +101,25 @@ class SessionService(Service):
     def stop(self) -> None:
         self._stop_session("console_closed", CONSOLE)
 
-    def _start_session(self, asked: intents.StartRecording) -> None:
+    def _start_session(self, intent: intents.StartRecording) -> None:
         concerned = self._with
         if not concerned.recording.idle:
             return
-        if not asked.anyway:
+        if not intent.anyway:
             self._refuse_unready()
         # One participant's conversation must enter neither the model's context nor the record of the next.
         concerned.marks.forget()
         concerned.assistant.forget(conversation=True)
         concerned.suggestions.forget()
-        concerned.protocol.begin_session(asked.actor, step_id=concerned.going_on.step)
-        checked = concerned.preflight.state_events(accepted=asked.anyway)
+        concerned.protocol.begin_session(intent.actor, step_id=concerned.going_on.step)
+        checked = concerned.preflight.state_events(accepted=intent.anyway)
         if not concerned.recording.announce_session([*self._state_events(resumed=False), *checked]):
             return
         if concerned.scenario.current.permissions.audio_recording:
             # Opening takes a second or two, and the first words must not be missing.
-            concerned.microphone.open_and_then(lambda: self._begin(asked))
+            concerned.microphone.open_and_then(lambda: self._begin(intent))
         else:
-            self._begin(asked)
+            self._begin(intent)
 
     def _refuse_unready(self) -> None:
         """Refuse if required checks are open and the wizard was not asked before, whatever key was used."""
@@ -134,12 +134,12 @@ class SessionService(Service):
                 severity="warning",
             )
 
-    def _begin(self, asked: intents.StartRecording) -> None:
+    def _begin(self, intent: intents.StartRecording) -> None:
         concerned = self._with
         scenario, connection = concerned.scenario.current, concerned.robot.connection
         concerned.recording.begin_session(
-            lambda: self._parts.new_session(asked.details, scenario, connection),
-            asked.actor,
+            lambda: self._parts.new_session(intent.details, scenario, connection),
+            intent.actor,
             refused=concerned.microphone.close,
         )
 
@@ -177,18 +177,18 @@ class SessionService(Service):
         concerned.recording.stop_session(reason, actor)
         concerned.protocol.end_session()
 
-    def _pause(self, asked: intents.PauseRecording) -> None:
+    def _pause(self, intent: intents.PauseRecording) -> None:
         concerned = self._with
         # Earlier questions belong to the recording, those during the pause do not.
         concerned.assistant.forget()
         concerned.suggestions.forget()
-        if asked.paused:
-            concerned.marks.end_all(asked.actor)
+        if intent.paused:
+            concerned.marks.end_all(intent.actor)
             concerned.microphone.close()
         elif concerned.scenario.current.permissions.audio_recording:
             concerned.microphone.open()
-        concerned.recording.pause_session(self._state_events(resumed=True), asked)
-        concerned.protocol.pause(asked.paused)
+        concerned.recording.pause_session(self._state_events(resumed=True), intent)
+        concerned.protocol.pause(intent.paused)
 
     def _on_emergency_stop(self, event: EmergencyStopChanged) -> None:
         self._latched = event if event.latched else None

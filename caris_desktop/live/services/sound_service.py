@@ -190,13 +190,13 @@ class PushToTalkVoice(QObject):
         else:
             self._finish(clock.now_ns() + (_ROBOT_DELAY_NS if self._began else 0))
 
-    def _on_played_out(self, stream_id: str, heard_out_ns: int | None, detail: str) -> None:
+    def _on_played_out(self, stream_id: str, played_out_ns: int | None, detail: str) -> None:
         if self._utterance is None or stream_id != self._utterance.utterance_id:
             return
-        if heard_out_ns is None and "robot" not in self.outlets:
+        if played_out_ns is None and "robot" not in self.outlets:
             self.fail(detail)
         elif self._patience.isActive():
-            self._finish(heard_out_ns or clock.now_ns())
+            self._finish(played_out_ns or clock.now_ns())
 
     def _finish(self, at_ns: int, detail: str = "") -> None:
         utterance, self._utterance = self._utterance, None
@@ -309,8 +309,8 @@ class SoundService(Service):
 
     # Push-to-talk
 
-    def _push_to_talk(self, asked: intents.PushToTalk) -> None:
-        if not asked.on:
+    def _push_to_talk(self, intent: intents.PushToTalk) -> None:
+        if not intent.on:
             self._let_go()
             return
         scenario = self._scenario
@@ -321,15 +321,15 @@ class SoundService(Service):
                 tr("No microphone is selected for you."), tr("You cannot be heard."),
                 tr("Choose one in the Window menu."), severity="warning",
             )  # fmt: skip
-        if asked.to == "robot":
+        if intent.to == "robot":
             speech = self._state.speech.value
             if speech.now is not None or speech.waiting:
                 # One voice at a time: robot speech is interrupted.
-                self._speech.queue.silence(asked.actor)
+                self._speech.queue.silence(intent.actor)
             robot = self._state.robot.value
             rate_hz = robot.audio.rate_hz if robot is not None and robot.audio is not None else 16_000
-            self._voice.begin(self._outlets(scenario), rate_hz, asked.actor)
-        self._show(talking=asked.to)
+            self._voice.begin(self._outlets(scenario), rate_hz, intent.actor)
+        self._show(talking=intent.to)
         self._hear_or_not()
         self._open_for.stop()
         self._microphones.open_wizards()
@@ -384,17 +384,17 @@ class SoundService(Service):
 
     # Listening to the robot's microphone
 
-    def _hear_robot(self, asked: intents.HearRobot) -> None:
+    def _hear_robot(self, intent: intents.HearRobot) -> None:
         scenario = self._scenario
-        if asked.on and (scenario is None or not scenario.sound.hear):
+        if intent.on and (scenario is None or not scenario.sound.hear):
             raise UserFacingError(
                 tr("This scenario does not allow listening to the robot's microphone."), tr("Nothing is played."),
                 tr("Open a scenario that does."),
                 severity="warning",
             )  # fmt: skip
-        self._show(volume=asked.volume)
-        self._hearing.set_volume(asked.volume)
-        self._hear(asked.on)
+        self._show(volume=intent.volume)
+        self._hearing.set_volume(intent.volume)
+        self._hear(intent.on)
 
     def _hear(self, on: bool) -> None:
         if on == self._state.sound.value.hearing:
@@ -415,7 +415,7 @@ class SoundService(Service):
         if self._hears and chunk.source in PARTICIPANT_SOURCES:
             self._hearing.play(chunk)
 
-    def _on_hearing_ended(self, _stream_id: str, _heard_out_ns: int | None, detail: str) -> None:
+    def _on_hearing_ended(self, _stream_id: str, _played_out_ns: int | None, detail: str) -> None:
         if not detail or not self._state.sound.value.hearing:
             return
         self._hear(False)
@@ -449,8 +449,8 @@ class Playback(QObject):
         ended: Callable[[str, int | None, str], None],
         parent: QObject,
     ) -> None:
-        """``played`` receives what is audible, in another thread. ``ended(stream_id, heard_out_ns, detail)``: the
-        stream has ended; ``heard_out_ns`` is None for a failure, explained by ``detail``.
+        """``played`` receives what is audible, in another thread. ``ended(stream_id, played_out_ns, detail)``: the
+        stream has ended; ``played_out_ns`` is None for a failure, explained by ``detail``.
         """
         super().__init__(parent)
         self._body = body
@@ -471,7 +471,7 @@ class Playback(QObject):
         """Start the process in advance, so that playback begins at once."""
         if self.child is None and not self.restarts.exhausted:
             self.child = self._children.start(
-                self._body, ended=self._on_ended, heard=self.on_message, reads=self._read
+                self._body, ended=self._on_ended, on_message=self.on_message, reads=self._read
             )  # fmt: skip
 
     def dismiss(self) -> None:

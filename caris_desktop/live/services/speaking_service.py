@@ -18,7 +18,7 @@ from caris_desktop.live.addressee import addressee
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Follows, Handlers, Service
-from caris_desktop.live.speech_history import SaidBefore
+from caris_desktop.live.speech_history import SpeechHistory
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AskedGap
@@ -37,7 +37,7 @@ class SpeakingService(Service):
         state: LiveState,
         bus: Bus,
         queue: SpeechQueue,
-        said_before: Path,
+        history_path: Path,
         slow_work: BackgroundWorker,
         *,
         do: Callable[[Intent], str],
@@ -49,29 +49,29 @@ class SpeakingService(Service):
         self._queue = queue
         self._do = do
         self._naming = False
-        self._asked: intents.Say | None = None
+        self._pending: intents.Say | None = None
         self._given: dict[str, str] = {}
         self._gestures: dict[str, UtteranceChanged] = {}
         self._faces: dict[str, str] = {}
         self._phrases: tuple[PhraseEntry, ...] = ()
         bus.tap(queue.on_played, (PlayedSound,))
-        self._said_before = SaidBefore(state, said_before, slow_work, self._names)
+        self._speech_history = SpeechHistory(state, history_path, slow_work, self._names)
 
     def handlers(self) -> Handlers:
         return {
-            intents.Say: lambda asked: self._say(asked, {}),
+            intents.Say: lambda intent: self._say(intent, {}),
             intents.FillGap: self._fill_gap,
-            intents.MoveQueued: lambda asked: self._in_queue(self._queue.move(asked.utterance_id, asked.place)),
+            intents.MoveQueued: lambda intent: self._in_queue(self._queue.move(intent.utterance_id, intent.place)),
             intents.EditQueued: self._edit,
-            intents.CancelQueued: lambda asked: self._in_queue(self._queue.cancel(asked.utterance_id, asked.actor)),
-            intents.Silence: lambda asked: self._queue.silence(asked.actor),
+            intents.CancelQueued: lambda intent: self._in_queue(self._queue.cancel(intent.utterance_id, intent.actor)),
+            intents.Silence: lambda intent: self._queue.silence(intent.actor),
         }
 
     def follows(self) -> Follows:
         return {
             UtteranceChanged: self._on_utterance,
-            PersonRenamed: lambda _event: self._said_before.write(),
-            PersonForgotten: lambda _event: self._said_before.forget(),
+            PersonRenamed: lambda _event: self._speech_history.write(),
+            PersonForgotten: lambda _event: self._speech_history.forget(),
         }
 
     def use_scenario(self, scenario: Scenario) -> None:
@@ -82,50 +82,50 @@ class SpeakingService(Service):
             self._ask_for(None, "")
 
     def start(self) -> None:
-        self._said_before.read()
+        self._speech_history.read()
 
-    def _say(self, asked: intents.Say, given: dict[str, str]) -> None:
-        person_id = asked.person_id or addressee(self._state)
+    def _say(self, intent: intents.Say, given: dict[str, str]) -> None:
+        person_id = intent.person_id or addressee(self._state)
         words = self._words(person_id, given)
-        lacking = missing(asked.text, words)
-        if lacking and asked.actor == WIZARD:
+        lacking = missing(intent.text, words)
+        if lacking and intent.actor == WIZARD:
             self._given = given
-            self._ask_for(replace(asked, person_id=person_id), lacking[0])
+            self._ask_for(replace(intent, person_id=person_id), lacking[0])
             return
         if lacking:
             raise _nobody_knows(lacking[0])
-        said = self._filled(asked.text, words)
+        filled = self._filled(intent.text, words)
         utterance_id = self._queue.say(
-            said.spoken, asked.origin, asked.actor,
-            person_id=person_id, gesture=asked.gesture, recorded=said.recorded,
+            filled.spoken, intent.origin, intent.actor,
+            person_id=person_id, gesture=intent.gesture, recorded=filled.recorded,
         )  # fmt: skip
-        if asked.face:
-            self._faces[utterance_id] = asked.face
-        if asked.origin in ("typed", "dictated") and asked.actor == WIZARD:
-            self._said_before.add(" ".join(asked.text.split()))
+        if intent.face:
+            self._faces[utterance_id] = intent.face
+        if intent.origin in ("typed", "dictated") and intent.actor == WIZARD:
+            self._speech_history.add(" ".join(intent.text.split()))
 
-    def _fill_gap(self, asked: intents.FillGap) -> None:
-        waiting, gap = self._asked, self._state.speech.value.gap
+    def _fill_gap(self, intent: intents.FillGap) -> None:
+        waiting, gap = self._pending, self._state.speech.value.gap
         self._ask_for(None, "")
-        said = " ".join(asked.words.split())
-        if waiting is not None and gap is not None and said:
-            self._say(waiting, self._given | {gap.gap: said})
+        value = " ".join(intent.words.split())
+        if waiting is not None and gap is not None and value:
+            self._say(waiting, self._given | {gap.gap: value})
 
-    def _ask_for(self, asked: intents.Say | None, gap: str) -> None:
-        self._asked = asked
+    def _ask_for(self, intent: intents.Say | None, gap: str) -> None:
+        self._pending = intent
         speech = self._state.speech
-        speech.set(replace(speech.value, gap=None if asked is None else AskedGap(asked.text, gap)))
+        speech.set(replace(speech.value, gap=None if intent is None else AskedGap(intent.text, gap)))
 
-    def _edit(self, asked: intents.EditQueued) -> None:
-        event = self._queue.waiting(asked.utterance_id)
+    def _edit(self, intent: intents.EditQueued) -> None:
+        event = self._queue.waiting(intent.utterance_id)
         if event is None:
             raise _said_already()
         words = self._words(event.person_id, {})
-        lacking = missing(asked.text, words)
+        lacking = missing(intent.text, words)
         if lacking:
             raise _nobody_knows(lacking[0])
-        said = self._filled(asked.text, words)
-        self._in_queue(self._queue.edit(asked.utterance_id, said.spoken, asked.actor, recorded=said.recorded))
+        filled = self._filled(intent.text, words)
+        self._in_queue(self._queue.edit(intent.utterance_id, filled.spoken, intent.actor, recorded=filled.recorded))
 
     def _in_queue(self, done: bool) -> None:
         if not done:
@@ -133,7 +133,7 @@ class SpeakingService(Service):
 
     def _words(self, person_id: str, given: dict[str, str]) -> dict[str, Words]:
         known = words_now(self._state, person_id, naming=self._naming)
-        return known | {gap: given_words(gap, said, person_id) for gap, said in given.items()}
+        return known | {gap: given_words(gap, value, person_id) for gap, value in given.items()}
 
     def _filled(self, text: str, words: dict[str, Words]) -> Words:
         def named(person_id: str) -> str:
@@ -155,7 +155,7 @@ class SpeakingService(Service):
             if event.gesture:
                 self._gestures[event.utterance_id] = event
             if event.origin == "filler":
-                self._state.fillers_said.set(self._state.fillers_said.value + 1)
+                self._state.fillers_spoken.set(self._state.fillers_spoken.value + 1)
             return
         gesture = self._gestures.pop(event.utterance_id, None)
         face = self._faces.pop(event.utterance_id, "")
@@ -165,19 +165,19 @@ class SpeakingService(Service):
             if face:
                 self._do(intents.ShowExpression(face, actor=event.actor))
 
-    def _gesture(self, asked: UtteranceChanged) -> None:
+    def _gesture(self, event: UtteranceChanged) -> None:
         """Perform the gesture; a refusal by the gate does not stop the speech."""
-        actor: Actor = asked.actor
-        if asked.gesture == NOD:
+        actor: Actor = event.actor
+        if event.gesture == NOD:
             self._do(intents.Nod(actor=actor))
-        elif asked.gesture == LOOK:
+        elif event.gesture == LOOK:
             bearing = next(
-                (row.bearing_rad for row in self._state.persons.value if row.person_id == asked.person_id), None
+                (row.bearing_rad for row in self._state.persons.value if row.person_id == event.person_id), None
             )
             if bearing is not None:
                 self._do(intents.LookAt(bearing, 0.0, actor=actor))
         else:
-            self._do(intents.UseControl(asked.gesture, True, actor=actor))
+            self._do(intents.UseControl(event.gesture, True, actor=actor))
 
 
 def _said_already() -> UserFacingError:

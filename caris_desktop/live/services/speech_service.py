@@ -143,7 +143,9 @@ class SpeechService(Service):
     def _begin(self) -> None:
         if not self._permitted or self._child is not None or not self._started or self._stopped:
             return
-        self._child = self._children.start(self._body, ended=self._on_ended, heard=self.on_heard, reads=self._read_own)
+        self._child = self._children.start(
+            self._body, ended=self._on_ended, on_message=self.on_heard, reads=self._read_own
+        )
         self._child.send(UseVoice(self._settings))
         self._prepared = ()
         self._prepare()
@@ -187,14 +189,14 @@ class SpeechService(Service):
                 # The voice itself reports which utterances failed; one sent meanwhile it still tries to speak.
                 self._notify(localize_problem(problem))
 
-    def _set_voice(self, asked: intents.SetVoice) -> None:
+    def _set_voice(self, intent: intents.SetVoice) -> None:
         settings = replace(
-            self._settings, voice=asked.name, language=asked.language, rate=asked.rate, volume=asked.volume
+            self._settings, voice=intent.name, language=intent.language, rate=intent.rate, volume=intent.volume
         )
-        self._use(asked.output, settings, asked.actor)
+        self._use(intent.output, settings, intent.actor)
         self._bus.publish(
             VoiceChanged(
-                clock.now_ns(), asked.output, asked.name, asked.language, asked.rate, asked.volume, asked.actor
+                clock.now_ns(), intent.output, intent.name, intent.language, intent.rate, intent.volume, intent.actor
             )
         )
 
@@ -251,10 +253,10 @@ class SpeechService(Service):
 
     def _report_failed(self, event: UtteranceChanged, *, begun: bool) -> None:
         what = tr("“{text}” may have been cut off.") if begun else tr("“{text}” was not said.")
-        why = tr("Speech output failed: {reason}.") if event.detail else tr("Speech output failed.")
-        what, why = what.format(text=_without_ids(event.text)), why.format(reason=tr(event.detail))
+        reason = tr("Speech output failed: {reason}.") if event.detail else tr("Speech output failed.")
+        what, reason = what.format(text=_without_ids(event.text)), reason.format(reason=tr(event.detail))
         advice = tr("Say it again, or choose another voice in the title of Speak.")
-        self._bus.publish(Problem(clock.now_ns(), "warning", what, why, advice, until="utterance"))
+        self._bus.publish(Problem(clock.now_ns(), "warning", what, reason, advice, until="utterance"))
 
     def _on_suggestion(self, event: SuggestionChanged) -> None:
         if event.state == "displayed":
@@ -275,9 +277,9 @@ class SpeechService(Service):
         if self._settings.at_hand and texts != self._prepared and self.send(Prepare(texts)):
             self._prepared = texts
 
-    def _draft(self, asked: intents.DraftSpeech) -> None:
-        if self._settings.at_hand and "{" not in asked.text:
-            self.send(Draft(asked.text))
+    def _draft(self, intent: intents.DraftSpeech) -> None:
+        if self._settings.at_hand and "{" not in intent.text:
+            self.send(Draft(intent.text))
 
     def _report_both(self, change: UtteranceChanged) -> None:  # any thread
         self.queue.report(change)

@@ -50,13 +50,13 @@ _FUNCTIONS: tuple[AssistedFunction, ...] = get_args(AssistedFunction)
 
 
 @dataclass(frozen=True, slots=True)
-class _Asked:
+class _Request:
     """The model's prompt, for the wizard."""
 
     begun: Round
     messages: tuple[ChatMessage, ...]
     recorded: tuple[ChatMessage, ...]
-    shown: SuggestionsStatus
+    status: SuggestionsStatus
 
 
 class SuggestionsService(Service):
@@ -84,7 +84,7 @@ class SuggestionsService(Service):
         self._doing = ""
         self._rounds = SuggestionCycle(self, lambda: f"s-{secrets.token_hex(4)}")
         self._filler = FillerWait()
-        self._asked: _Asked | None = None
+        self._request: _Request | None = None
         self._asking: Asking | None = None
         self._read, self._written = 0, ""
         self._read_ahead_of = ""
@@ -177,15 +177,15 @@ class SuggestionsService(Service):
         """Callback of the rounds: a cycle begins."""
         self._read, self._written, self._detail = 0, "", ""
         self._proposals.drop(QT_TR_NOOP("the participant said more"))
-        self._asked = asked = self._question(begun)
+        self._request = request = self._question(begun)
         settings = self._scenario.assistant
         if self._state.levels.value.replies == "off":
-            self._proposals.ask_about(begun, asked.messages, asked.recorded, "")
+            self._proposals.ask_about(begun, request.messages, request.recorded, "")
             return
         try:
             self._asking = self._model.ask(
-                asked.messages,
-                recorded=asked.recorded,
+                request.messages,
+                recorded=request.recorded,
                 purpose="replies",
                 max_tokens=prompt.REPLY_TOKENS,
                 temperature=settings.temperature,
@@ -193,7 +193,7 @@ class SuggestionsService(Service):
                 turn_id=begun.turn_id,
                 revision=begun.revision,
                 on_text=lambda written: self._on_text(begun, written),
-                on_end=lambda exchange: self._on_end(asked, exchange),
+                on_end=lambda exchange: self._on_end(request, exchange),
             )
         except UserFacingError as failure:
             self._detail = failure.advice or failure.what
@@ -210,17 +210,17 @@ class SuggestionsService(Service):
     def _said_before(self) -> Sequence[ChatMessage]:
         return self._question(Round("", 0, "", 0)).messages
 
-    def drop(self, why: str) -> None:
+    def drop(self, reason: str) -> None:
         """Callback of the rounds: these replies are no longer needed."""
         asking, self._asking = self._asking, None
         if asking is not None:
-            asking.cancel(why)
+            asking.cancel(reason)
 
     def on_suggestion(self, event: SuggestionChanged) -> None:
         """Callback of the rounds: a reply was shown, or its outcome is known."""
         self._bus.publish(event)
 
-    def _question(self, begun: Round) -> _Asked:
+    def _question(self, begun: Round) -> _Request:
         settings = self._scenario.assistant
         turns = prompt.reported_turns(
             turn for turn in self._state.transcript.value if turn.utterance_id != begun.turn_id
@@ -229,11 +229,11 @@ class SuggestionsService(Service):
         place = current_place(self._state)
         doing = self._state.protocol.value.title or self._doing
 
-        def messages(what: AssistantPeople) -> tuple[ChatMessage, ...]:
+        def messages(detail: AssistantPeople) -> tuple[ChatMessage, ...]:
             rows: list[PersonRow] = [row for row in self._state.persons.value if row.here]
             # The addressee comes first: of many people only some are listed.
             rows.sort(key=lambda row: row.person_id != person_id)
-            labels = {row.person_id: who_is_here(row, what) for row in rows}
+            labels = {row.person_id: who_is_here(row, detail) for row in rows}
 
             def labelled(marked: str) -> str:
                 return labels.get(marked, "somebody")
@@ -252,7 +252,7 @@ class SuggestionsService(Service):
 
         naming = self._scenario.permissions.naming_people
         recorded = messages("numbers")
-        return _Asked(
+        return _Request(
             begun,
             messages(settings.people) if naming and settings.people != "numbers" else recorded,
             recorded,
@@ -279,7 +279,7 @@ class SuggestionsService(Service):
         self._read = max(self._read, len(complete))
         self._show()
 
-    def _on_end(self, asked: _Asked, exchange: LlmExchange) -> None:
+    def _on_end(self, request: _Request, exchange: LlmExchange) -> None:
         if self._asking is None or self._asking.exchange_id != exchange.exchange_id:
             return  # this event reports its own cancellation
         if exchange.outcome == "answered" and not self._goes_on(exchange.answer):
@@ -287,19 +287,19 @@ class SuggestionsService(Service):
         self._asking = None
         if exchange.outcome == "answered":
             # A server that ignores the schema writes one reply per line.
-            self._offer(asked.begun, replies_in(exchange.answer)[self._read :] or self._lines(exchange))
+            self._offer(request.begun, replies_in(exchange.answer)[self._read :] or self._lines(exchange))
             self._detail = exchange.detail if exchange.cut else ""
-            self._proposals.ask_about(asked.begun, asked.messages, asked.recorded, exchange.answer)
+            self._proposals.ask_about(request.begun, request.messages, request.recorded, exchange.answer)
         elif exchange.outcome == "cancelled" and not self._read:
             # The model was changed; the new one is set after this returns.
-            QTimer.singleShot(0, self, lambda: self._ask_again(asked))
+            QTimer.singleShot(0, self, lambda: self._ask_again(request))
         else:
             self._detail = exchange.detail
         self._show()
 
-    def _ask_again(self, asked: _Asked) -> None:
-        if self._asked is asked and self._rounds.round is not None and self._asking is None:
-            self.ask(asked.begun)
+    def _ask_again(self, request: _Request) -> None:
+        if self._request is request and self._rounds.round is not None and self._asking is None:
+            self.ask(request.begun)
             self._show()
 
     def _lines(self, exchange: LlmExchange) -> Sequence[str]:
@@ -311,10 +311,10 @@ class SuggestionsService(Service):
     def _offer(self, begun: Round, texts: Sequence[str]) -> None:
         """Show replies that can be spoken and do not repeat what was just said."""
         turns: tuple[Turn, ...] = self._state.transcript.value
-        said = [turn.text for turn in turns if turn.speaker == "robot" and turn.said][-_NOT_AGAIN:]
+        recent = [turn.text for turn in turns if turn.speaker == "robot" and turn.said][-_NOT_AGAIN:]
         for text in texts:
             fit = fit_to_say(text)
-            if fit and not any(same_words(fit, each) for each in (begun.text, *said)):
+            if fit and not any(same_words(fit, each) for each in (begun.text, *recent)):
                 self._rounds.offer(begun, self._with_marks(fit), self._model.model, clock.now_ns())
 
     def _with_marks(self, text: str) -> str:
@@ -328,60 +328,60 @@ class SuggestionsService(Service):
 
     # Intents
 
-    def _say(self, asked: intents.SaySuggestion) -> None:
-        card = self._rounds.card(asked.suggestion_id, clock.now_ns())
-        if card is None or card.rank != asked.rank:
+    def _say(self, intent: intents.SaySuggestion) -> None:
+        card = self._rounds.card(intent.suggestion_id, clock.now_ns())
+        if card is None or card.rank != intent.rank:
             self._show()
             raise UserFacingError(
                 tr("That suggestion is no longer available."), tr("Nothing was said."),
                 tr("Use one of the current suggestions, or type what to say."), severity="info",
             )  # fmt: skip
-        self._say_card(card, card.text, asked.actor)
+        self._say_card(card, card.text, intent.actor)
 
-    def _say_edited(self, asked: intents.SayEditedSuggestion) -> None:
-        card = self._rounds.card(asked.suggestion_id, clock.now_ns())
-        said = self._with_marks(" ".join(asked.text.split()))
-        if card is not None and said:
-            self._say_card(card, said, asked.actor)
+    def _say_edited(self, intent: intents.SayEditedSuggestion) -> None:
+        card = self._rounds.card(intent.suggestion_id, clock.now_ns())
+        recorded = self._with_marks(" ".join(intent.text.split()))
+        if card is not None and recorded:
+            self._say_card(card, recorded, intent.actor)
         else:
             # The conversation moved on during editing: the text now counts as the wizard's own.
-            self._speech.say(asked.text, "typed", asked.actor, recorded=said)
+            self._speech.say(intent.text, "typed", intent.actor, recorded=recorded)
 
-    def _say_card(self, card: Suggested, said: str, actor: Actor) -> None:
+    def _say_card(self, card: Suggested, recorded: str, actor: Actor) -> None:
         names = {row.person_id: row.name for row in self._people() if row.known}
         current = self._rounds.round
         person_id = current.person_id if current is not None else ""
         try:
-            spoken = person_marks.with_names(said, names.__getitem__)
+            spoken = person_marks.with_names(recorded, names.__getitem__)
         except KeyError:
             raise UserFacingError(
                 tr("The name in that suggestion is no longer known."), tr("Nothing was said."),
                 tr("Use another suggestion, or type what to say."), severity="warning",
             ) from None  # fmt: skip
-        utterance_id = self._speech.say(spoken, "suggestion", actor, person_id=person_id, recorded=said)
-        self._rounds.take(card, said, utterance_id, actor, clock.now_ns())
+        utterance_id = self._speech.say(spoken, "suggestion", actor, person_id=person_id, recorded=recorded)
+        self._rounds.take(card, recorded, utterance_id, actor, clock.now_ns())
         self._filler.spoken()
         self._show()
 
-    def _dismiss(self, asked: intents.DismissSuggestions) -> None:
+    def _dismiss(self, intent: intents.DismissSuggestions) -> None:
         self._filler.spoken()
-        self._rounds.dismiss(asked.actor, clock.now_ns())
+        self._rounds.dismiss(intent.actor, clock.now_ns())
         self._show()
 
     # Autonomy levels
 
-    def _set_level(self, asked: intents.SetLevel) -> None:
-        highest = self._scenario.highest_level(asked.function)
-        if asked.level not in levels_up_to(highest):
+    def _set_level(self, intent: intents.SetLevel) -> None:
+        highest = self._scenario.highest_level(intent.function)
+        if intent.level not in levels_up_to(highest):
             raise UserFacingError(
                 tr("This scenario does not allow a level above “{highest}” for {function}.").format(
-                    highest=highest, function=asked.function
+                    highest=highest, function=intent.function
                 ),
                 tr(
                     "The level is "
                     "unchanged."), tr("Change the highest level under assistance in the scenario."), severity="warning",
             )  # fmt: skip
-        self._use_level(asked.function, asked.level, asked.actor)
+        self._use_level(intent.function, intent.level, intent.actor)
 
     def _use_level(self, function: AssistedFunction, level: AssistanceLevel, actor: Actor) -> None:
         levels: LevelsStatus = self._state.levels.value
@@ -405,7 +405,7 @@ class SuggestionsService(Service):
         if card is not None:
             self._say_card(card, card.text, CONSOLE)
         if self._state.levels.value.fillers == "act" and self._filler.due(now_ns):
-            filler = self._scenario.next_filler(self._state.fillers_said.value)
+            filler = self._scenario.next_filler(self._state.fillers_spoken.value)
             self._speech.say(filler, "filler", CONSOLE)
         self._show()
 
@@ -416,12 +416,16 @@ class SuggestionsService(Service):
         rounds.acts_after_ns = int(self._scenario.assistance.countdown_s * 1e9) if acts else None
         says_ns = rounds.says_ns
         status = SuggestionsStatus("off" if levels.replies == "off" else "idle", detail=self._detail)
-        if rounds.round is not None and self._asked is not None and levels.replies != "off":
+        if rounds.round is not None and self._request is not None and levels.replies != "off":
             cards = tuple(
                 ShownSuggestion(card.suggestion_id, card.rank, card.text, card.from_ns) for card in rounds.cards
             )
             status = replace(
-                self._asked.shown, state=self._progress(cards), cards=cards, says_ns=says_ns, detail=self._detail
+                self._request.status,
+                state=self._progress(cards),
+                cards=cards,
+                says_ns=says_ns,
+                detail=self._detail,
             )
         self._state.suggestions.set(replace(status, filler_ns=self._filler.due_ns))
         moments = [rounds.next_ns, self._filler.due_ns if levels.fillers == "act" else None]

@@ -42,16 +42,16 @@ class TranscriptService(Service):
         self._transcript.forget_before(event.stamp_ns)
         self._state.transcript.reset_value(self._transcript.turns)
 
-    def _correct(self, asked: intents.CorrectUtterance) -> None:
-        if self._transcript.turn(asked.utterance_id) is None:
+    def _correct(self, intent: intents.CorrectUtterance) -> None:
+        if self._transcript.turn(intent.utterance_id) is None:
             raise UserFacingError(
                 tr("That utterance belongs to another session."), tr("Nothing was corrected."),
                 tr("Correct it in the session in which it was said."), severity="warning",
             )  # fmt: skip
-        text = None if asked.text is None else " ".join(asked.text.split())
+        text = None if intent.text is None else " ".join(intent.text.split())
         self._bus.publish(
             UtteranceCorrected(
-                clock.now_ns(), asked.utterance_id, text, asked.speaker, asked.person_id, asked.tags, asked.actor
+                clock.now_ns(), intent.utterance_id, text, intent.speaker, intent.person_id, intent.tags, intent.actor
             )
         )
 

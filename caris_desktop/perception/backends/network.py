@@ -127,8 +127,8 @@ class NetworkDetector:
         self.class_names = facts.class_names or _usual_names(class_count)
         self._groups = person_groups(self.class_names, weights.person_class_names)
         self._chosen = form == "final"
-        shown_size = f"{size[1]}x{size[0]}" if network.fixed_size else str(weights.input_px)
-        self.label = f"{weights.label}, {network.runtime}, {shown_size} px"
+        size_text = f"{size[1]}x{size[0]}" if network.fixed_size else str(weights.input_px)
+        self.label = f"{weights.label}, {network.runtime}, {size_text} px"
 
     def detect(self, image_bgr: NDArray[np.uint8]) -> Detections:
         if not image_bgr.size:
@@ -151,12 +151,12 @@ class NetworkDetector:
         corners = how.to_picture(corners).clip(0.0, limits)
         if keypoints is not None:
             keypoints = np.concatenate([how.to_picture(keypoints[..., :2]), keypoints[..., 2:]], axis=2)
-        seen = (corners[:, 1] > corners[:, 0]).all(axis=1)
+        valid = (corners[:, 1] > corners[:, 0]).all(axis=1)
         return Detections(
-            corners.reshape(-1, 4)[seen],
-            found.confidences[seen],
-            found.classes[seen],
-            None if keypoints is None else keypoints[seen],
+            corners.reshape(-1, 4)[valid],
+            found.confidences[valid],
+            found.classes[valid],
+            None if keypoints is None else keypoints[valid],
         )
 
 

@@ -158,9 +158,9 @@ def suppress(found: Found, groups: NDArray[np.int64]) -> Found:
 
 def person_groups(class_names: tuple[str, ...], person_class_names: tuple[str, ...]) -> NDArray[np.int64]:
     """Group of each class for :func:`suppress`: person classes share one."""
-    wanted = {name.lower() for name in person_class_names}
+    lowered = {name.lower() for name in person_class_names}
     groups = np.arange(len(class_names), dtype=np.int64)
-    groups[[name.lower() in wanted for name in class_names]] = -1
+    groups[[name.lower() in lowered for name in class_names]] = -1
     return groups
 
 

@@ -66,7 +66,7 @@ class RemoteDetector:
         monotonic_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._address = address
-        self._shown = urlsplit(without_credentials(address)).netloc or address
+        self._server = urlsplit(without_credentials(address)).netloc or address
         self._confidence = confidence
         self._answer_within_s = answer_within_s
         self._monotonic_s = monotonic_s
@@ -74,7 +74,7 @@ class RemoteDetector:
         self._open = contextlib.ExitStack()
         self._tried_s = monotonic_s()
         hello = self._connect()
-        self.label = f"{hello['label']}, on {self._shown}"
+        self.label = f"{hello['label']}, on {self._server}"
         self.class_names = tuple(str(name) for name in hello["class_names"])
         self.people = tuple(int(row) for row in hello["people"])
 
@@ -95,7 +95,7 @@ class RemoteDetector:
         except (KeyError, TypeError, ValueError, RecursionError) as error:
             self.close()
             raise DetectorAwayError(
-                localized(QT_TR_NOOP("The response from {shown} cannot be read"), shown=self._shown)
+                localized(QT_TR_NOOP("The response from {shown} cannot be read"), shown=self._server)
             ) from error
         known = (found.classes >= 0) & (found.classes < len(self.class_names)) & (found.confidences > self._confidence)
         limits = [image_bgr.shape[1], image_bgr.shape[0]] * 2
@@ -119,7 +119,7 @@ class RemoteDetector:
             raise DetectorAwayError(
                 localized(
                     QT_TR_NOOP("Images are not sent to {shown} over an unencrypted connection: use wss://"),
-                    shown=self._shown,
+                    shown=self._server,
                 )
             )
         # The scenario names the server; the user decides which server may get the token.
@@ -149,35 +149,35 @@ class RemoteDetector:
                 if refused
                 else QT_TR_NOOP("{shown} is not a perception server")
             )
-            advice = localized(words, shown=self._shown, token=TOKEN_VARIABLE, server=SERVER_VARIABLE)
+            advice = localized(words, shown=self._server, token=TOKEN_VARIABLE, server=SERVER_VARIABLE)
             raise DetectorAwayError(advice) from error
         except OtherCertificateError as error:
             other = QT_TR_NOOP("The certificate of {shown} is not the one that was confirmed")
-            raise DetectorAwayError(localized(other, shown=self._shown)) from error
+            raise DetectorAwayError(localized(other, shown=self._server)) from error
         except ssl.SSLError as error:
-            raise DetectorAwayError(_not_proven(error, address, self._shown)) from error
+            raise DetectorAwayError(_not_proven(error, address, self._server)) from error
         except (OSError, TimeoutError, socket.gaierror, InvalidHandshake, InvalidURI, WebSocketException) as error:
             self.close()
-            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not respond"), shown=self._shown)) from error
+            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not respond"), shown=self._server)) from error
         except (KeyError, TypeError, ValueError) as error:
             self.close()
             raise DetectorAwayError(
                 localized(
-                    QT_TR_NOOP("{shown} is not a perception server, or has a different version"), shown=self._shown
+                    QT_TR_NOOP("{shown} is not a perception server, or has a different version"), shown=self._server
                 )
             ) from error
-        log.info("people are looked for by %s at %s", hello["label"], self._shown)
+        log.info("people are looked for by %s at %s", hello["label"], self._server)
         return hello
 
     def _connect_again(self) -> None:
         now_s = self._monotonic_s()
         if now_s - self._tried_s < _TRY_AGAIN_AFTER_S:
-            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not respond"), shown=self._shown))
+            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not respond"), shown=self._server))
         self._tried_s = now_s
         hello = self._connect()
         if tuple(hello["class_names"]) != self.class_names:
             self.close()
-            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} now uses a different detector"), shown=self._shown))
+            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} now uses a different detector"), shown=self._server))
 
     def _ask(self, jpeg: bytes) -> dict[str, Any]:
         connection = self._connection
@@ -189,7 +189,7 @@ class RemoteDetector:
             # A late answer would be mistaken for that to the next image.
             self.close()
             self._tried_s = self._monotonic_s()
-            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not respond"), shown=self._shown)) from error
+            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not respond"), shown=self._server)) from error
         return dict(answer)
 
 
@@ -203,18 +203,18 @@ def _trusted(host: str, port: int) -> ssl.SSLContext:
         raise DetectorAwayError(localized(unknown, variable=FINGERPRINT_VARIABLE)) from error
 
 
-def _not_proven(error: ssl.SSLError, address: SplitResult, shown: str) -> str:
+def _not_proven(error: ssl.SSLError, address: SplitResult, server: str) -> str:
     host = address.hostname or ""
     certificate = None
     with contextlib.suppress(OSError, ValueError):
         certificate = certificate_of(host, address.port or 443)
-    why, _ = why_refused(error, host, certificate)
+    reason, _ = why_refused(error, host, certificate)
     if certificate is not None:
         confirm = QT_TR_NOOP(
             "If this is the right certificate, set {variable} to its SHA-256 fingerprint: {fingerprint}"
         )
-        why = (*why, localized(confirm, variable=FINGERPRINT_VARIABLE, fingerprint=fingerprint_of(certificate)))
-    return localized(QT_TR_NOOP("The identity of {shown} cannot be verified. {why}"), shown=shown, why=joined(why))
+        reason = (*reason, localized(confirm, variable=FINGERPRINT_VARIABLE, fingerprint=fingerprint_of(certificate)))
+    return localized(QT_TR_NOOP("The identity of {shown} cannot be verified. {why}"), shown=server, why=joined(reason))
 
 
 def _greeting(message: str | bytes) -> dict[str, Any]:

@@ -59,7 +59,7 @@ class MeasuredChoice:
     def shown(self) -> str:
         """Suffix for the detector's label."""
         others = [f"{name} {ms:.0f} ms" for name, ms in self.ms.items() if name != self.runtime]
-        others += [f"{name}: {why}" for name, why in self.why_not.items()]
+        others += [f"{name}: {reason}" for name, reason in self.why_not.items()]
         measured = f", {self.ms[self.runtime]:.0f} ms" if self.runtime in self.ms else ""
         return measured + (f" ({'; '.join(others)})" if others else "")
 
@@ -177,8 +177,8 @@ def _agree(one: Detections, other: Detections) -> bool:
     return _has_all(one, other) and _has_all(other, one)
 
 
-def _has_all(wanted: Detections, found: Detections) -> bool:
-    for corners, confidence, kind in zip(wanted.corners_px, wanted.confidences, wanted.classes, strict=True):
+def _has_all(expected: Detections, found: Detections) -> bool:
+    for corners, confidence, kind in zip(expected.corners_px, expected.confidences, expected.classes, strict=True):
         if confidence <= _SURE + _CONFIDENCE_WITHIN:
             continue
         near = np.maximum(found.corners_px[:, :2], corners[:2])
@@ -244,7 +244,7 @@ def _recall(path: Path) -> MeasuredChoice | None:
         return MeasuredChoice(
             str(stored["runtime"]),
             {str(name): float(ms) for name, ms in stored["ms"].items()},
-            {str(name): str(why) for name, why in stored["why_not"].items()},
+            {str(name): str(reason) for name, reason in stored["why_not"].items()},
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None

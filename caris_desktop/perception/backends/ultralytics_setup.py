@@ -110,11 +110,11 @@ def _limit_runtimes(threads: int) -> None:
     autobackend.AutoBackend._BACKEND_MAP["onnx"] = QuietOnnxBackend
 
 
-def torch_device(wanted: str) -> str:
+def torch_device(device: str) -> str:
     """torch device: the wanted one if available, for ``auto`` the best available."""
     import torch
 
     cuda, mps = torch.cuda.is_available(), torch.backends.mps.is_available()
-    if wanted in ("auto", "cuda") and cuda:
+    if device in ("auto", "cuda") and cuda:
         return "cuda:0"
-    return "mps" if wanted in ("auto", "mps") and mps else "cpu"
+    return "mps" if device in ("auto", "mps") and mps else "cpu"

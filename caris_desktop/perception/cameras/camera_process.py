@@ -179,9 +179,9 @@ class _Running:
     def _wait(self, seconds: float) -> None:
         """Wait for the time or ``PlayVideo``. Raises EOFError when the connection closes."""
         if self._connection.poll(seconds):
-            asked = self._connection.recv()
-            if isinstance(asked, HearCamera):
-                self._hears = asked.on
+            message = self._connection.recv()
+            if isinstance(message, HearCamera):
+                self._hears = message.on
 
     def _send_sound(self, stamp_ns: int, samples: NDArray[np.int16]) -> None:
         if self._hears:

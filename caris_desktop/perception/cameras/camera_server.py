@@ -268,9 +268,9 @@ class CameraServer:
 
     async def _offered(self, request: _Request) -> _Answer:
         plain = request.path == "/offer"
-        wanted = "application/json" if plain else "application/sdp"
-        if request.head.get("content-type", "").partition(";")[0].strip().lower() != wanted:
-            return _Answer(415, f"The offer must be {wanted}.".encode())
+        media_type = "application/json" if plain else "application/sdp"
+        if request.head.get("content-type", "").partition(";")[0].strip().lower() != media_type:
+            return _Answer(415, f"The offer must be {media_type}.".encode())
         try:
             offer = parse_json(request.body)["sdp"] if plain else request.body.decode()
             key, answer = await self._webrtc.connect(str(offer))

@@ -112,10 +112,10 @@ def _parsed(text: str) -> ChosenCamera:
             QT_TR_NOOP("The camera source is empty."), localized(QT_TR_NOOP("Enter {forms}."), forms=FORMS)
         )
     path, _, words = text.rpartition("?")
-    asked = frozenset(words.split("&"))
-    if not path or not asked <= _PLAY_WORDS:
-        path, asked = text, frozenset()
-    return ChosenCamera("file", path, safe_name(Path(path).stem), loop="loop" in asked, fast="fast" in asked)
+    options = frozenset(words.split("&"))
+    if not path or not options <= _PLAY_WORDS:
+        path, options = text, frozenset()
+    return ChosenCamera("file", path, safe_name(Path(path).stem), loop="loop" in options, fast="fast" in options)
 
 
 def _address(text: str) -> ChosenCamera:

@@ -54,9 +54,9 @@ class CameraConnection:
         """Send a request; return the response after its headers. ``path`` defaults to the camera's.
         Raises CameraError.
         """
-        own = (self._parts.path or "/") + (f"?{self._parts.query}" if self._parts.query else "")
+        own_path = (self._parts.path or "/") + (f"?{self._parts.query}" if self._parts.query else "")
         try:
-            self._connection.request(method, path or own, body, {**self._head, **(head or {})})
+            self._connection.request(method, path or own_path, body, {**self._head, **(head or {})})
             self._connection.sock.settimeout(SILENCE_S)
             return self._connection.getresponse()
         except (OSError, http.client.HTTPException) as error:
@@ -85,14 +85,14 @@ class CameraConnection:
             host, certificate = self._parts.hostname or "", None
             with contextlib.suppress(OSError, ValueError):
                 certificate = certificate_of(host, self._parts.port or 443)
-            why, advice = why_refused(error, host, certificate)
+            reason, advice = why_refused(error, host, certificate)
             if certificate is not None:
                 confirm = QT_TR_NOOP(
                     "If this is the right certificate, append its SHA-256 fingerprint to the address: "
                     "#certificate-sha256={fingerprint}"
                 )
                 advice = (*advice, localized(confirm, fingerprint=fingerprint_of(certificate)))
-            return CameraError(joined(why), joined(advice))
+            return CameraError(joined(reason), joined(advice))
         return cannot_be_reached(name)
 
     def ask(

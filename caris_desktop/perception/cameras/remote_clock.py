@@ -28,10 +28,12 @@ class RemoteClockEstimate:
 
     def measure(self) -> None:
         """Measure one round trip; the shortest ones are the most accurate. Raises what ``ask`` raises."""
-        asked_ns = self._now_ns()
+        requested_ns = self._now_ns()
         far_ns = self._ask()
-        heard_ns = self._now_ns()
-        self._measured.append((heard_ns, far_ns - (asked_ns + heard_ns) // 2, (heard_ns - asked_ns) // 2))
+        received_ns = self._now_ns()
+        self._measured.append(
+            (received_ns, far_ns - (requested_ns + received_ns) // 2, (received_ns - requested_ns) // 2)
+        )
 
     def here(self, far_ns: int) -> tuple[int, int] | None:
         """Remote time in session time, and its uncertainty; None if not known well enough."""
@@ -53,13 +55,13 @@ class ServedClock:
         self._path = path
         self._connection: CameraConnection | None = None
         self._clock = RemoteClockEstimate(self._notify)
-        self._asked_ns = 0
+        self._requested_ns = 0
         for _ in range(_FIRST_ROUND_TRIPS):
             self._ask()
 
     def here(self, far_ns: int) -> tuple[int, int] | None:
         """As :meth:`RemoteClockEstimate.here`, with an occasional round trip."""
-        if clock.now_ns() - self._asked_ns >= _ASK_EVERY_NS:
+        if clock.now_ns() - self._requested_ns >= _ASK_EVERY_NS:
             self._ask()
         return self._clock.here(far_ns)
 
@@ -73,7 +75,7 @@ class ServedClock:
         return int(self._connection.ask("GET", self._path)[1])
 
     def _ask(self) -> None:
-        self._asked_ns = clock.now_ns()
+        self._requested_ns = clock.now_ns()
         try:
             self._clock.measure()
         except (CameraError, ValueError):

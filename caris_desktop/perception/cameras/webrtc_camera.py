@@ -50,7 +50,7 @@ class WebRtcCamera:
         self._parts = urllib.parse.urlsplit(chosen.target)
         self._resource = ""
         self._clock: ServedClock | None = None
-        self._stamps_asked_ns = 0
+        self._stamps_requested_ns = 0
         self._moments = CaptureMoments()
         self._newest: Any = None
         self._came = asyncio.Event()
@@ -134,13 +134,13 @@ class WebRtcCamera:
                     "the camera server was started with."
                 ),
             )
-        said = content[:200].decode("utf-8", "replace").strip()
+        body_text = content[:200].decode("utf-8", "replace").strip()
         return CameraError(
             localized(
                 QT_TR_NOOP("The camera at {name} refused the connection ({status} {said})."),
                 name=self._chosen.name,
                 status=status,
-                said=said,
+                said=body_text,
             ),
             QT_TR_NOOP("Check the camera address."),
         )
@@ -200,8 +200,8 @@ class WebRtcCamera:
         if self._clock is None:
             return None
         now_ns = clock.now_ns()
-        if not self._moments.known and now_ns - self._stamps_asked_ns >= _STAMPS_EVERY_NS:
-            self._stamps_asked_ns = now_ns
+        if not self._moments.known and now_ns - self._stamps_requested_ns >= _STAMPS_EVERY_NS:
+            self._stamps_requested_ns = now_ns
             try:
                 with CameraConnection(self._chosen) as connection:
                     self._moments.match(parse_json(connection.ask("GET", f"{self._resource}/stamps")[1]))

@@ -276,8 +276,10 @@ def _of_boris(
             continue
         for begun, start_ms, end_ms in found:
             behaviour, subject = (plain_text(_cell(begun, where[name])) for name in ("behavior", "subject"))
-            said = [plain_text(cell) for column in modifiers if (cell := _cell(begun, column)) not in ("", "None")]
-            value = f"{behaviour} ({', '.join(said)})" if said else behaviour
+            modifier_values = [
+                plain_text(cell) for column in modifiers if (cell := _cell(begun, column)) not in ("", "None")
+            ]
+            value = f"{behaviour} ({', '.join(modifier_values)})" if modifier_values else behaviour
             tier = f"{subject}: {behaviour}" if len(subjects) > 1 and subject else behaviour
             rows.append(_Row(begun.number, tier or DEFAULT_TIER, value, start_ms, end_ms, participant=subject))
     if any(unfinished.values()):
@@ -285,8 +287,8 @@ def _of_boris(
     if not rows:
         raise AnnotationError(QT_TR_NOOP("This BORIS table contains no event with a time."))
     return rows, [
-        localized(QT_TR_NOOP("Skipped rows {why}: {count}."), why=localized(why), count=count)
-        for why, count in left_out.items()
+        localized(QT_TR_NOOP("Skipped rows {why}: {count}."), why=localized(reason), count=count)
+        for reason, count in left_out.items()
     ]
 
 
@@ -501,8 +503,8 @@ def _milliseconds(text: str, factor: int) -> int | None:
         return None
     if clock := _CLOCK.fullmatch(text):
         hours, minutes, seconds, fraction = clock.groups()
-        whole_s = (int(hours or 0) * 60 + int(minutes)) * 60 + int(seconds)
-        return whole_s * 1000 + round(float(f"0.{fraction or 0}") * 1000)
+        total_s = (int(hours or 0) * 60 + int(minutes)) * 60 + int(seconds)
+        return total_s * 1000 + round(float(f"0.{fraction or 0}") * 1000)
     if _NUMBER.fullmatch(text):
         return round(float(text.replace(",", ".")) * factor)
     return None

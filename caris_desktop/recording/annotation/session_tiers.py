@@ -233,10 +233,10 @@ class TimelineBuilder:
         return self._document(rows)
 
     def _speech_rows(self) -> Iterable[_Row]:
-        said = [item for item in self.utterances() if item.said]
+        spoken = [item for item in self.utterances() if item.said]
         who = {"participant": self._session.trial.get("participant", ""), "robot": "Robot", "wizard": "Wizard", "": ""}
         for speaker, participant in who.items():
-            mine = [item for item in said if item.speaker == speaker]
+            mine = [item for item in spoken if item.speaker == speaker]
             yield _Row(
                 _SPEECH[speaker],
                 [_TierInterval(item.start_ns or 0, item.end_ns, item.text) for item in mine],
@@ -250,12 +250,12 @@ class TimelineBuilder:
                     participant,
                 )
 
-        corrected = [item for item in said if item.heard_text is not None]
+        corrected = [item for item in spoken if item.heard_text is not None]
         yield _Row(
             QT_TR_NOOP("Speech before correction"),
             [_TierInterval(item.start_ns or 0, item.end_ns, item.heard_text or "") for item in corrected],
         )
-        tagged = [item for item in said if item.tags]
+        tagged = [item for item in spoken if item.tags]
         yield _Row(
             QT_TR_NOOP("Speech tags"),
             [_TierInterval(item.start_ns or 0, item.end_ns, ", ".join(item.tags)) for item in tagged],

@@ -43,11 +43,13 @@ def goal_words(goal: NavigationGoal) -> str:
     return localized(QT_TR_NOOP("{place}: {state}"), place=target, state=state(goal.state))
 
 
-def answer_words(asked: LlmExchange) -> str:
+def answer_words(exchange: LlmExchange) -> str:
     """Answer of the language model, or the reason why there is none."""
-    why = localized(QT_TR_NOOP("({outcome}: {detail})"), outcome=state(asked.outcome), detail=localized(asked.detail))
-    whole = localized(QT_TR_NOOP("{answer} (cut off)"), answer=asked.answer) if asked.cut else asked.answer
-    return whole if asked.answer else why
+    reason = localized(
+        QT_TR_NOOP("({outcome}: {detail})"), outcome=state(exchange.outcome), detail=localized(exchange.detail)
+    )
+    answer = localized(QT_TR_NOOP("{answer} (cut off)"), answer=exchange.answer) if exchange.cut else exchange.answer
+    return answer if exchange.answer else reason
 
 
 def link_words(change: LinkChanged) -> str:

@@ -34,11 +34,11 @@ _UNKNOWN = (0x7A, 0x8A, 0x9B, 0x38)
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """Interval from ``start_s`` to ``end_s`` of the session, or a point event. ``look`` is a CSS class."""
+    """Interval from ``start_s`` to ``end_s`` of the session, or a point event. ``css_class`` is its CSS class."""
 
     start_s: float
     end_s: float | None
-    look: str
+    css_class: str
     title: str
     shape: Shape = "bar"
 
@@ -59,7 +59,7 @@ class Curve:
     seconds: NDArray[np.float64]
     values: NDArray[np.float64]
     top: float
-    look: str
+    css_class: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class Part:
 
     label: str
     value: float
-    look: str
+    css_class: str
     shown: str
 
 
@@ -78,7 +78,7 @@ class Pin:
 
     x_m: float
     y_m: float
-    look: str
+    css_class: str
     title: str
     label: str = ""
     shape: Literal["dot", "diamond", "triangle", "square"] = "dot"
@@ -101,20 +101,20 @@ def duration_text(seconds: float) -> str:
     """``4.2 s``, ``3 min 12 s``, ``1 h 05 min``."""
     if seconds < 60:
         return f"{seconds:.1f} s"
-    whole = round(seconds)
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60:02d} s"
-    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+    total_s = round(seconds)
+    if total_s < 3600:
+        return f"{total_s // 60} min {total_s % 60:02d} s"
+    return f"{total_s // 3600} h {total_s % 3600 // 60:02d} min"
 
 
 # SVG
 
 
 def _attributes(values: dict[str, Any]) -> str:
-    shown = {key.rstrip("_").replace("_", "-"): value for key, value in values.items() if value is not None}
+    present = {key.rstrip("_").replace("_", "-"): value for key, value in values.items() if value is not None}
     return "".join(
         f' {key}="{escape(f"{value:.2f}".rstrip("0").rstrip(".") if isinstance(value, float) else str(value))}"'
-        for key, value in shown.items()
+        for key, value in present.items()
     )
 
 
@@ -125,7 +125,7 @@ def _element(name: str, *inside: str | Markup, **attributes: Any) -> Markup:
     return Markup(f"{opening}>{content}</{name}>" if content else f"{opening}/>")  # noqa: S704 - escaped above
 
 
-def _svg(width: float, height: float, *inside: Markup, title: str, look: str = "drawing") -> Markup:
+def _svg(width: float, height: float, *inside: Markup, title: str, css_class: str = "drawing") -> Markup:
     return _element(
         "svg",
         _element("title", title),
@@ -133,12 +133,12 @@ def _svg(width: float, height: float, *inside: Markup, title: str, look: str = "
         xmlns="http://www.w3.org/2000/svg",
         viewBox=f"0 0 {width:.0f} {height:.0f}",
         role="img",
-        class_=look,
+        class_=css_class,
     )
 
 
-def _text(x: float, y: float, text: str, look: str = "label", anchor: str | None = None) -> Markup:
-    return _element("text", text, x=x, y=y, class_=look, text_anchor=anchor)
+def _text(x: float, y: float, text: str, css_class: str = "label", anchor: str | None = None) -> Markup:
+    return _element("text", text, x=x, y=y, class_=css_class, text_anchor=anchor)
 
 
 def _step(span: float, most: int, steps: Sequence[float]) -> float:
@@ -195,7 +195,7 @@ def _strip(
                     y=0.0,
                     width=max(2.0, x(end_s) - left),
                     height=height,
-                    class_=shade.look,
+                    class_=shade.css_class,
                 )
             )
     y = 4.0
@@ -242,26 +242,26 @@ def _item(item: Item, x: Any, y: float) -> Markup:
             width=width,
             height=_ROW_PX - 4.0,
             rx=min(3.0, width / 2),
-            class_=item.look,
+            class_=item.css_class,
         )
     parts = []
     if item.end_s is not None:
         parts.append(
             _element("rect", x=left, y=middle - 2.0, width=max(1.0, x(item.end_s) - left), height=4.0, rx=2.0,
-                     class_=f"{item.look} stretch")
+                     class_=f"{item.css_class} stretch")
         )  # fmt: skip
-    parts.append(_symbol(item.shape, left, middle, 6.0, item.look))
+    parts.append(_symbol(item.shape, left, middle, 6.0, item.css_class))
     return _element("g", title, *parts)
 
 
-def _symbol(shape: str, x: float, y: float, r: float, look: str) -> Markup:
+def _symbol(shape: str, x: float, y: float, r: float, css_class: str) -> Markup:
     if shape == "diamond":
-        return _element("path", d=f"M{x:.1f} {y - r:.1f}l{r} {r}l-{r} {r}l-{r} -{r}z", class_=look)
+        return _element("path", d=f"M{x:.1f} {y - r:.1f}l{r} {r}l-{r} {r}l-{r} -{r}z", class_=css_class)
     if shape == "triangle":
-        return _element("path", d=f"M{x:.1f} {y - r:.1f}l{r} {1.75 * r}h-{2 * r}z", class_=look)
+        return _element("path", d=f"M{x:.1f} {y - r:.1f}l{r} {1.75 * r}h-{2 * r}z", class_=css_class)
     if shape == "square":
-        return _element("rect", x=x - r * 0.8, y=y - r * 0.8, width=r * 1.6, height=r * 1.6, rx=1.5, class_=look)
-    return _element("circle", cx=x, cy=y, r=r * 0.75, class_=look)
+        return _element("rect", x=x - r * 0.8, y=y - r * 0.8, width=r * 1.6, height=r * 1.6, rx=1.5, class_=css_class)
+    return _element("circle", cx=x, cy=y, r=r * 0.75, class_=css_class)
 
 
 def _curve(curve: Curve, y: float, begins_s: float, ends_s: float, x: Any) -> Markup:
@@ -280,7 +280,7 @@ def _curve(curve: Curve, y: float, begins_s: float, ends_s: float, x: Any) -> Ma
         for first, top in zip(firsts, tops, strict=True)
     ]
     outline = f"M{pixels[0] / 2:.1f} {base:.1f}L{'L'.join(points)}L{pixels[-1] / 2:.1f} {base:.1f}z"
-    return _element("g", line, _element("path", d=outline, class_=curve.look))
+    return _element("g", line, _element("path", d=outline, class_=curve.css_class))
 
 
 # Trajectory on the map
@@ -296,10 +296,10 @@ def path_on_map(way: Trajectory, grid: OccupancyGrid | None, places: Sequence[Pi
         return (x_m - left) * scale, (top - y_m) * scale
 
     # Below the map, so that the scale bar covers no data.
-    whole = height + _SCALE_PX
-    parts = [_element("rect", x=0.0, y=0.0, width=width, height=whole, class_="floor", rx=8.0)]
+    total_height = height + _SCALE_PX
+    parts = [_element("rect", x=0.0, y=0.0, width=width, height=total_height, class_="floor", rx=8.0)]
     if grid is not None:
-        parts += [_beyond(grid, spot, width, whole), _map_picture(grid, spot, scale)]
+        parts += [_beyond(grid, spot, width, total_height), _map_picture(grid, spot, scale)]
     inside = [pin for pin in places if left < pin.x_m - 0.2 and pin.x_m + 0.2 < right and bottom < pin.y_m < top]
     parts += [_pin(pin, spot, width) for pin in inside]
     parts += _path_lines(way, spot)
@@ -307,8 +307,8 @@ def path_on_map(way: Trajectory, grid: OccupancyGrid | None, places: Sequence[Pi
     parts += [_pin(pin, spot, width) for pin in way.pins]
     parts.append(_start(spot(*way.points_m[0])))
     parts.append(_robot(spot(*way.points_m[-1]), float(way.headings_rad[-1])))
-    parts.append(_scale_bar(width, whole, scale))
-    return _svg(width, whole, *parts, title="Path of the robot on the map", look="drawing map")
+    parts.append(_scale_bar(width, total_height, scale))
+    return _svg(width, total_height, *parts, title="Path of the robot on the map", css_class="drawing map")
 
 
 def _bounds(way: Trajectory, grid: OccupancyGrid | None) -> tuple[float, float, float, float]:
@@ -444,7 +444,7 @@ def _minutes(way: Trajectory, spot: Any, places_px: Sequence[tuple[float, float]
 
 def _pin(pin: Pin, spot: Any, width: float) -> Markup:
     x, y = spot(pin.x_m, pin.y_m)
-    parts = [_element("title", pin.title), _symbol(pin.shape, x, y, 6.5, pin.look)]
+    parts = [_element("title", pin.title), _symbol(pin.shape, x, y, 6.5, pin.css_class)]
     if pin.label:
         near_right = x > width - 110.0
         parts.append(
@@ -485,7 +485,7 @@ def _scale_bar(width: float, height: float, scale: float) -> Markup:
 # Distributions and shares
 
 
-def histogram(values: Sequence[float], *, unit: str, median: float, title: str, look: str) -> Markup:
+def histogram(values: Sequence[float], *, unit: str, median: float, title: str, css_class: str) -> Markup:
     """Histogram with one dot per value below and a line at the median. At least one value."""
     width, plot_top, plot_height, left = 520.0, 26.0, 150.0, 34.0
     largest = max(*values, 1.0)
@@ -518,11 +518,11 @@ def histogram(values: Sequence[float], *, unit: str, median: float, title: str, 
                     width=max(1.0, x((index + 1) * bin_width) - begin - 2.0),
                     height=bar_height,
                     rx=2.0,
-                    class_=look,
+                    class_=css_class,
                 )
             )
     for value in values:
-        parts.append(_element("circle", cx=x(value), cy=base + 10.0, r=2.6, class_=f"{look} each"))
+        parts.append(_element("circle", cx=x(value), cy=base + 10.0, r=2.6, class_=f"{css_class} each"))
     label_step = _step(bins * bin_width, 8, (0.1, 0.2, 0.5, 1, 2, 5, 10, 20))
     for number in range(math.floor(bins * bin_width / label_step + 1e-9) + 1):
         parts.append(_text(x(number * label_step), base + 30.0, f"{number * label_step:g}", "axis", "middle"))
@@ -538,14 +538,14 @@ def histogram(values: Sequence[float], *, unit: str, median: float, title: str, 
 
 def share_bar(parts: Sequence[Part], *, title: str) -> Markup:
     """Stacked bar of parts; labels are in the table next to it."""
-    whole = sum(part.value for part in parts)
+    total = sum(part.value for part in parts)
     width, height = 520.0, 22.0
-    if whole <= 0.0:
+    if total <= 0.0:
         return Markup("")
     drawn = []
     x = 0.0
     for part in parts:
-        length = part.value / whole * width
+        length = part.value / total * width
         if length > 0.0:
             drawn.append(
                 _element(
@@ -556,7 +556,7 @@ def share_bar(parts: Sequence[Part], *, title: str) -> Markup:
                     width=max(1.0, length - 1.5),
                     height=height,
                     rx=min(4.0, length / 2),
-                    class_=part.look,
+                    class_=part.css_class,
                 )
             )
         x += length

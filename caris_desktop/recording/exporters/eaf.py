@@ -198,11 +198,11 @@ def _child(parent: ElementTree.Element, tag: str, text: str | None = None, /, **
     return element
 
 
-def _unique(wanted: dict[str, str]) -> dict[str, str]:
+def _unique(texts: dict[str, str]) -> dict[str, str]:
     """Same mapping with texts made unique and different from the name of free text."""
     taken = {FREE_TEXT}
     unique = {}
-    for key, text in wanted.items():
+    for key, text in texts.items():
         text = candidate = plain_text(text)  # noqa: PLW2901 - the text as it can be written
         number = 2
         while candidate in taken:
@@ -214,8 +214,8 @@ def _unique(wanted: dict[str, str]) -> dict[str, str]:
 
 def _annotation_ids(document: AnnotationDocument) -> dict[str, str]:
     """Our ids where ELAN accepts them, else ids in its form."""
-    own = {item.annotation_id for item in document.annotations}
-    fresh = (f"a{number}" for number in range(1, 2 * len(own) + 2) if f"a{number}" not in own)
+    ids = {item.annotation_id for item in document.annotations}
+    fresh = (f"a{number}" for number in range(1, 2 * len(ids) + 2) if f"a{number}" not in ids)
     return {
         item.annotation_id: item.annotation_id if _USABLE_ID.fullmatch(item.annotation_id) else next(fresh)
         for item in document.annotations

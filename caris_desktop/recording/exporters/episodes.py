@@ -133,11 +133,11 @@ def _moves(action: dict[str, Any]) -> bool:
 
 
 def _state(known: _Known, at_ns: int) -> dict[str, Any]:
-    def of(kind: type[Any], shown: Callable[[Any], dict[str, Any]]) -> dict[str, Any] | None:
+    def of(kind: type[Any], content_of: Callable[[Any], dict[str, Any]]) -> dict[str, Any] | None:
         value, moment_ns = known.get(kind, (None, 0))
         if value is None or at_ns - moment_ns > _OLD_NS:
             return None
-        return {"age_s": round((at_ns - moment_ns) / 1e9, 4), **shown(value)}
+        return {"age_s": round((at_ns - moment_ns) / 1e9, 4), **content_of(value)}
 
     return {
         "scan": of(LaserScan, _scan),
@@ -288,8 +288,8 @@ def write_dialogue(session: Session, out: Path) -> Written:
     """Write ``turns.jsonl``: one line per robot utterance. Raises OSError, SessionError."""
     out.mkdir()
     facts = read_facts(session)
-    said = [utterance for utterance in facts.utterances if utterance.said]
-    responses = {reply.utterance.utterance_id: reply.delay_s for reply in response_times(said, facts.pauses)}
+    spoken = [utterance for utterance in facts.utterances if utterance.said]
+    responses = {reply.utterance.utterance_id: reply.delay_s for reply in response_times(spoken, facts.pauses)}
     exchanges = questions_of(facts.of(LlmExchange))
     became = answer_uses(exchanges, facts.of(AnswerUsed), facts.utterances)
     reactions = {
@@ -306,8 +306,8 @@ def write_dialogue(session: Session, out: Path) -> Written:
             at_ns = _decided_ns(utterance)
             if at_ns is None:
                 continue
-            heard = [other for other in said if other is not utterance and _known_at(other, at_ns)]
-            asked = [exchange for exchange in exchanges if before_ns < exchange.stamp_ns <= at_ns]
+            known = [other for other in spoken if other is not utterance and _known_at(other, at_ns)]
+            preceding = [exchange for exchange in exchanges if before_ns < exchange.stamp_ns <= at_ns]
             edited = _edited_answer(utterance.text, at_ns, facts.of(AnswerUsed))
             line = {
                 **of_this,
@@ -316,9 +316,9 @@ def write_dialogue(session: Session, out: Path) -> Written:
                 "decided_s": _seconds(session, at_ns),
                 "utc": session.clock.utc(at_ns),
                 "context": {
-                    "transcript": [_as_heard(session, other, at_ns) for other in heard[-_TURNS_BEFORE:]],
+                    "transcript": [_as_heard(session, other, at_ns) for other in known[-_TURNS_BEFORE:]],
                     "people_in_view": _count_at(in_view, at_ns),
-                    "assistant": [_exchange(session, exchange, became[exchange.exchange_id]) for exchange in asked],
+                    "assistant": [_exchange(session, exchange, became[exchange.exchange_id]) for exchange in preceding],
                 },
                 "action": {
                     "text": utterance.text,

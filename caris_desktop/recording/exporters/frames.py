@@ -78,8 +78,8 @@ def _write_pictures(session: Session, yolo: "_Yolo", mot: "_Mot", progress: Call
         for number, (_, people) in enumerate(session.values("people")):
             if not number % 20:
                 progress(min(1.0, max(0.0, (people.stamp_ns - session.started_ns) / span_ns)))
-            wanted = [one for one in (yolo, mot) if one.pace.is_due(people.camera, people.stamp_ns)]
-            if not wanted:
+            due = [one for one in (yolo, mot) if one.pace.is_due(people.camera, people.stamp_ns)]
+            if not due:
                 continue
             picture = picture_of(videos, people.camera, people.stamp_ns)
             if picture is None:
@@ -87,7 +87,7 @@ def _write_pictures(session: Session, yolo: "_Yolo", mot: "_Mot", progress: Call
                 continue
             boxes = _detections(people, picture.image_bgr)
             jpeg = jpeg_of(picture.image_bgr, quality=_JPEG_QUALITY)
-            for one in wanted:
+            for one in due:
                 one.pace.take(people.camera, people.stamp_ns)
                 one.add(people, boxes, picture.image_bgr).write_bytes(jpeg)
     return missing
@@ -259,8 +259,8 @@ class _Mot:
             f"seqLength={len(stamps_ns)}\nimWidth={sequence.width_px}\nimHeight={sequence.height_px}\nimExt=.jpg\n",
             encoding="utf-8",
         )
-        said = sequence.folder / "gt" / "MACHINE-MADE.txt"
-        said.write_text(
+        notice_path = sequence.folder / "gt" / "MACHINE-MADE.txt"
+        notice_path.write_text(
             (
                 "gt.txt contains the tracks of the recording's own tracker. They have not been corrected, so "
                 "they are not ground truth\nyet. The file has this name because tools for the MOT format look "
@@ -282,7 +282,7 @@ class _Mot:
             for track, identity in sequence.ids.items():
                 rows.writerow((identity, track, " ".join(sorted(sequence.people[identity]))))
         self.paths += [
-            seqinfo, said, times, tracks, sequence.folder / "det" / "det.txt", sequence.folder / "gt" / "gt.txt"
+            seqinfo, notice_path, times, tracks, sequence.folder / "det" / "det.txt", sequence.folder / "gt" / "gt.txt"
         ]  # fmt: skip
 
 

@@ -124,7 +124,7 @@ def _report(facts: SessionData, measures: Measures, grid: OccupancyGrid | None) 
     opened = facts.of(ScenarioOpened)
     scenario = read_scenario(opened[-1]) if opened else None
     coding = _coding(session)
-    seen = _Seen(facts, coding)
+    timeline = _Seen(facts, coding)
     return {
         "title": _title(session),
         "study": session.trial.get("study", ""),
@@ -132,8 +132,8 @@ def _report(facts: SessionData, measures: Measures, grid: OccupancyGrid | None) 
         "tiles": _tiles(measures, session),
         "missing": data_quality_problems(facts, measures),
         "lasts": duration_text(session.duration_s),
-        "time_line": seen.strips(),
-        "legend": seen.legend(),
+        "time_line": timeline.strips(),
+        "legend": timeline.legend(),
         **_trajectory(facts, measures, grid, scenario),
         **_responses(measures),
         **_talk(measures),
@@ -259,7 +259,7 @@ class _Seen:
         self._facts = facts
         self._s = facts.session.clock.session_s
         self._coding = coding
-        self._looks: set[str] = set()
+        self._css_classes: set[str] = set()
         self._rows = [row for row in self._all_rows() if row.items]
 
     def strips(self) -> list[Markup]:
@@ -278,13 +278,19 @@ class _Seen:
             ("trouble", "dot", "problem"),
             ("pause", "bar", "recording paused"),
         ]
-        return [_Legend(_sample(shape, look), words) for look, shape, words in entries if look in self._looks]
+        return [
+            _Legend(_sample(shape, css_class), words)
+            for css_class, shape, words in entries
+            if css_class in self._css_classes
+        ]
 
-    def _item(self, start_ns: int, end_ns: int | None, look: str, title: str, shape: drawings.Shape = "bar") -> Item:
-        self._looks.add(look)
+    def _item(
+        self, start_ns: int, end_ns: int | None, css_class: str, title: str, shape: drawings.Shape = "bar"
+    ) -> Item:
+        self._css_classes.add(css_class)
         start_s = self._s(start_ns)
         span = clock_text(start_s) if end_ns is None else f"{clock_text(start_s)} to {clock_text(self._s(end_ns))}"
-        return Item(start_s, None if end_ns is None else self._s(end_ns), look, f"{span}  {title}", shape)
+        return Item(start_s, None if end_ns is None else self._s(end_ns), css_class, f"{span}  {title}", shape)
 
     def _curves(self) -> list[Curve]:
         facts = self._facts
@@ -364,11 +370,11 @@ class _Seen:
         yield Row(f"{len(people) - _MAX_PEOPLE_ROWS} more identities", tuple(rest))
 
     def _mark(self, mark: FinalMark) -> Item:
-        look, shape = ("error", "triangle") if mark.kind == "wizard_error" else ("mark", "diamond")
+        css_class, shape = ("error", "triangle") if mark.kind == "wizard_error" else ("mark", "diamond")
         if mark.kind == "note":
-            look, shape = "note", "dot"
+            css_class, shape = "note", "dot"
         words = ": ".join(part for part in (mark_words(mark), mark.note) if part)
-        return self._item(mark.start_ns, mark.end_ns, look, words, shape)  # type: ignore[arg-type]  # one of the shapes
+        return self._item(mark.start_ns, mark.end_ns, css_class, words, shape)  # type: ignore[arg-type]  # one of the shapes
 
     def _coded(self, start_ms: int, end_ms: int, value: str) -> Item:
         started_ns = self._facts.session.started_ns
@@ -388,14 +394,14 @@ def _coding(session: Session) -> AnnotationDocument:
         return AnnotationDocument()
 
 
-def _sample(shape: str, look: str) -> Markup:
+def _sample(shape: str, css_class: str) -> Markup:
     inside = {
         "bar": Markup('<rect x="1" y="2" width="20" height="10" rx="3" class="{}"/>'),
         "diamond": Markup('<path d="M11 1l6 6l-6 6l-6 -6z" class="{}"/>'),
         "triangle": Markup('<path d="M11 1l6 11h-12z" class="{}"/>'),
         "dot": Markup('<circle cx="11" cy="7" r="4.5" class="{}"/>'),
         "line": Markup('<line x1="1" x2="21" y1="7" y2="7" class="{}"/>'),
-    }[shape].format(look)
+    }[shape].format(css_class)
     return Markup('<svg viewBox="0 0 22 14" aria-hidden="true">{}</svg>').format(inside)
 
 
@@ -432,13 +438,13 @@ def _trajectory(
     legend = [_Legend(_sample("line", "way"), "driven by the wizard; the colour gets stronger with time")]
     if by_itself.any():
         legend.append(_Legend(_sample("line", "way itself"), "driving autonomously"))
-    looks = {pin.look for pin in way.pins}
-    for look, shape, words in (
+    css_classes = {pin.css_class for pin in way.pins}
+    for css_class, shape, words in (
         ("mark", "diamond", "mark"), ("error", "triangle", "wizard error"), ("trouble", "square", "emergency stop"),
         ("note", "dot", "photo"),
     ):  # fmt: skip
-        if look in looks:
-            legend.append(_Legend(_sample("bar" if shape == "square" else shape, look), words))
+        if css_class in css_classes:
+            legend.append(_Legend(_sample("bar" if shape == "square" else shape, css_class), words))
     return {
         "way": drawings.path_on_map(way, grid if in_map else None, places),
         "way_fact": " · ".join(fact),
@@ -456,11 +462,11 @@ def _headings(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def _pins(facts: SessionData, stamps_ns: NDArray[np.int64], points: NDArray[np.float64]) -> Iterator[Pin]:
     from caris_desktop.domain.events import EmergencyStopChanged
 
-    def pin(at_ns: int, look: str, words: str, shape: Any) -> Iterator[Pin]:
+    def pin(at_ns: int, css_class: str, words: str, shape: Any) -> Iterator[Pin]:
         index = nearest_index(stamps_ns, at_ns)
         if index is not None:
             when = clock_text(facts.session.clock.session_s(at_ns))
-            yield Pin(float(points[index, 0]), float(points[index, 1]), look, f"{when}  {words}", "", shape)
+            yield Pin(float(points[index, 0]), float(points[index, 1]), css_class, f"{when}  {words}", "", shape)
 
     for mark in facts.marks:
         if mark.kind == "mark":
@@ -493,7 +499,7 @@ def _responses(measures: Measures) -> dict[str, Any]:
         "responses": None
         if response is None
         else drawings.histogram(
-            measures.response_times_s, unit="s", median=response.median, title="Response time", look="response"
+            measures.response_times_s, unit="s", median=response.median, title="Response time", css_class="response"
         ),
         "response_fact": "" if response is None else f"median {response.median:.1f} s",
         "response_limit": f"{RESPONSE_LIMIT_S:g}",
@@ -523,7 +529,7 @@ def _talk(measures: Measures) -> dict[str, Any]:
     rows = [
         {
             "label": _SPEAKERS[speaker],
-            "look": _SPEAKER_LOOKS[speaker],
+            "css_class": _SPEAKER_LOOKS[speaker],
             "time": duration_text(talk.speech_s),
             "utterances": talk.utterances,
             "words": talk.words,
@@ -532,11 +538,11 @@ def _talk(measures: Measures) -> dict[str, Any]:
     ]
     if rows:
         rows.append(
-            {"label": "Nobody", "look": "silence", "time": duration_text(silence_s), "utterances": "", "words": ""}
+            {"label": "Nobody", "css_class": "silence", "time": duration_text(silence_s), "utterances": "", "words": ""}
         )
     origins = [
-        Part(name, float(measures.origins[origin]), look, str(measures.origins[origin]))
-        for origin, (name, look) in _ORIGINS.items()
+        Part(name, float(measures.origins[origin]), css_class, str(measures.origins[origin]))
+        for origin, (name, css_class) in _ORIGINS.items()
         if measures.origins.get(origin)
     ]
     origin_rows = list(origins)
@@ -565,12 +571,12 @@ def _driving(measures: Measures) -> dict[str, Any]:
     ]
     if driving.navigating_s:
         parts.append(Part("Driving autonomously", driving.navigating_s, "share-2", duration_text(driving.navigating_s)))
-    rows = [{"label": part.label, "look": part.look, "shown": part.shown} for part in parts]
+    rows = [{"label": part.label, "css_class": part.css_class, "shown": part.shown} for part in parts]
     if not driving.seconds_by_source:
-        rows.insert(0, {"label": "Driven by the wizard", "look": "", "shown": "never"})
+        rows.insert(0, {"label": "Driven by the wizard", "css_class": "", "shown": "never"})
 
-    def add(label: str, shown: str) -> None:
-        rows.append({"label": label, "look": "", "shown": shown})
+    def add(label: str, value: str) -> None:
+        rows.append({"label": label, "css_class": "", "shown": value})
 
     if driving.distance_m is not None:
         add("Distance", distance_text(driving.distance_m))
@@ -621,13 +627,13 @@ def _protocol(measures: Measures) -> dict[str, Any]:
 
 def _marks(facts: SessionData, measures: Measures, coding: AnnotationDocument) -> dict[str, Any]:
     rows = [
-        {"kind": "", "look": "", "label": label or "without a label", "shown": str(count)}
+        {"kind": "", "css_class": "", "label": label or "without a label", "shown": str(count)}
         for label, count in sorted(measures.marks.items(), key=lambda entry: -entry[1])
     ]
     for label, count in sorted(measures.errors.items(), key=lambda entry: -entry[1]):
         rate = per_10_min(count, measures.recorded_s)
-        shown = f"{count} ({rate:.1f} per 10 min)" if rate is not None else str(count)
-        rows.append({"kind": "wizard error", "look": "red", "label": label or "not specified", "shown": shown})
+        text = f"{count} ({rate:.1f} per 10 min)" if rate is not None else str(count)
+        rows.append({"kind": "wizard error", "css_class": "red", "label": label or "not specified", "shown": text})
     when = facts.session.clock.session_s
     return {
         "marks_fact": counted(sum(measures.marks.values()), "mark"),
@@ -681,7 +687,7 @@ def _models(facts: SessionData, measures: Measures) -> dict[str, Any]:
                 "answer": exchange.answer or exchange.detail,
                 "cut": _CUTS[exchange.cut],
                 "use": exchange.outcome if exchange.outcome != "answered" else _USES[became[exchange.exchange_id]][0],
-                "look": "red" if exchange.outcome == "failed" else _USES[became[exchange.exchange_id]][1],
+                "css_class": "red" if exchange.outcome == "failed" else _USES[became[exchange.exchange_id]][1],
             }
             for exchange in exchanges
         ],
@@ -707,7 +713,7 @@ def _median_text(values_s: Sequence[float]) -> str:
 def _photos(facts: SessionData) -> dict[str, Any]:
     photos = facts.photos
     when = facts.session.clock.session_s
-    shown = [
+    photo_rows = [
         {
             "time": clock_text(when(photo.stamp_ns)),
             "data": data,
@@ -719,7 +725,7 @@ def _photos(facts: SessionData) -> dict[str, Any]:
     fact = counted(len(photos), "photo")
     if len(photos) > _MAX_PHOTOS:
         fact += f", the first {_MAX_PHOTOS} are shown"
-    return {"photos": shown, "photos_fact": fact}
+    return {"photos": photo_rows, "photos_fact": fact}
 
 
 def _thumbnail(folder: Path, file_name: str) -> str:
@@ -744,8 +750,8 @@ def _transcript(facts: SessionData, measures: Measures) -> dict[str, Any]:
     when = facts.session.clock.session_s
     for turn in turns:
         turn["time"] = clock_text(when(turn["at_ns"]))
-    said = sum(utterance.said for utterance in facts.utterances)
-    return {"turns": turns if facts.utterances else [], "transcript_fact": counted(said, "utterance")}
+    spoken_count = sum(utterance.said for utterance in facts.utterances)
+    return {"turns": turns if facts.utterances else [], "transcript_fact": counted(spoken_count, "utterance")}
 
 
 def _turns(utterances: Iterable[SpokenUtterance], replies: dict[str, Reply]) -> Iterator[dict[str, Any]]:
@@ -755,19 +761,19 @@ def _turns(utterances: Iterable[SpokenUtterance], replies: dict[str, Reply]) -> 
         chips = []
         reply = replies.get(item.utterance_id)
         if reply is not None:
-            chips.append({"text": f"after {reply.delay_s:.1f} s", "look": "blue"})
+            chips.append({"text": f"after {reply.delay_s:.1f} s", "css_class": "blue"})
         if item.speaker == "robot":
-            chips.append({"text": item.origin, "look": ""})
+            chips.append({"text": item.origin, "css_class": ""})
         if not item.said:
-            chips.append({"text": "never said", "look": "amber"})
+            chips.append({"text": "never said", "css_class": "amber"})
         elif item.state in ("interrupted", "failed"):
-            chips.append({"text": item.state, "look": "amber" if item.state == "interrupted" else "red"})
+            chips.append({"text": item.state, "css_class": "amber" if item.state == "interrupted" else "red"})
         if item.heard_text is not None:
-            chips.append({"text": f"corrected from “{item.heard_text}”", "look": ""})
-        chips += [{"text": tag, "look": ""} for tag in item.tags]
+            chips.append({"text": f"corrected from “{item.heard_text}”", "css_class": ""})
+        chips += [{"text": tag, "css_class": ""} for tag in item.tags]
         yield {
             "at_ns": item.start_ns if item.start_ns is not None else item.requested_ns or 0,
-            "look": f"by-{item.speaker}",
+            "css_class": f"by-{item.speaker}",
             "who": _SPEAKERS.get(item.speaker, _SOMEBODY),
             "text": item.text,
             "chips": chips,
@@ -776,9 +782,9 @@ def _turns(utterances: Iterable[SpokenUtterance], replies: dict[str, Reply]) -> 
 
 
 def _asides(facts: SessionData) -> Iterator[dict[str, Any]]:
-    def aside(at_ns: int, text: str, look: str) -> dict[str, Any]:
-        chips = [{"text": look, "look": {"wizard error": "red", "mark": "amber"}.get(look, "")}]
-        return {"at_ns": at_ns, "look": "aside", "who": "", "text": text, "chips": chips, "unsaid": False}
+    def aside(at_ns: int, text: str, label: str) -> dict[str, Any]:
+        chips = [{"text": label, "css_class": {"wizard error": "red", "mark": "amber"}.get(label, "")}]
+        return {"at_ns": at_ns, "css_class": "aside", "who": "", "text": text, "chips": chips, "unsaid": False}
 
     for mark in facts.marks:
         kind = {"wizard_error": "wizard error", "note": "note"}.get(mark.kind, "mark")
@@ -800,7 +806,7 @@ def _alarms(facts: SessionData, measures: Measures) -> dict[str, Any]:
             {
                 "time": clock_text(when(alarm.start_ns)),
                 "severity": alarm.severity,
-                "look": _SEVERITIES[alarm.severity],
+                "css_class": _SEVERITIES[alarm.severity],
                 "text": alarm.what + ("" if alarm.times == 1 else f" ({alarm.times} times)"),
                 "stood": duration_text(alarm.stood_s),
                 "ended": f"dismissed by {in_words(alarm.seen_to_by)}"
@@ -821,7 +827,7 @@ def _problems(facts: SessionData) -> dict[str, Any]:
             {
                 "time": clock_text(when(problem.stamp_ns)),
                 "severity": problem.severity,
-                "look": _SEVERITIES[problem.severity],
+                "css_class": _SEVERITIES[problem.severity],
                 "text": " ".join(part for part in (problem.what, problem.meaning) if part),
             }
             for problem in problems

@@ -36,8 +36,8 @@ PRACTICE = "practice"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownSession:
-    """Data of one session for the sheet, without the values themselves. ``said_by`` counts robot utterances by who
-    triggered them, as text.
+    """Data of one session for the sheet, without the values themselves. ``utterances_by_actor`` counts robot utterances
+    by who triggered them, as text.
     """
 
     session: Session
@@ -47,8 +47,8 @@ class KnownSession:
     exchanges: tuple[LlmExchange, ...]
     streams: frozenset[str]
     clock: ClockSummary | None
-    heard: bool
-    said_by: dict[str, int]
+    participant_spoke: bool
+    utterances_by_actor: dict[str, int]
     voices: frozenset[str]
     head_moves: int
     controls: int
@@ -78,8 +78,10 @@ def read_known(session: Session, progress: Callable[[float], None]) -> KnownSess
         clock=robot_clock(session).summary(
             utc_ns_at=anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns
         ),
-        heard=any(item.speaker == "participant" for item in facts.utterances),
-        said_by=Counter(in_words(item.actor) for item in facts.utterances if item.speaker == "robot" and item.said),
+        participant_spoke=any(item.speaker == "participant" for item in facts.utterances),
+        utterances_by_actor=Counter(
+            in_words(item.actor) for item in facts.utterances if item.speaker == "robot" and item.said
+        ),
         voices=frozenset(item.voice for item in facts.utterances if item.speaker == "robot" and item.voice),
         head_moves=sum(isinstance(value, HeadMoved) for value in rare),
         controls=sum(isinstance(value, ControlUsed) and value.state == "requested" for value in rare),
@@ -218,10 +220,10 @@ class StudyFacts:
 
     def counted(self, of: Callable[[Measures], dict[str, int]]) -> dict[str, int]:
         """Sum of a counter of the measures over all sessions, most frequent first."""
-        whole: Counter[str] = Counter()
+        totals: Counter[str] = Counter()
         for one in self.known:
-            whole.update(of(one.measures))
-        return dict(whole.most_common())
+            totals.update(of(one.measures))
+        return dict(totals.most_common())
 
 
 def _merged(models: Iterable[ModelUse]) -> list[ModelUse]:

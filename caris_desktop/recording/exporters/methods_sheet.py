@@ -214,7 +214,7 @@ class _Answers:
                 answer += f" {number_of(without, 'session').capitalize()} {verb} no named participant."
         conditions = Counter(one.session.trial.get("condition", "") for one in self._of.known)
         conditions.pop("", None)
-        seen = [one.measures for one in self._of.known]
+        measures = [one.measures for one in self._of.known]
         return SheetSection(
             "Participants",
             (
@@ -232,8 +232,8 @@ class _Answers:
                 ),
                 SheetItem(
                     "How many people were in front of the robot?",
-                    self._people_seen(seen),
-                    ("event/person_appeared",) if any(one.people for one in seen) else (),
+                    self._people_seen(measures),
+                    ("event/person_appeared",) if any(one.people for one in measures) else (),
                 ),
                 SheetItem("Who were they?", by_hand="Age, gender, background, experience with robots, recruitment."),
                 SheetItem(
@@ -248,11 +248,11 @@ class _Answers:
         )
 
     @staticmethod
-    def _people_seen(seen: list[Measures]) -> str:
-        people = [one.people for one in seen]
+    def _people_seen(measures: list[Measures]) -> str:
+        people = [one.people for one in measures]
         if not any(people):
             return ""
-        identities = sum(one.identities for one in seen)
+        identities = sum(one.identities for one in measures)
         remark = (
             "as counted by the console: "
             f"{number_of(identities, 'identity', 'identities')} from its detector and tracker, which may give one "
@@ -397,13 +397,13 @@ class _Answers:
             for group in sorted(by_cause.values(), key=len, reverse=True)
         ]
         concerned = sum(bool(one.measures.alarms) for one in self._of.known)
-        seen_to = sum(bool(alarm.seen_to_by) for alarm in alarms)
+        dismissed = sum(bool(alarm.seen_to_by) for alarm in alarms)
         stood_on = sum(alarm.end_ns is None for alarm in alarms)
-        whole = len(self._of.known)
+        total = len(self._of.known)
         answer = (
             f"{number_of(len(alarms), 'alarm').capitalize()} in"
-            f" {'the session' if whole == 1 else f'{concerned} of {whole} sessions'}; {seen_to} dismissed,"
-            f" {len(alarms) - seen_to - stood_on} ended automatically, {stood_on} active when a session ended."
+            f" {'the session' if total == 1 else f'{concerned} of {total} sessions'}; {dismissed} dismissed,"
+            f" {len(alarms) - dismissed - stood_on} ended automatically, {stood_on} active when a session ended."
         )
         return [SheetItem("What went wrong during the sessions?", " ".join((answer, *sentences)), sources)]
 
@@ -523,8 +523,8 @@ class _Answers:
         known_speeds = [speed for speed in speeds if speed is not None]
         parts = []
         if sources:
-            shown = [f"{SOURCE_WORDS.get(source, source)} ({duration_text(s)})" for source, s in sources.items()]
-            parts.append(f"The wizard drove with {listing(shown)}.")
+            source_texts = [f"{SOURCE_WORDS.get(source, source)} ({duration_text(s)})" for source, s in sources.items()]
+            parts.append(f"The wizard drove with {listing(source_texts)}.")
         else:
             parts.append("The wizard did not drive it manually.")
         if ways:
@@ -548,24 +548,24 @@ class _Answers:
 
     def _speech(self) -> str:
         origins = self._of.counted(lambda m: m.origins)
-        whole = sum(origins.values())
-        if not whole:
+        total = sum(origins.values())
+        if not total:
             return "The robot did not speak."
         voices = {voice for one in self._of.known for voice in one.voices}
         voice = {frozenset({"robot"}): " The voice was the robot's own.",
                  frozenset({"computer"}): " The voice was synthesised by the wizard's computer.",
                  frozenset({"both"}): " The robot's own voice and the wizard's computer spoke at the same time."}.get(
                      frozenset(voices), "")  # fmt: skip
-        return f"It spoke {times_word(whole)}: {share_words(origins)}.{voice}"
+        return f"It spoke {times_word(total)}: {share_words(origins)}.{voice}"
 
     def _who_decided_words(self) -> str:
-        said: Counter[str] = Counter()
+        counts: Counter[str] = Counter()
         for one in self._of.known:
-            said.update(one.said_by)
-        others = dict(said.most_common())
+            counts.update(one.utterances_by_actor)
+        others = dict(counts.most_common())
         others.pop(in_words(WIZARD), None)
         but = f", except for utterances by others ({listing_counts(others)})" if others else ""
-        return f"The wizard decided what it said{but}." if said else ""
+        return f"The wizard decided what it said{but}." if counts else ""
 
     def _wizards_text(self, wizards: list[str]) -> str:
         if not wizards:
@@ -588,11 +588,11 @@ class _Answers:
         return f"With the program, before the first session: {'; '.join(parts)}.{rest}"
 
     def _perceived(self) -> str:
-        shown = [words for stream, words in SEEN if any(stream in one.streams for one in self._of.known)]
-        texts = [f"On the console: {listing(shown)}."] if shown else []
+        stream_texts = [words for stream, words in SEEN if any(stream in one.streams for one in self._of.known)]
+        texts = [f"On the console: {listing(stream_texts)}."] if stream_texts else []
         texts.append(
             "Participants' speech was transcribed for the wizard."
-            if any(one.heard for one in self._of.known)
+            if any(one.participant_spoke for one in self._of.known)
             else "Participants' speech was not transcribed."
         )
         panels = distinct(panel for one in self._of.known for scenario in one.scenarios for panel in scenario.panels)
@@ -699,8 +699,8 @@ class _Answers:
             return "The wizard marked no errors."
         rate = per_10_min(count, self._of.recorded_s())
         kinds = listing_counts({label or "not specified": number for label, number in errors.items()})
-        shown = f", {rate:.1f} per 10 minutes" if rate is not None else ""
-        return f"The wizard marked {number_of(count, 'error')} ({kinds}){shown}."
+        rate_text = f", {rate:.1f} per 10 minutes" if rate is not None else ""
+        return f"The wizard marked {number_of(count, 'error')} ({kinds}){rate_text}."
 
     def _dates(self) -> str:
         return days_words(one.session for one in self._of.known)
@@ -734,12 +734,12 @@ class _Answers:
     def _latency(self) -> str:
         texts = []
         for model in self._of.models:
-            first, whole = SummaryStats.of(model.first_token_s), SummaryStats.of(model.answer_s)
+            first, complete = SummaryStats.of(model.first_token_s), SummaryStats.of(model.answer_s)
             name = f"{model_name(model)}: " if len(self._of.models) > 1 else ""
             if first is not None:
                 texts.append(f"{name}Time to the first word: {spread_words(first)}.")
-            if whole is not None:
-                texts.append(f"{name}Time to the complete answer: {spread_words(whole)}.")
+            if complete is not None:
+                texts.append(f"{name}Time to the complete answer: {spread_words(complete)}.")
         return " ".join(texts)
 
     def _clocks(self) -> str:
@@ -833,13 +833,13 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
         yield f"{who} had practised with the program for {span} before the first session."
     else:
         yield "[Training of the wizard.]" if len(wizards) <= 1 else "[Training of the wizards.]"
-    shown = [words for stream, words in SEEN[:5] if any(stream in one.streams for one in study.known)]
-    if shown:
-        yield f"The console showed {listing(shown)}."
+    stream_texts = [words for stream, words in SEEN[:5] if any(stream in one.streams for one in study.known)]
+    if stream_texts:
+        yield f"The console showed {listing(stream_texts)}."
     origins = study.counted(lambda m: m.origins)
-    whole = sum(origins.values())
-    if whole:
-        yield f"The robot made {number_of(whole, 'utterance')} ({share_words(origins)})."
+    total = sum(origins.values())
+    if total:
+        yield f"The robot made {number_of(total, 'utterance')} ({share_words(origins)})."
     response = SummaryStats.of(study.responses())
     if response is not None:
         yield (
@@ -903,8 +903,12 @@ def _model_sentence(study: StudyFacts, model: ModelUse) -> str:
         for exchange in one.exchanges
         if model_asked(exchange) == (model.provider, model.model, model.version, model.place)
     )
-    shown = f"; {'; '.join(map(settings_words, settings))}" if settings and settings != ["{}"] else ""
-    inside = name[:-1] + f"{shown})" if name.endswith(")") else f"{name}{f' ({shown[2:]})' if shown else ''}"
+    settings_text = f"; {'; '.join(map(settings_words, settings))}" if settings and settings != ["{}"] else ""
+    inside = (
+        name[:-1] + f"{settings_text})"
+        if name.endswith(")")
+        else f"{name}{f' ({settings_text[2:]})' if settings_text else ''}"
+    )
     text = f"The language model {inside} was asked {times_word(model.asked)} to propose what the robot could say"
     if not model.answered:
         return f"{text} and gave no answer."

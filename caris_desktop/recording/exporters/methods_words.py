@@ -78,8 +78,8 @@ def listing_counts(counts: dict[str, int]) -> str:
 
 
 def share_words(origins: dict[str, int]) -> str:
-    whole = sum(origins.values())
-    return listing([f"{count / whole:.0%} {ORIGIN_WORDS.get(name, name)}" for name, count in origins.items()])
+    total = sum(origins.values())
+    return listing([f"{count / total:.0%} {ORIGIN_WORDS.get(name, name)}" for name, count in origins.items()])
 
 
 def distinct(values: Iterable[str]) -> list[str]:

@@ -155,8 +155,8 @@ def licence_of(chosen: str) -> Entity:
 
 def _refuse_names(session: Session) -> None:
     """Raise SessionError if the recording holds names of people, which belong in the study's database only."""
-    for _, shown in session.values("status"):
-        rows = shown.content if shown.name == "persons" and isinstance(shown.content, list) else []
+    for _, status in session.values("status"):
+        rows = status.content if status.name == "persons" and isinstance(status.content, list) else []
         for row in rows:
             if isinstance(row, dict) and not _UNNAMED.fullmatch(str(row.get("name") or "")):
                 raise SessionError(
@@ -175,11 +175,11 @@ _PATHS = re.compile(r"/(?:home|Users|root)/|[A-Za-z]:\\Users\\")
 
 def _warn_of_paths(session: Session, warn: Callable[[str], None]) -> None:
     """Warn about paths of this computer; the recording itself is not rewritten."""
-    own = (str(Path.home()), str(session.folder.absolute().parent))
+    private_paths = (str(Path.home()), str(session.folder.absolute().parent))
     count = 0
     for _, value in session.values("event/problem", "status"):
         text = "\n".join(_texts(to_jsonable(value)))
-        count += bool(_PATHS.search(text)) or any(path in text for path in own)
+        count += bool(_PATHS.search(text)) or any(path in text for path in private_paths)
     if count:
         warn(
             QT_TR_NOOP(
@@ -215,14 +215,14 @@ def _packed_session(session: Session, folder: Path, context: ExportContext) -> I
         # The header contains the sizes of the copies, so it comes late.
         names.sort(key=lambda name: (name == MANIFEST_NAME, name == _HEAD, bool(_HEADS.fullmatch(name))))
     sizes = {name: (session.folder / name).stat().st_size for name in names}
-    whole, done = max(1, sum(sizes.values())), 0
+    total_bytes, done = max(1, sum(sizes.values())), 0
     new_checksums: dict[str, tuple[str, str]] = {}
     sizes_anew: dict[str, tuple[str, int]] = {}
 
     def copied(count: int) -> None:
         nonlocal done
         done += count
-        context.progress(min(1.0, done / whole))
+        context.progress(min(1.0, done / total_bytes))
 
     for name in names:
         source, target = session.folder / name, folder / name

@@ -123,10 +123,10 @@ def write_rosbag2(
             bags.write(topic, at_utc_ns, message)
         topics = bags.topics
     if bags.left_out:
-        what = QT_TR_NOOP(
+        warning = QT_TR_NOOP(
             "%n message(s) were skipped: their times or numbers are out of range for ROS.", "", bags.left_out
         )
-        context.warn(what)
+        context.warn(warning)
     readme = out / "README.md"
     readme.write_text(_readme(session, clock, topics, moments, image_hz), encoding="utf-8")
     return [readme, out / "session.bag", out / "ros2" / "metadata.yaml", out / "ros2" / "ros2.mcap"]
@@ -278,16 +278,29 @@ class _Translator:
         model, frame = lens.model, _camera_frame(self._name_of(lens.camera))
         if not model.on_head:
             yield from self._fixed(frame, _camera_transform(model, frame, at_ns=at_ns))
-        seen = message_conversion.Lens(
+        camera_model = message_conversion.Lens(
             model.width_px, model.height_px, model.fx_px, model.fy_px, model.cx_px, model.cy_px
         )
         yield (
             RosTopic(f"/camera/{self._name_of(lens.camera)}/camera_info", "sensor_msgs/msg/CameraInfo", latched=True),
             {
-                **message_conversion.encode_camera_info(_PLAIN, seen, stamp_ns=at_ns, frame_id=frame),
+                **message_conversion.encode_camera_info(_PLAIN, camera_model, stamp_ns=at_ns, frame_id=frame),
                 "d": [0.0] * 5,
                 "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-                "p": [seen.fx_px, 0.0, seen.cx_px, 0.0, 0.0, seen.fy_px, seen.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0],
+                "p": [
+                    camera_model.fx_px,
+                    0.0,
+                    camera_model.cx_px,
+                    0.0,
+                    0.0,
+                    camera_model.fy_px,
+                    camera_model.cy_px,
+                    0.0,
+                    0.0,
+                    0.0,
+                    1.0,
+                    0.0,
+                ],
             },
         )
 

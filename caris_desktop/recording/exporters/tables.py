@@ -349,32 +349,32 @@ class _UtteranceRow:
     person_confidence: float | None
 
     @classmethod
-    def of(cls, said: SpokenUtterance, session: Session) -> "_UtteranceRow":
-        known = (said.start_ns, said.requested_ns, session.started_ns)
-        lasted = said.start_ns is not None and said.end_ns is not None
+    def of(cls, utterance: SpokenUtterance, session: Session) -> "_UtteranceRow":
+        known = (utterance.start_ns, utterance.requested_ns, session.started_ns)
+        lasted = utterance.start_ns is not None and utterance.end_ns is not None
         return cls(
             stamp_ns=next(stamp_ns for stamp_ns in known if stamp_ns is not None),
-            utterance_id=said.utterance_id,
-            speaker=said.speaker,
-            text=said.text,
-            origin=said.origin,
-            said=said.said,
-            state=said.state,
-            duration_s=round(((said.end_ns or 0) - (said.start_ns or 0)) / 1e9, 6) if lasted else None,
-            requested_ns=said.requested_ns,
-            start_ns=said.start_ns,
-            end_ns=said.end_ns,
-            voice=said.voice,
-            detail=said.detail,
-            actor=said.actor,
-            person_id=said.person_id,
-            heard_text=said.heard_text,
-            tags=said.tags,
-            confidence=said.confidence,
-            language=said.language,
-            estimated=said.estimated,
-            person_by=said.person_by,
-            person_confidence=said.person_confidence,
+            utterance_id=utterance.utterance_id,
+            speaker=utterance.speaker,
+            text=utterance.text,
+            origin=utterance.origin,
+            said=utterance.said,
+            state=utterance.state,
+            duration_s=round(((utterance.end_ns or 0) - (utterance.start_ns or 0)) / 1e9, 6) if lasted else None,
+            requested_ns=utterance.requested_ns,
+            start_ns=utterance.start_ns,
+            end_ns=utterance.end_ns,
+            voice=utterance.voice,
+            detail=utterance.detail,
+            actor=utterance.actor,
+            person_id=utterance.person_id,
+            heard_text=utterance.heard_text,
+            tags=utterance.tags,
+            confidence=utterance.confidence,
+            language=utterance.language,
+            estimated=utterance.estimated,
+            person_by=utterance.person_by,
+            person_confidence=utterance.person_confidence,
         )
 
 
@@ -765,8 +765,8 @@ def _columns_of_robot_stamp(unit: str, read: Callable[[Any], Any]) -> Iterator[C
 
 def _columns_of_array(name: str, unit: str, dtype: "np.dtype[Any]", read: Callable[[Any], Any]) -> Iterator[Column]:
     points = name.startswith("points_") or "_points_" in name
-    whole: Kind = "cells" if dtype.itemsize == 1 else "depths"
-    kind: Kind = whole if dtype.kind in "iu" else "points" if points else "numbers"
+    plain_kind: Kind = "cells" if dtype.itemsize == 1 else "depths"
+    kind: Kind = plain_kind if dtype.kind in "iu" else "points" if points else "numbers"
     yield Column(
         f"{name}_shape", "", "integers", "Number of values; for a grid rows and columns, for points their number "
             "and coordinates.",

@@ -32,27 +32,27 @@ class _Video:
 
 def write_vtt(session: Session, out: Path, context: ExportContext) -> list[Path]:
     """Fill the empty folder ``out``. Raises OSError, SessionError."""
-    said = [utterance for utterance in spoken(session) if utterance.said]
+    utterances = [utterance for utterance in spoken(session) if utterance.said]
     context.progress(0.7)
-    last_ns = max([session.ended_ns, *(utterance.end_ns or 0 for utterance in said)])
-    whole = _Video("", session.started_ns, last_ns)
-    paths = [_write(out / "captions.vtt", session, whole, said)]
+    last_ns = max([session.ended_ns, *(utterance.end_ns or 0 for utterance in utterances)])
+    session_video = _Video("", session.started_ns, last_ns)
+    paths = [_write(out / "captions.vtt", session, session_video, utterances)]
     for speaker in _SPEAKERS:
-        theirs = [utterance for utterance in said if utterance.speaker == speaker]
+        theirs = [utterance for utterance in utterances if utterance.speaker == speaker]
         if theirs:
-            paths.append(_write(out / f"captions-{speaker or 'somebody'}.vtt", session, whole, theirs))
+            paths.append(_write(out / f"captions-{speaker or 'somebody'}.vtt", session, session_video, theirs))
     taken = {path.name for path in paths}
     for video in _videos(session):
         name = f"{PurePath(video.file_name).stem}.vtt"
         if name in taken:
             name = f"video-{name}"
         taken.add(name)
-        paths.append(_write(out / name, session, video, said))
+        paths.append(_write(out / name, session, video, utterances))
     context.progress(1.0)
     return paths
 
 
-def _write(path: Path, session: Session, video: _Video, said: Iterable[SpokenUtterance]) -> Path:
+def _write(path: Path, session: Session, video: _Video, utterances: Iterable[SpokenUtterance]) -> Path:
     name = _line(session.folder.name)
     if video.file_name:
         begins_s = session.clock.session_s(video.first_stamp_ns)
@@ -63,15 +63,15 @@ def _write(path: Path, session: Session, video: _Video, said: Iterable[SpokenUtt
     else:
         note = f"Times are relative to the start of the session {name}, at {session.clock.utc(session.started_ns)}."
     blocks = ["WEBVTT", f"NOTE {note}"]
-    cues = [cue for utterance in said if (cue := _cue(utterance, video)) is not None]
+    cues = [cue for utterance in utterances if (cue := _cue(utterance, video)) is not None]
     blocks += [text for _, text in sorted(cues, key=lambda cue: cue[0])]
     path.write_text("\n\n".join(blocks) + "\n", encoding="utf-8", newline="\n")
     return path
 
 
-def _cue(said: SpokenUtterance, video: _Video) -> tuple[int, str] | None:
+def _cue(utterance: SpokenUtterance, video: _Video) -> tuple[int, str] | None:
     """Start time and text of a cue; None if the video does not cover it."""
-    start_ns, end_ns = said.start_ns or 0, said.end_ns or said.start_ns or 0
+    start_ns, end_ns = utterance.start_ns or 0, utterance.end_ns or utterance.start_ns or 0
     if end_ns == start_ns:
         end_ns = start_ns + _MOMENT_SHOWN_NS
     if end_ns <= video.first_stamp_ns or start_ns > video.last_stamp_ns:
@@ -79,13 +79,13 @@ def _cue(said: SpokenUtterance, video: _Video) -> tuple[int, str] | None:
     start_ms = round(max(0, start_ns - video.first_stamp_ns) / 1e6)
     end_ms = max(start_ms + 1, round((end_ns - video.first_stamp_ns) / 1e6))
     # Interrupted speech gets a class for style sheets; the text stays the intended one.
-    cut_short = ".interrupted" if said.state == "interrupted" else ""
-    identifier = re.sub(r"[^\w.:-]+", "-", plain_text(said.utterance_id)).replace("-->", "") or "u"
-    speaker = _SPEAKERS.get(said.speaker, said.speaker.capitalize())
-    text = f"<v{cut_short} {_escaped(speaker)}>{_escaped(_line(said.text))}"
+    cut_short = ".interrupted" if utterance.state == "interrupted" else ""
+    identifier = re.sub(r"[^\w.:-]+", "-", plain_text(utterance.utterance_id)).replace("-->", "") or "u"
+    speaker = _SPEAKERS.get(utterance.speaker, utterance.speaker.capitalize())
+    text = f"<v{cut_short} {_escaped(speaker)}>{_escaped(_line(utterance.text))}"
     note = ""
-    if said.heard_text is not None:
-        note = f"NOTE {identifier} was corrected. Original transcript: {_line(said.heard_text)}\n\n"
+    if utterance.heard_text is not None:
+        note = f"NOTE {identifier} was corrected. Original transcript: {_line(utterance.heard_text)}\n\n"
     return start_ms, f"{note}{identifier}\n{_time(start_ms)} --> {_time(end_ms)}\n{text}"
 
 

@@ -180,7 +180,7 @@ class Ros1Bag:
             while True:
                 at = file.tell()
                 try:
-                    record = self._next(file, wanted=(self._HEADER, self._CHUNK, self._CONNECTION, self._MESSAGE))
+                    record = self._next(file, kinds=(self._HEADER, self._CHUNK, self._CONNECTION, self._MESSAGE))
                 except _CutError as error:
                     notes.add(f"The bag is truncated or damaged at byte {at} ({error}); the data before that was read.")
                     return
@@ -215,7 +215,7 @@ class Ros1Bag:
                 if compressed:
                     return
             chunk = io.BytesIO(self._unfolded(fields, data) if compressed else data)
-            while (inner := self._next(chunk, wanted=(self._CONNECTION, self._MESSAGE))) is not None:
+            while (inner := self._next(chunk, kinds=(self._CONNECTION, self._MESSAGE))) is not None:
                 if inner[0]["op"][0] == self._CONNECTION:
                     self._connect(inner[0], inner[1], channels)
                 elif inner[0]["op"][0] == self._MESSAGE:
@@ -229,7 +229,7 @@ class Ros1Bag:
             return False
         try:
             file.seek(index_at)
-            while (record := self._next(file, wanted=(self._CONNECTION,))) is not None:
+            while (record := self._next(file, kinds=(self._CONNECTION,))) is not None:
                 if record[0]["op"][0] != self._CONNECTION:
                     break
                 self._connect(record[0], record[1], channels)
@@ -241,7 +241,7 @@ class Ros1Bag:
             file.seek(before)
         return listed
 
-    def _next(self, file: IO[bytes], *, wanted: tuple[int, ...]) -> tuple[dict[str, bytes], bytes, bool] | None:
+    def _next(self, file: IO[bytes], *, kinds: tuple[int, ...]) -> tuple[dict[str, bytes], bytes, bool] | None:
         """Next record, and whether it is complete; the data of unwanted ones is skipped.
 
         Only chunks may be truncated: they may still hold whole messages.
@@ -253,7 +253,7 @@ class Ros1Bag:
         if len(fields.get("op", b"")) != 1:
             raise _CutError("a record without a type")
         length, kind = _u32(file.read(4)), fields["op"][0]
-        if kind not in wanted:
+        if kind not in kinds:
             file.seek(length, io.SEEK_CUR)
             return fields, b"", True
         if kind != self._CHUNK:

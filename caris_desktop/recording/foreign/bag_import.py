@@ -154,7 +154,7 @@ class _Survey:
     counts: Counter[BagChannel]
     first_ns: int = _LATEST_UTC_NS
     last_ns: int = 0
-    own: OwnSession | None = None
+    own_session: OwnSession | None = None
     mounts: list[tuple[BagChannel, bytes]] = field(default_factory=list)
     stretches: list["_BagPart"] = field(default_factory=list)
 
@@ -191,18 +191,18 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
             readers[channel] = MessageReader(channel)
         except NotUnderstoodError as error:
             unreadable[channel] = str(error)
-    casting = map_bag_topics(survey.counts, unreadable, own=survey.own is not None)
+    casting = map_bag_topics(survey.counts, unreadable, from_caris=survey.own_session is not None)
     if not any(role.kind not in ("tf", "session", "camera_info") for role in casting.roles.values()):
         names = ", ".join(sorted({channel.type or "no type" for channel in survey.counts})[:8])
         raise BagError(
             f"{path.name} contains no supported data ({len(survey.counts)} topics of the types {names}). "
             "Nothing was written."
         )
-    own = survey.own
-    anchor = own.anchor if own is not None else ClockAnchor(_FIRST_STAMP_NS, survey.first_ns)
-    clock = SessionClock(anchor, own.started_ns if own is not None else anchor.monotonic_ns)
+    origin = survey.own_session
+    anchor = origin.anchor if origin is not None else ClockAnchor(_FIRST_STAMP_NS, survey.first_ns)
+    clock = SessionClock(anchor, origin.started_ns if origin is not None else anchor.monotonic_ns)
     writer = _SessionWriter(place, clock)
-    maker = MessageConverter(casting.roles.values(), own)
+    maker = MessageConverter(casting.roles.values(), origin)
     used: Counter[BagChannel] = Counter()
     faults: dict[BagChannel, str] = {}
     try:
@@ -227,8 +227,8 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
                 faults.setdefault(message.channel, str(error))
         last_ns = anchor.monotonic_ns + (survey.last_ns - anchor.utc_ns)
         ended_ns = max(last_ns, clock.started_ns)
-        if own is not None and own.ended_ns is not None and ended_ns < own.ended_ns < ended_ns + _NEAR_NS:
-            ended_ns = own.ended_ns
+        if origin is not None and origin.ended_ns is not None and ended_ns < origin.ended_ns < ended_ns + _NEAR_NS:
+            ended_ns = origin.ended_ns
         _refuse_nothing(path, casting, used, faults)
         videos = writer.close(SessionEnded(ended_ns, folder.name, REASON))
     except BaseException:
@@ -245,7 +245,7 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
         topics=topics,
         notes=tuple(notes.sentences),
     )
-    _write_header(place, report, path.name, clock=clock, ended_ns=ended_ns, videos=videos, own=own)
+    _write_header(place, report, path.name, clock=clock, ended_ns=ended_ns, videos=videos, origin=origin)
     write_manifest(place)
     return report
 
@@ -281,17 +281,17 @@ def _surveyed(bag: Bag, path: Path, notes: ReadNotes, progress: Callable[[float]
         few = len(survey.mounts) < _MAX_MOUNTS and len(message.data) < _MAX_MOUNT_BYTES
         if has_mountings(message.channel) and few:
             survey.mounts.append((message.channel, message.data))
-        if survey.own is None and message.channel.topic == SESSION_TOPIC:
-            survey.own = _own_session(message.channel, message.data, message.at_ns)
+        if survey.own_session is None and message.channel.topic == SESSION_TOPIC:
+            survey.own_session = _own_session(message.channel, message.data, message.at_ns)
     survey.stretches = _intervals([minutes[minute] for minute in sorted(minutes)])
-    if survey.own is None:
+    if survey.own_session is None:
         _take_out_gaps(survey.stretches, notes)
     used = [(each, each.moved_ns) for each in survey.stretches if each.moved_ns is not None]
     survey.first_ns = min((each.first_ns + moved_ns for each, moved_ns in used), default=_LATEST_UTC_NS)
     survey.last_ns = max((each.last_ns + moved_ns for each, moved_ns in used), default=0)
     if not survey.counts or not survey.last_ns:
-        said = f" {notes.sentences[0]}" if notes.sentences else ""
-        raise BagError(f"{path.name} contains no messages.{said} Nothing was written.")
+        note = f" {notes.sentences[0]}" if notes.sentences else ""
+        raise BagError(f"{path.name} contains no messages.{note} Nothing was written.")
     if survey.last_ns < _SIMULATED_BEFORE_NS:
         notes.add("The bag uses simulation time: its dates are not the dates of the recording.")
     return survey
@@ -349,14 +349,14 @@ def _utc_text(at_ns: int) -> str:
 
 def _own_session(channel: BagChannel, data: bytes, at_ns: int) -> OwnSession | None:
     try:
-        own = own_session(MessageReader(channel).read(data))
+        origin = own_session(MessageReader(channel).read(data))
     except (NotUnderstoodError, MessageError):
         return None
-    if own is None:
+    if origin is None:
         return None
     # Implausible times: the mapping would not match the messages.
-    sane = 0 <= own.anchor.monotonic_ns < _LATEST_UTC_NS and 0 <= own.started_ns < _LATEST_UTC_NS
-    return own if sane and abs(own.anchor.utc_ns_at(own.started_ns) - at_ns) < _NEAR_NS else None
+    sane = 0 <= origin.anchor.monotonic_ns < _LATEST_UTC_NS and 0 <= origin.started_ns < _LATEST_UTC_NS
+    return origin if sane and abs(origin.anchor.utc_ns_at(origin.started_ns) - at_ns) < _NEAR_NS else None
 
 
 class _SessionWriter:
@@ -514,9 +514,9 @@ def _add_notes(notes: ReadNotes, writer: _SessionWriter, maker: MessageConverter
             f"The laser '{frame}' is tilted by {math.degrees(tilt_rad):.0f} degrees: its scans are imported, "
             "but not drawn."
         )
-    for camera, why in writer.without_video.items():
-        notes.add(f"The video of the camera {camera} ended early: {why}.")
-    if survey.own is None:
+    for camera, reason in writer.without_video.items():
+        notes.add(f"The video of the camera {camera} ended early: {reason}.")
+    if survey.own_session is None:
         notes.add(
             "Times are from the bag's clock. The robot's own timestamps are stored in addition; the offset "
             "between the two clocks is unknown."
@@ -543,9 +543,9 @@ def _write_header(
     clock: SessionClock,
     ended_ns: int,
     videos: tuple[VideoInfo, ...],
-    own: OwnSession | None,
+    origin: OwnSession | None,
 ) -> None:
-    header = own.header if own is not None else {}
+    header = origin.header if origin is not None else {}
     trial = header.get("trial")
     scenario = header.get("scenario")
     named = {

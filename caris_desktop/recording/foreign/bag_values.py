@@ -122,27 +122,29 @@ def has_mountings(channel: BagChannel) -> bool:
 
 
 def map_bag_topics(
-    counts: Mapping[BagChannel, int], unreadable: Mapping[BagChannel, str], *, own: bool
+    counts: Mapping[BagChannel, int], unreadable: Mapping[BagChannel, str], *, from_caris: bool
 ) -> TopicMapping:
     """Choose the channel for each stream.
 
-    ``counts`` are messages per channel; ``unreadable`` gives reasons why channels cannot be read; ``own``: exported by
-    this program.
+    ``counts`` are messages per channel; ``unreadable`` gives reasons why channels cannot be read; ``from_caris``:
+    exported by this program.
     """
     casting = TopicMapping({}, {})
     wishes: dict[TopicRole, list[BagChannel]] = {}
     streams_as_json = {
-        channel.topic.removeprefix(VALUE_TOPICS) for channel in counts if own and channel.topic.startswith(VALUE_TOPICS)
+        channel.topic.removeprefix(VALUE_TOPICS)
+        for channel in counts
+        if from_caris and channel.topic.startswith(VALUE_TOPICS)
     }
     for channel in counts:
-        wish = _own_role(channel) if own and channel.topic.startswith(VALUE_TOPICS) else _role(channel)
+        wish = _own_role(channel) if from_caris and channel.topic.startswith(VALUE_TOPICS) else _role(channel)
         if isinstance(wish, str):
             casting.reasons[channel] = wish
         elif channel in unreadable:
             casting.reasons[channel] = unreadable[channel]
         elif wish.kind != "value" and wish.stream in streams_as_json:
             casting.reasons[channel] = f"the same data is in {VALUE_TOPICS}{wish.stream}"
-        elif own and wish.kind in ("tf", "utterance") and channel.topic != "/tf_static":
+        elif from_caris and wish.kind in ("tf", "utterance") and channel.topic != "/tf_static":
             casting.reasons[channel] = "the same data is in other topics"
         else:
             wishes.setdefault(wish, []).append(channel)
@@ -313,8 +315,8 @@ class FrameTree:
 class MessageConverter:
     """Converts messages to domain values in sequence. ``stamp_ns`` is bag time as session time."""
 
-    def __init__(self, roles: Iterable[TopicRole], own: OwnSession | None) -> None:
-        self._own = own
+    def __init__(self, roles: Iterable[TopicRole], origin: OwnSession | None) -> None:
+        self._origin = origin
         self._tree = FrameTree()
         self._pose_from_tf = not any(role.stream == "pose" for role in roles)
         self._tf_pose_ns = -_TF_POSE_EVERY_NS
@@ -354,7 +356,7 @@ class MessageConverter:
         for transform in message_conversion.decode_tf_message(message, unusable=self._note_unusable):
             self._tree.put(transform)
 
-    def _note_unusable(self, parent: str, child: str, _why: str) -> None:
+    def _note_unusable(self, parent: str, child: str, _reason: str) -> None:
         self.unusable_transforms.add(f"{parent} to {child}")
 
     def make(self, role: TopicRole, message: Message, stamp_ns: int, channel: BagChannel) -> Iterator[Any]:
@@ -464,15 +466,15 @@ class MessageConverter:
             yield CameraLens(at_ns, lens.robot_stamp_ns, camera, model)
 
     def _utterance(self, message: Message, at_ns: int, channel: BagChannel) -> Iterator[UtteranceChanged]:
-        said = message_conversion.decode_string(message).strip()
-        if not said:
+        sentence = message_conversion.decode_string(message).strip()
+        if not sentence:
             return
         self._utterances += 1
-        heard = any(word in channel.topic.lower() for word in _HEARD_WORDS)
-        speaker: Speaker = "participant" if heard else "robot"
+        from_participant = any(word in channel.topic.lower() for word in _HEARD_WORDS)
+        speaker: Speaker = "participant" if from_participant else "robot"
         # Bags have no start and end of speech: only a time at which it was heard.
         yield UtteranceChanged(
-            at_ns, f"bag-{self._utterances}", speaker, said, "heard", "finished", detail=f"from {channel.topic}"
+            at_ns, f"bag-{self._utterances}", speaker, sentence, "heard", "finished", detail=f"from {channel.topic}"
         )
 
     def _video_frames(self, camera: str, message: Message) -> Iterator[BagPicture]:
@@ -502,9 +504,9 @@ class MessageConverter:
             raise MessageError(f"not a value of {stream}: {error}") from error
         if not isinstance(value.stamp_ns, int) or abs(value.stamp_ns - at_ns) > _SAME_SESSION_NS:
             raise MessageError(f"a value of {stream} from another time")
-        if isinstance(value, LinkQuality) and value.clock_offset_ms is not None and self._own is not None:
+        if isinstance(value, LinkQuality) and value.clock_offset_ms is not None and self._origin is not None:
             # The export mapped the robot's stamps to UTC, which is their clock from here on.
-            utc_minus_session_ns = self._own.anchor.utc_ns - self._own.anchor.monotonic_ns
+            utc_minus_session_ns = self._origin.anchor.utc_ns - self._origin.anchor.monotonic_ns
             value = replace(value, clock_offset_ms=utc_minus_session_ns / 1e6)
         yield value
 

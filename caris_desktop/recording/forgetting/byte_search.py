@@ -294,8 +294,8 @@ class _Row(io.RawIOBase):
                 break
             parts.append(part)
             have += len(part)
-        whole = b"".join(parts)
-        taken, self._rest = (whole, b"") if size < 0 else (whole[:size], whole[size:])
+        data = b"".join(parts)
+        taken, self._rest = (data, b"") if size < 0 else (data[:size], data[size:])
         return taken
 
 

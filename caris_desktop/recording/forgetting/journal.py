@@ -120,13 +120,13 @@ class Journal:
 
     def _read_entries(self) -> None:
         content = self.path.read_bytes()
-        whole = content[: content.rfind(b"\n") + 1]
-        for line in whole.splitlines():
+        complete = content[: content.rfind(b"\n") + 1]
+        for line in complete.splitlines():
             self._remember(parse_json(line))
-        if len(whole) < len(content):
+        if len(complete) < len(content):
             # A kill truncated the last line; its action did not happen.
             with self.path.open("r+b") as file:
-                file.truncate(len(whole))
+                file.truncate(len(complete))
 
 
 def path_of(study: Path, person_id: str) -> Path:

@@ -74,11 +74,11 @@ class _Track:
 class PersonTracks:
     """Tracks of one person in one session, in session time.
 
-    ``looks_ns`` are the times of each camera's detections, with or without people.
+    ``detections_ns`` are the times of each camera's detections, with or without people.
     """
 
     tracks: dict[str, list[_Track]]
-    looks_ns: dict[str, list[int]]
+    detections_ns: dict[str, list[int]]
     visits_ns: list[tuple[int, int]]
 
     @property
@@ -87,7 +87,7 @@ class PersonTracks:
 
     def seen_by(self, camera: str) -> bool:
         """True if a video of this camera may show the person; without any detection it may show anyone."""
-        return bool(self.tracks.get(camera)) or (self.any and not self.looks_ns.get(camera))
+        return bool(self.tracks.get(camera)) or (self.any and not self.detections_ns.get(camera))
 
     def areas_at(self, camera: str, at_ns: int) -> tuple[Area, ...]:
         """Areas of the image to cover."""
@@ -119,27 +119,27 @@ class PersonTracks:
         return held
 
     def _held_until(self, camera: str, seen_ns: int) -> int:
-        looks_ns = self.looks_ns.get(camera, [])
-        at = bisect_right(looks_ns, seen_ns)
-        next_ns = looks_ns[at] if at < len(looks_ns) else seen_ns
+        detections_ns = self.detections_ns.get(camera, [])
+        at = bisect_right(detections_ns, seen_ns)
+        next_ns = detections_ns[at] if at < len(detections_ns) else seen_ns
         return min(max(seen_ns + _HOLD_NS, next_ns), seen_ns + _GAP_NS)
 
     def _held_from(self, camera: str, seen_ns: int) -> int:
-        looks_ns = self.looks_ns.get(camera, [])
-        at = bisect_left(looks_ns, seen_ns) - 1
-        before_ns = looks_ns[at] if at >= 0 else seen_ns
+        detections_ns = self.detections_ns.get(camera, [])
+        at = bisect_left(detections_ns, seen_ns) - 1
+        before_ns = detections_ns[at] if at >= 0 else seen_ns
         return max(min(seen_ns - _HOLD_NS, before_ns), seen_ns - _GAP_NS)
 
     def _unseen(self, camera: str, at_ns: int) -> bool:
         """True if no detection ran and the person may have been present."""
-        looks_ns = self.looks_ns.get(camera, [])
-        if not looks_ns:
+        detections_ns = self.detections_ns.get(camera, [])
+        if not detections_ns:
             return any(begin_ns - _GAP_NS <= at_ns <= end_ns + _GAP_NS for begin_ns, end_ns in self.visits_ns)
-        after = bisect_right(looks_ns, at_ns)
-        before_ns = looks_ns[after - 1] if after else None
-        next_ns = looks_ns[after] if after < len(looks_ns) else None
+        after = bisect_right(detections_ns, at_ns)
+        before_ns = detections_ns[after - 1] if after else None
+        next_ns = detections_ns[after] if after < len(detections_ns) else None
         if before_ns is None or next_ns is None:
-            edge_ns = looks_ns[0] if before_ns is None else looks_ns[-1]
+            edge_ns = detections_ns[0] if before_ns is None else detections_ns[-1]
             return abs(at_ns - edge_ns) > _HOLD_NS and self._seen_near(camera, edge_ns)
         if next_ns - before_ns <= _GAP_NS or at_ns == before_ns:
             return False
@@ -155,16 +155,16 @@ class PersonTracks:
 
 def sightings_in(events: Path, person_ids: frozenset[str]) -> PersonTracks:
     """Tracks of these ids from ``events.mcap``. Raises OSError."""
-    wanted = tuple(json.dumps(person_id).encode() for person_id in person_ids)
-    looks_ns: dict[str, list[int]] = {}
+    id_texts = tuple(json.dumps(person_id).encode() for person_id in person_ids)
+    detections_ns: dict[str, list[int]] = {}
     boxes: list[tuple[str, int, int, str, Area]] = []
     for _, data in messages_of(events, lambda topic: topic == _PEOPLE):
         stamp, camera = _STAMP.search(data), _CAMERA.search(data)
         if stamp is not None and camera is not None:
-            looks_ns.setdefault(json.loads(b'"' + camera[1] + b'"'), []).append(int(stamp[1]))
-        if _NAMELESS.search(data) or any(person_id in data for person_id in wanted):
+            detections_ns.setdefault(json.loads(b'"' + camera[1] + b'"'), []).append(int(stamp[1]))
+        if _NAMELESS.search(data) or any(person_id in data for person_id in id_texts):
             boxes += _detections_in(data, person_ids)
-    return _combine(boxes, looks_ns)
+    return _combine(boxes, detections_ns)
 
 
 def links_in(events: Path) -> Iterator[tuple[bool, str, str]]:
@@ -192,10 +192,10 @@ def everyone_who_is(person_ids: Iterable[str], links: Iterable[tuple[bool, str, 
     return frozenset(found)
 
 
-def messages_of(events: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[str, bytes]]:
+def messages_of(events: Path, is_selected: Callable[[str], bool]) -> Iterator[tuple[str, bytes]]:
     """Topic and data of some channels' messages in recording order. Raises OSError."""
     index = mcap_chunks.read_index(events)
-    topics = {number: channel.topic for number, channel in index.channels.items() if wanted(channel.topic)}
+    topics = {number: channel.topic for number, channel in index.channels.items() if is_selected(channel.topic)}
     numbers = sorted({int(block) for channel in topics for block in index.blocks_of.get(channel, ())})
     with events.open("rb") as file:
         for number in numbers:
@@ -237,7 +237,7 @@ def _detections_in(data: bytes, person_ids: frozenset[str]) -> Iterator[tuple[st
         _log.warning("boxes that cannot be read are left out", exc_info=True)
 
 
-def _combine(boxes: list[tuple[str, int, int, str, Area]], looks_ns: dict[str, list[int]]) -> PersonTracks:
+def _combine(boxes: list[tuple[str, int, int, str, Area]], detections_ns: dict[str, list[int]]) -> PersonTracks:
     theirs = {(camera, track) for camera, track, _, person_id, _ in boxes if person_id}
     of_track: dict[tuple[str, int], _Track] = {}
     visits: list[int] = []
@@ -257,4 +257,4 @@ def _combine(boxes: list[tuple[str, int, int, str, Area]], looks_ns: dict[str, l
             visits_ns[-1] = visits_ns[-1][0], stamp_ns
         else:
             visits_ns.append((stamp_ns, stamp_ns))
-    return PersonTracks(tracks, {camera: sorted(looks) for camera, looks in looks_ns.items()}, visits_ns)
+    return PersonTracks(tracks, {camera: sorted(stamps_ns) for camera, stamps_ns in detections_ns.items()}, visits_ns)

@@ -45,9 +45,9 @@ class PersonNames:
         """Names to search for, longest first."""
         found: dict[str, None] = {}
         for name in self.names:
-            whole = " ".join(name.split())
-            parts = [part for part in re.split(r"[\s\-.]+", whole) if len(part) >= _LEAST_PART]
-            for text in (whole, *parts):
+            full_name = " ".join(name.split())
+            parts = [part for part in re.split(r"[\s\-.]+", full_name) if len(part) >= _LEAST_PART]
+            for text in (full_name, *parts):
                 if len(text) >= 2:
                     found.setdefault(unicodedata.normalize("NFC", text))
                     found.setdefault(_without_accents(text))
@@ -56,12 +56,12 @@ class PersonNames:
     @cached_property
     def pattern(self) -> re.Pattern[str] | None:
         """Pattern for any kind of text file: plain, JSON, XML, URL. None without names."""
-        wanted = []
+        patterns = []
         for text in self.alternatives:
             forms = [_joined(form) for form in _forms(text)]
             either = "|".join(dict.fromkeys(forms))
-            wanted.append(f"(?:{either})" if _is_distinct(text) else f"{_BEGINS}(?:{either}){_ENDS}")
-        return re.compile("|".join(wanted), re.IGNORECASE) if wanted else None
+            patterns.append(f"(?:{either})" if _is_distinct(text) else f"{_BEGINS}(?:{either}){_ENDS}")
+        return re.compile("|".join(patterns), re.IGNORECASE) if patterns else None
 
     def spans(self, text: str) -> Iterator[tuple[int, int]]:
         """Positions of the person's names in ``text``."""

@@ -34,17 +34,17 @@ _FILM = (".mp4",)
 class SessionMedia:
     """Media of one session, with its folder held. ``problems`` collects sentences on failures."""
 
-    def __init__(self, session: Session, seen: PersonTracks, person_ids: frozenset[str], journal: Journal) -> None:
+    def __init__(self, session: Session, tracks: PersonTracks, person_ids: frozenset[str], journal: Journal) -> None:
         self._session = session
         self._folder = session.folder
-        self._seen = seen
+        self._tracks = tracks
         self._ids = person_ids
         self._journal = journal
         self.problems: list[str] = []
 
     def treat_pictures(self, how: Literal["mask", "remove"], *, progress: Callable[[float, str], None]) -> None:
         """Redact video and photos. Raises OSError."""
-        videos = [video for video in self._recorded_entries("videos") if self._seen.seen_by(str(video.get("camera")))]
+        videos = [video for video in self._recorded_entries("videos") if self._tracks.seen_by(str(video.get("camera")))]
         recorded_names = {str(video.get("file_name")) for video in self._recorded_entries("videos")}
         for number, video in enumerate(videos):
             path = self._folder / str(video.get("file_name"))
@@ -58,12 +58,12 @@ class SessionMedia:
                     progress((number + done) / len(videos), name)
 
                 self._cover_video(path, video, report)
-        if self._seen.any and isinstance(self._session.header.get("videos"), list):
+        if self._tracks.any and isinstance(self._session.header.get("videos"), list):
             self._treat_other_videos(recorded_names)
         self._treat_photos(how)
 
-    def _recorded_entries(self, what: str) -> list[dict[str, Any]]:
-        entries = self._session.header.get(what)
+    def _recorded_entries(self, section: str) -> list[dict[str, Any]]:
+        entries = self._session.header.get(section)
         return [
             entry
             for entry in (entries if isinstance(entries, list) else ())
@@ -91,7 +91,7 @@ class SessionMedia:
                     part,
                     times,
                     first_stamp_ns,
-                    lambda at_ns: self._seen.areas_at(camera, at_ns),
+                    lambda at_ns: self._tracks.areas_at(camera, at_ns),
                     progress=progress,
                 ),
             )
@@ -149,7 +149,7 @@ class SessionMedia:
                 path = path.with_name(_ASIDE) / path.name
                 recorded_paths.add(path)
             moments = range(stamp_ns + _PHOTO_FROM_NS, stamp_ns + _PHOTO_UNTIL_NS + 1, _PHOTO_STEP_NS)
-            areas = {area for at_ns in moments for area in self._seen.areas_at(camera, at_ns)}
+            areas = {area for at_ns in moments for area in self._tracks.areas_at(camera, at_ns)}
             meant = (str(photo.get("person_id") or ""), *map(str, photo.get("person_ids") or ()))
             if not areas and self._ids.intersection(meant):
                 areas = {WHOLE}
@@ -167,13 +167,15 @@ class SessionMedia:
         microphone recorded during their presence, except ``audible``. Raises OSError.
         """
         spans = [_span_of(utterance) for utterance in spoken(self._session) if utterance.utterance_id in silent]
-        visits = [(from_ns - AROUND_VISIT_NS, until_ns + AROUND_VISIT_NS) for from_ns, until_ns in self._seen.visits_ns]
+        visits = [
+            (from_ns - AROUND_VISIT_NS, until_ns + AROUND_VISIT_NS) for from_ns, until_ns in self._tracks.visits_ns
+        ]
         theirs = _without_spans(visits, [_exactly(utterance) for utterance in audible])
         for sound in self._recorded_entries("audio"):
             path = self._folder / str(sound.get("file_name"))
             if not path.is_file():
                 continue
-            if how == "remove" and self._seen.any and sound.get("source") != ROBOT_VOICE:
+            if how == "remove" and self._tracks.any and sound.get("source") != ROBOT_VOICE:
                 self._journal.remove(path, "sound")
                 continue
             quiet = [*spans, *(theirs if sound.get("source") in PARTICIPANT_SOURCES else ())]
@@ -192,21 +194,21 @@ class SessionMedia:
                     )
 
 
-def examined_media(session: Session, seen: PersonTracks | None) -> frozenset[Path]:
+def examined_media(session: Session, tracks: PersonTracks | None) -> frozenset[Path]:
     """Media files for which the recording shows whether the person is in them. Raises OSError."""
-    if seen is None or not seen.looks_ns:
+    if tracks is None or not tracks.detections_ns:
         return frozenset()
     folder = session.folder
 
-    def of(what: str, *, is_known: Callable[[dict[str, Any]], bool] = lambda _entry: True) -> Iterator[Path]:
-        entries = session.header.get(what)
+    def of(section: str, *, is_known: Callable[[dict[str, Any]], bool] = lambda _entry: True) -> Iterator[Path]:
+        entries = session.header.get(section)
         for entry in entries if isinstance(entries, list) else ():
             if isinstance(entry, dict) and is_known(entry):
                 yield folder / str(entry.get("file_name"))
 
     def was_looked_at(entry: dict[str, Any]) -> bool:
         # A camera without detection is covered entirely while a person was present.
-        return seen.any or bool(seen.looks_ns.get(str(entry.get("camera"))))
+        return tracks.any or bool(tracks.detections_ns.get(str(entry.get("camera"))))
 
     photos = [path for path in folder.rglob("*.png") if names_people(path)]
     for _, data in messages_of(folder / "events.mcap", lambda topic: topic == _PHOTO):
@@ -215,7 +217,7 @@ def examined_media(session: Session, seen: PersonTracks | None) -> frozenset[Pat
             path, camera = folder / str(photo["file_name"]), str(photo["camera"])
         except (ValueError, KeyError, TypeError):
             continue
-        if seen.any or seen.looks_ns.get(camera):
+        if tracks.any or tracks.detections_ns.get(camera):
             photos += [path, path.with_name(_ASIDE) / path.name]
     return frozenset((*of("videos", is_known=was_looked_at), *of("audio"), *photos))
 

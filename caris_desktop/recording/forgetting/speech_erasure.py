@@ -33,14 +33,14 @@ class Sentences:
 
     @cached_property
     def _pattern(self) -> re.Pattern[str] | None:
-        wanted = []
+        patterns = []
         for text in sorted(self.texts, key=len, reverse=True):
             for form in dict.fromkeys((text, json.dumps(text)[1:-1], json.dumps(text, ensure_ascii=False)[1:-1])):
                 plain = r"\s+".join(map(re.escape, form.split()))
-                wanted.append(
+                patterns.append(
                     plain if text in self.long else rf'(?:^|(?<=[",\t;])|(?<=: )){plain}(?=["\t,;\r\n]|  \[|\]|$)'
                 )
-        return re.compile("|".join(wanted), re.MULTILINE) if wanted else None
+        return re.compile("|".join(patterns), re.MULTILINE) if patterns else None
 
     @cached_property
     def _firsts(self) -> tuple[str, ...]:
@@ -71,7 +71,7 @@ class Speech:
     others: tuple[SpokenUtterance, ...] = ()
 
 
-def speech_in(session: Session, person_ids: frozenset[str], seen: PersonTracks) -> Speech:
+def speech_in(session: Session, person_ids: frozenset[str], tracks: PersonTracks) -> Speech:
     """Utterances of the session by speaker. Raises SessionError."""
     theirs: set[str] = set()
     doubtful: list[SpokenUtterance] = []
@@ -83,16 +83,16 @@ def speech_in(session: Session, person_ids: frozenset[str], seen: PersonTracks) 
             theirs.add(utterance.utterance_id)
         elif utterance.person_id:
             others.append(utterance)
-        elif utterance.text != FORGOTTEN and _is_during(utterance, seen):
+        elif utterance.text != FORGOTTEN and _is_during(utterance, tracks):
             doubtful.append(utterance)
     return Speech(frozenset(theirs), tuple(doubtful), tuple(others))
 
 
-def _is_during(utterance: SpokenUtterance, seen: PersonTracks) -> bool:
+def _is_during(utterance: SpokenUtterance, tracks: PersonTracks) -> bool:
     moments = [at for at in (utterance.start_ns, utterance.end_ns, utterance.requested_ns) if at is not None]
     return bool(moments) and any(
         min(moments) <= until_ns + AROUND_VISIT_NS and max(moments) >= from_ns - AROUND_VISIT_NS
-        for from_ns, until_ns in seen.visits_ns
+        for from_ns, until_ns in tracks.visits_ns
     )
 
 
@@ -101,10 +101,10 @@ def sentences_of(session: Session, utterance_ids: Iterable[str]) -> Sentences:
 
     Raises OSError.
     """
-    wanted = frozenset(utterance_ids)
+    ids = frozenset(utterance_ids)
     found: dict[str, None] = {}
     for _, data in messages_of(session.folder / "events.mcap", lambda topic: topic.startswith(_TOPICS)):
-        message = _read(data.decode("utf-8", "replace"), wanted)
+        message = _read(data.decode("utf-8", "replace"), ids)
         for text in (message.get(key) for key in _WORDS if key not in ("message", "detail")):
             if isinstance(text, str) and text.strip() and text != FORGOTTEN:
                 found.setdefault(" ".join(text.split()))

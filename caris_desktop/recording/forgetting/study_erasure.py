@@ -398,19 +398,19 @@ class _Forgetting:
     def _find_speech(self, sessions: list[Path]) -> None:
         """Collect the person's speech, before it is removed from the recording."""
         for folder in sessions:
-            seen = self._seen_in.get(folder)
-            if seen is None:
+            tracks = self._seen_in.get(folder)
+            if tracks is None:
                 continue
             with self._reporting_problems(folder):
                 session = open_session(folder, repair=False)
-                self._speech[folder] = speech = speech_in(session, self._ids, seen)
+                self._speech[folder] = speech = speech_in(session, self._ids, tracks)
                 file = self._journal.name_of(folder / "events.mcap")
                 moment = _moments_of(session)
                 redacted = set(speech.theirs)
-                for said in speech.doubtful:
-                    words, where = said.text, moment(said.start_ns or 0)
-                    if self._texts.note_speech(file, said.utterance_id, where, words) in ("redact", "remove"):
-                        redacted.add(said.utterance_id)
+                for utterance in speech.doubtful:
+                    words, where = utterance.text, moment(utterance.start_ns or 0)
+                    if self._texts.note_speech(file, utterance.utterance_id, where, words) in ("redact", "remove"):
+                        redacted.add(utterance.utterance_id)
                 self._spoken[folder] = frozenset(redacted)
                 self._sentences[folder] = sentences_of(session, redacted)
         everywhere = {text: None for sentences in self._sentences.values() for text in sentences.long}
@@ -481,7 +481,9 @@ class _Forgetting:
 
     def _inspect_unexamined(self, found: dict[Path, Searched], sessions: list[Path], exports: Exports) -> None:
         """List archives, and media without detection that may show the person or contain their voice."""
-        blind = {folder.name for folder in sessions if not (seen := self._seen_in.get(folder)) or not seen.looks_ns}
+        blind = {
+            folder.name for folder in sessions if not (seen := self._seen_in.get(folder)) or not seen.detections_ns
+        }
         examined = {change.file for change in self._journal.changes() if change.what == "copy"}
         for names in self._journal.noted("copies"):
             if not self._examined.isdisjoint(names):
@@ -498,22 +500,22 @@ class _Forgetting:
             if not tagged if export is None else exports.shown_in(export) & blind:
                 self._decide_on(path, _UNEXAMINED)
 
-    def _decide_on(self, path: Path, why: str) -> None:
-        if path.exists() and self._texts.note_unexamined(self._journal.name_of(path), why) == "remove":
+    def _decide_on(self, path: Path, reason: str) -> None:
+        if path.exists() and self._texts.note_unexamined(self._journal.name_of(path), reason) == "remove":
             self._journal.remove(path, "file")
 
     # Outside of the study
 
     def _in_own_files(self) -> None:
-        own = self._request.own_files
-        for path in own.sounds():
+        own_files = self._request.own_files
+        for path in own_files.sounds():
             self._journal.remove(path, "sound")
-        for path, searched in self._found_in(own.files()).items():
-            if own.is_log(path):
+        for path, searched in self._found_in(own_files.files()).items():
+            if own_files.is_log(path):
                 count = blot_out(path, self._words, self._texts.sentences)
                 if count:
                     self._journal.note(file=self._journal.name_of(path), what="log", after="-", count=count)
-            elif searched.hits and own.is_history(path):
+            elif searched.hits and own_files.is_history(path):
                 self._journal.replace(path, "history", partial(without_lines, path, self._words))
             else:
                 self._in_file(path, searched, self._texts)
@@ -524,7 +526,7 @@ class _Forgetting:
         named = {path for path, searched in found.items() if searched.hits}
         seen_in = {folder.name for folder, seen in self._seen_in.items() if seen.any}
         spoke_in = {folder.name for folder, spoken in self._spoken.items() if spoken}
-        sentences = Sentences(tuple({text: None for said in self._sentences.values() for text in said.texts}))
+        sentences = Sentences(tuple({text: None for sentence in self._sentences.values() for text in sentence.texts}))
         for path in found:
             export = exports.of(path)
             if export is not None and exports.shown_in(export) & spoke_in and _may_hold(path, sentences):
@@ -550,7 +552,7 @@ class _Forgetting:
     def _in_session(self, folder: Path, found: dict[Path, Searched], share: float) -> None:
         mine = {path: searched for path, searched in found.items() if path.is_relative_to(folder)}
         named = {path: searched for path, searched in mine.items() if searched.hits}
-        seen = self._seen_in.get(folder)
+        tracks = self._seen_in.get(folder)
         unexamined = self._unexamined_in(folder, list(mine))
         if not named and not unexamined and not self._is_concerned(folder):
             return
@@ -566,8 +568,8 @@ class _Forgetting:
                     self._events[path] = text_erasure.inspect_events(
                         work, path, self._journal.name_of(path), _moments_of(session)
                     )
-            if session is not None and seen is not None:
-                of_media = SessionMedia(session, seen, self._ids, self._journal)
+            if session is not None and tracks is not None:
+                of_media = SessionMedia(session, tracks, self._ids, self._journal)
                 before = self._progress_at
                 if not self._request.only_texts:
                     of_media.treat_pictures(
@@ -577,7 +579,11 @@ class _Forgetting:
                 # Before the person's speech is removed, which determines where to silence.
                 spoken, speech = self._spoken.get(folder, frozenset()), self._speech.get(folder, Speech())
                 named_in = frozenset().union(*(self._events[path].utterances for path in mine if path in self._events))
-                audible = [said for said in (*speech.others, *speech.doubtful) if said.utterance_id not in spoken]
+                audible = [
+                    utterance
+                    for utterance in (*speech.others, *speech.doubtful)
+                    if utterance.utterance_id not in spoken
+                ]
                 of_media.treat_sound(self._request.recordings, named_in | spoken, audible)
                 self._problems += [_message_for(folder, problem) for problem in of_media.problems]
             for path, searched in mine.items():
@@ -851,11 +857,11 @@ def receipt_words(path: Path) -> str:
         if (count := steps.get(what, {}).get(verb, 0))
     ]
     found = sum(after.get(what, 0) for what in ("names", "pictures", "sentences", "in_people_database"))
-    said = receipts[-1].get("utterances", {}) if receipts else {}
+    counts = receipts[-1].get("utterances", {}) if receipts else {}
     speech = (
-        f" Removed {said.get('theirs_removed', 0)} utterances by this person and {said.get('nobodys_removed', 0)} "
-        f"that may be; {said.get('nobodys_kept', 0)} retained, {said.get('nobodys_waiting', 0)} undecided."
-        if any(said.values())
+        f" Removed {counts.get('theirs_removed', 0)} utterances by this person and {counts.get('nobodys_removed', 0)} "
+        f"that may be; {counts.get('nobodys_kept', 0)} retained, {counts.get('nobodys_waiting', 0)} undecided."
+        if any(counts.values())
         else ""
     )
     searched = f"{after.get('bytes', 0) / 1e6:.0f} MB in {after.get('files', 0)} files were searched byte by byte"

@@ -98,9 +98,9 @@ class TextWork:
         """Note a file with the person that can only be removed or left as is."""
         return self._noted(Passage(_key(file, "", "", ""), file, "in it", "", words.strip(), "", "file", count))
 
-    def note_unexamined(self, file: str, why: str) -> Decision:
+    def note_unexamined(self, file: str, reason: str) -> Decision:
         """Note a file without detection that may show or contain the person."""
-        return self._noted(Passage(_key(file, "", "", ""), file, "in it", "", why, "", "unexamined"))
+        return self._noted(Passage(_key(file, "", "", ""), file, "in it", "", reason, "", "unexamined"))
 
     def note_speech(self, file: str, utterance_id: str, where: str, words: str) -> Decision:
         """Note speech of an unknown speaker during the person's presence."""
@@ -154,11 +154,11 @@ def lines_of(path: Path, encoding: str) -> Iterator[str]:
 
 def inspect_text(work: TextWork, path: Path, file: str, encoding: str) -> bool:
     """List the places of a file; True if anything is to be redacted. Raises OSError."""
-    wanted = False
+    to_change = False
     for number, line in enumerate(lines_of(path, encoding), start=1):
         found = work.find(line, file, lambda number=number: f"line {number}")  # type: ignore[misc]
-        wanted = wanted or _is_to_change(found)
-    return wanted
+        to_change = to_change or _is_to_change(found)
+    return to_change
 
 
 def rewrite_text(work: TextWork, path: Path, file: str, encoding: str, target: Path) -> int:
@@ -177,10 +177,10 @@ def rewrite_text(work: TextWork, path: Path, file: str, encoding: str, target: P
 
 def inspect_photo(work: TextWork, path: Path, file: str) -> bool:
     """List the places in a PNG's texts; True if anything is to be redacted. Raises OSError."""
-    wanted = False
+    to_change = False
     for name, text in _photo_texts(path).items():
-        wanted = _is_to_change(work.find(text, file, lambda name=name: f"its {name}")) or wanted  # type: ignore[misc]
-    return wanted
+        to_change = _is_to_change(work.find(text, file, lambda name=name: f"its {name}")) or to_change  # type: ignore[misc]
+    return to_change
 
 
 def rewrite_photo(work: TextWork, path: Path, file: str, target: Path) -> int:
@@ -324,5 +324,5 @@ def _behind(text: str, end: int) -> str:
 
 
 def _key(file: str, before: str, name: str, behind: str) -> str:
-    whole = "\0".join((file, before, name, behind))
-    return hashlib.sha256(whole.encode("utf-8", "surrogatepass")).hexdigest()[:10]
+    key = "\0".join((file, before, name, behind))
+    return hashlib.sha256(key.encode("utf-8", "surrogatepass")).hexdigest()[:10]

@@ -127,8 +127,8 @@ class AudioFile:
         if abs(self._deviation_s) < _TOLERATED_S:
             return samples
         most = max(1, round(len(samples) * _LARGEST_CORRECTION))
-        wanted = round(self._deviation_s * self.rate_hz)
-        count = int(np.clip(wanted, -most, most))
+        correction = round(self._deviation_s * self.rate_hz)
+        count = int(np.clip(correction, -most, most))
         samples = _with_more(samples, count) if count > 0 else _with_fewer(samples, -count)
         self._deviation_s -= count / self.rate_hz
         return samples

@@ -176,36 +176,38 @@ class _CameraQueue:
         self.waiting: deque[_Waiting] = deque()
         self.whole_since_ns: int | None = None
         self.whole_at_ns = 0
-        self._looks: list[People] = []
-        self._heard_ns: int | None = None
+        self._detections: list[People] = []
+        self._detected_ns: int | None = None
 
     def add_detections(self, people: People, now_ns: int) -> None:
-        self._heard_ns = now_ns
-        insort(self._looks, people, key=_stamp_of)
-        del self._looks[:-_KEPT_LOOKS]
+        self._detected_ns = now_ns
+        insort(self._detections, people, key=_stamp_of)
+        del self._detections[:-_KEPT_LOOKS]
 
     def is_due(self, now_ns: int) -> bool:
         """True if the first frame has its detections, or has waited long enough."""
         first = self.waiting[0]
-        newest_ns = self._looks[-1].stamp_ns if self._looks else 0
-        silent = self._heard_ns is None or now_ns - self._heard_ns > _SILENT_AFTER_NS
+        newest_ns = self._detections[-1].stamp_ns if self._detections else 0
+        silent = self._detected_ns is None or now_ns - self._detected_ns > _SILENT_AFTER_NS
         return silent or newest_ns >= first.ref.stamp_ns + AHEAD_NS or now_ns - first.since_ns >= WAIT_AT_MOST_NS
 
     def detections_around(self, stamp_ns: int) -> list[People] | None:
         """Detections around this time; None if they are missing or too far apart."""
-        looks = self._looks
-        after = bisect_right(looks, stamp_ns, key=_stamp_of)
+        detections = self._detections
+        after = bisect_right(detections, stamp_ns, key=_stamp_of)
         if after == 0:
             return None
-        before_ns = looks[after - 1].stamp_ns
-        after_ns = before_ns if before_ns == stamp_ns else looks[after].stamp_ns if after < len(looks) else None
+        before_ns = detections[after - 1].stamp_ns
+        after_ns = (
+            before_ns if before_ns == stamp_ns else detections[after].stamp_ns if after < len(detections) else None
+        )
         if after_ns is None or after_ns - before_ns > GAP_AT_MOST_NS:
             return None
-        return [look for look in looks if abs(stamp_ns - look.stamp_ns) <= NEAR_NS]
+        return [people for people in detections if abs(stamp_ns - people.stamp_ns) <= NEAR_NS]
 
 
 def parts_at(
-    stamp_ns: int, looks: Sequence[People], demand: BlurDemand, consenting: frozenset[str], covering: Covering
+    stamp_ns: int, detections: Sequence[People], demand: BlurDemand, consenting: frozenset[str], covering: Covering
 ) -> list[Corners]:
     """Areas to cover at this time, from the detections around or before it. A consenting person must be identified in
     each of them, since a track may change its person.
@@ -214,23 +216,27 @@ def parts_at(
     ways: dict[int, list[_Seen]] = {}
     bare: dict[int, bool] = {}
     brief: list[list[_Seen]] = []
-    for people in looks:
+    for people in detections:
         for box in people.boxes:
-            seen = _Seen(people.stamp_ns, covering.part_to_cover(box, demand.what))
-            ways.setdefault(box.track, []).append(seen)
+            sighting = _Seen(people.stamp_ns, covering.part_to_cover(box, demand.what))
+            ways.setdefault(box.track, []).append(sighting)
             bare[box.track] = bare.get(box.track, True) and box.person_id in spare
-        shown = [box for box in people.boxes if box.person_id in spare]
-        unfollowed = [box for box in people.unfollowed if not any(_within(box, other) for other in shown)]
+        consenting_boxes = [box for box in people.boxes if box.person_id in spare]
+        unfollowed = [box for box in people.unfollowed if not any(_within(box, other) for other in consenting_boxes)]
         _link(brief, [_Seen(people.stamp_ns, covering.part_to_cover(box, demand.what)) for box in unfollowed])
     covered = [*brief, *(way for track, way in ways.items() if not bare[track])]
     # Older detections only give the direction of movement.
-    return [_where(way, stamp_ns) for way in covered if min(abs(stamp_ns - seen.stamp_ns) for seen in way) <= HOLD_NS]
+    return [
+        _where(way, stamp_ns)
+        for way in covered
+        if min(abs(stamp_ns - sighting.stamp_ns) for sighting in way) <= HOLD_NS
+    ]
 
 
-def _link(ways: list[list[_Seen]], seen: list[_Seen]) -> None:
+def _link(ways: list[list[_Seen]], sightings: list[_Seen]) -> None:
     """Assign untracked detections to the nearest preceding one, or begin a new path."""
     open_ways = list(ways)
-    for one in seen:
+    for one in sightings:
         near = min(open_ways, key=lambda way: _distance_px(way[-1].corners, one.corners), default=None)
         if near is not None and _distance_px(near[-1].corners, one.corners) <= _SAME_WITHIN * _wide_px(one.corners):
             near.append(one)

@@ -466,22 +466,22 @@ class _CameraThread:
         )
 
 
-def photo_event(wanted: TakePhoto, file_name: str) -> PhotoTaken:
+def photo_event(request: TakePhoto, file_name: str) -> PhotoTaken:
     """Event for a photo once it is on disk."""
-    ref = wanted.ref
+    ref = request.ref
     return PhotoTaken(
-        ref.stamp_ns, ref.camera, ref.sequence, file_name, wanted.actor, wanted.person_id,
-        person_ids=wanted.person_ids, pose_in_map=wanted.pose_in_map,
+        ref.stamp_ns, ref.camera, ref.sequence, file_name, request.actor, request.person_id,
+        person_ids=request.person_ids, pose_in_map=request.pose_in_map,
     )  # fmt: skip
 
 
-def texts_for(wanted: TakePhoto, utc: str) -> dict[str, str]:
+def texts_for(request: TakePhoto, utc: str) -> dict[str, str]:
     """Texts for a photo's file."""
-    pose = wanted.pose_in_map
+    pose = request.pose_in_map
     return {
         TIME: utc,
-        CAMERA: wanted.ref.camera,
-        PEOPLE: " ".join(wanted.person_ids),
+        CAMERA: request.ref.camera,
+        PEOPLE: " ".join(request.person_ids),
         POSE: "" if pose is None else f"{pose.x_m:.3f} {pose.y_m:.3f} {math.degrees(pose.heading_rad):.1f}",
     }
 

@@ -47,7 +47,7 @@ class PlainFiles:
         self._written_pose: Pose2D | None = None
         self._written_pose_ns = 0
         self._spoken: dict[str, tuple[str, str]] = {}  # speaker and text
-        self._heard_from: dict[str, int] = {}
+        self._speech_began_ns: dict[str, int] = {}
         self._exchanges = 0
         self._people: dict[str, tuple[int, int, set[int]]] = {}
         self._people_changed = self._people_new = True
@@ -132,14 +132,14 @@ class PlainFiles:
             self._written_pose, self._written_pose_ns = self._pose, pose.stamp_ns
             self._write_movement(pose.stamp_ns, "pose", None, "")
 
-    def _write_movement(self, stamp_ns: int, what: str, twist: Twist2D | None, by: str) -> None:
+    def _write_movement(self, stamp_ns: int, movement: str, twist: Twist2D | None, by: str) -> None:
         velocity = f"{'':>8} {'':>8} {'':>8}"
         if twist is not None:
             velocity = f"{twist.forward_mps:>8.3f} {twist.left_mps:>8.3f} {math.degrees(twist.turn_radps):>8.2f}"
         place = f"{'-':>9} {'-':>9} {'-':>8}"
         if self._pose is not None:
             place = f"{self._pose.x_m:>9.3f} {self._pose.y_m:>9.3f} {math.degrees(self._pose.heading_rad):>8.1f}"
-        line = f"{self._times(stamp_ns)} {what:<8} {velocity} {place}  {by}"
+        line = f"{self._times(stamp_ns)} {movement:<8} {velocity} {place}  {by}"
         self._movement.write(f"{line.rstrip()}\n".encode())
 
     def _add_utterance(self, utterance: UtteranceChanged) -> None:
@@ -158,9 +158,9 @@ class PlainFiles:
     def _add_heard(self, utterance: UtteranceChanged) -> None:
         """Write a line when the utterance is complete, with its start time."""
         if utterance.state == "started":
-            self._heard_from[utterance.utterance_id] = utterance.stamp_ns
+            self._speech_began_ns[utterance.utterance_id] = utterance.stamp_ns
         elif utterance.state in ("finished", "interrupted") and utterance.text:
-            from_ns = self._heard_from.pop(utterance.utterance_id, utterance.stamp_ns)
+            from_ns = self._speech_began_ns.pop(utterance.utterance_id, utterance.stamp_ns)
             self._spoken[utterance.utterance_id] = ("participant", utterance.text)
             who = f" ({utterance.person_id})" if utterance.person_id else ""
             self._write_speech(from_ns, f"participant{who}", utterance.text, f"  [{utterance.origin}]")
@@ -185,8 +185,8 @@ class PlainFiles:
         self._exchanges += 1
         folder = self._folder / "llm"
         folder.mkdir(exist_ok=True)
-        asked = {"asked_utc": self._clock.utc(exchange.asked_ns), "answered_utc": self._clock.utc(exchange.stamp_ns)}
-        self._replace(f"llm/{self._exchanges:04d}.json", {**asked, **to_jsonable(exchange)})
+        times = {"asked_utc": self._clock.utc(exchange.asked_ns), "answered_utc": self._clock.utc(exchange.stamp_ns)}
+        self._replace(f"llm/{self._exchanges:04d}.json", {**times, **to_jsonable(exchange)})
 
     def _see(self, person_id: str, track: int, stamp_ns: int) -> None:
         known = self._people.get(person_id)

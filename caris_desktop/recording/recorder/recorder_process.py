@@ -203,7 +203,7 @@ class _Recorder:
         self._finishing: list[threading.Thread] = []
         self._hurry = threading.Event()
         self._reported_ns = 0
-        self._console_gone = False
+        self._console_lost = False
         self._terminated = False
 
     def run(self) -> None:
@@ -290,9 +290,9 @@ class _Recorder:
                 if self._session is not None:
                     self._session.write(message, arrived_ns)
 
-    def _store_photo(self, wanted: TakePhoto) -> None:
+    def _store_photo(self, request: TakePhoto) -> None:
         """Save a photo without a session: nothing else needs this process then."""
-        image_bgr = self._frames.read(wanted.ref)
+        image_bgr = self._frames.read(request.ref)
         if image_bgr is None:
             self._report_problem(
                 QT_TR_NOOP("No photo was taken."), QT_TR_NOOP("The image was lost before it could be saved."),
@@ -300,28 +300,30 @@ class _Recorder:
                 cause=ANSWER,
             )  # fmt: skip
             return
-        self._blurring.use_demand(wanted.blur)
+        self._blurring.use_demand(request.blur)
         self._blurring.add(
-            wanted.ref, image_bgr, clock.now_ns(), lambda covered: self._write_photo(wanted, covered), photo=True
+            request.ref, image_bgr, clock.now_ns(), lambda covered: self._write_photo(request, covered), photo=True
         )
 
-    def _write_photo(self, wanted: TakePhoto, image_bgr: NDArray[np.uint8]) -> None:
+    def _write_photo(self, request: TakePhoto, image_bgr: NDArray[np.uint8]) -> None:
         try:
-            path = write_photo(image_bgr, _not_taken(wanted.without_session), texts=texts_for(wanted, _utc(wanted.ref)))
+            path = write_photo(
+                image_bgr, _not_taken(request.without_session), texts=texts_for(request, _utc(request.ref))
+            )
         except (OSError, ValueError) as error:
-            _log.exception("photo %s", wanted.without_session)
+            _log.exception("photo %s", request.without_session)
             self._report_problem(
                 QT_TR_NOOP("The photo could not be saved."),
                 localized(
                     QT_TR_NOOP("{parent} cannot be written to ({error})."),
-                    parent=wanted.without_session.parent,
+                    parent=request.without_session.parent,
                     error=error,
                 ),
                 QT_TR_NOOP("Free some disk space, or make the study folder writable, then take the photo again."),
                 cause=ANSWER,
             )
             return
-        self._send(photo_event(wanted, f"{path.parent.name}/{path.name}"))
+        self._send(photo_event(request, f"{path.parent.name}/{path.name}"))
 
     def _start(self, start: StartRecording, started_ns: int) -> None:
         unavailable = self._offer_markers(offered=start.lsl, words=start.lsl_words)
@@ -356,8 +358,8 @@ class _Recorder:
 
     def _give_up(self, session: SessionRecorder) -> None:
         self._session = None
-        what = session.give_up()
-        self._send_report(replace(session.status(), state="failed", detail=what))
+        message = session.give_up()
+        self._send_report(replace(session.status(), state="failed", detail=message))
         self._finish(session)
 
     # Work after a session
@@ -435,9 +437,9 @@ class _Recorder:
             self._connection.send(message)
         except OSError:
             # The console has ended, but the session must still be closed properly.
-            if not self._console_gone:
+            if not self._console_lost:
                 _log.warning("the console no longer listens")
-            self._console_gone = True
+            self._console_lost = True
 
 
 def _utc(ref: FrameRef) -> str:

@@ -115,8 +115,8 @@ class FsyncThread:
         paths = {self._paths.popleft() for _ in range(len(self._paths))}
         folders = {path.parent for path in paths}
         paths_in_order = (*sorted(paths), *sorted(folders))
-        whole: list[Callable[[], object]] = [partial(bring_to_disk, path) for path in paths_in_order]
-        for sync in [*(file.sync for file in self._files()), *whole]:
+        steps: list[Callable[[], object]] = [partial(bring_to_disk, path) for path in paths_in_order]
+        for sync in [*(file.sync for file in self._files()), *steps]:
             try:
                 sync()
             except FileNotFoundError:
@@ -303,7 +303,7 @@ class SessionRecorder:
         if not self.paused:
             self._miss("unknown", QT_TR_NOOP("the message from the console could not be decoded"))
 
-    def take_photo(self, wanted: TakePhoto) -> None:
+    def take_photo(self, request: TakePhoto) -> None:
         """Save one frame as a PNG; ``PhotoTaken`` follows when it is on disk."""
         if not self._photos_permitted:
             self.problem(
@@ -323,15 +323,15 @@ class SessionRecorder:
                 cause=ANSWER,
             )
             return
-        image_bgr = self._frames.read(wanted.ref)
+        image_bgr = self._frames.read(request.ref)
         if image_bgr is None:
             self._report_photo_gone()
             return
-        self._when_covered(wanted.ref, image_bgr, lambda covered: self._store_photo(wanted, covered), photo=True)
+        self._when_covered(request.ref, image_bgr, lambda covered: self._store_photo(request, covered), photo=True)
 
-    def _store_photo(self, wanted: TakePhoto, image_bgr: NDArray[np.uint8]) -> None:
-        photo = photo_event(wanted, f"photos/{self._photos + 1:04d}.png")
-        if self._media.add_photo(photo, image_bgr, texts_for(wanted, self._clock.utc(wanted.ref.stamp_ns))):
+    def _store_photo(self, request: TakePhoto, image_bgr: NDArray[np.uint8]) -> None:
+        photo = photo_event(request, f"photos/{self._photos + 1:04d}.png")
+        if self._media.add_photo(photo, image_bgr, texts_for(request, self._clock.utc(request.ref.stamp_ns))):
             self._photos += 1
         else:
             self._report_photo_gone()
@@ -496,14 +496,14 @@ class SessionRecorder:
     def give_up(self) -> str:
         """End the session once ``full``, reporting the reason; return it as text for the report."""
         error = self._broken
-        what = (
+        message = (
             QT_TR_NOOP("The disk is full.")
             if error is None
             else localized(QT_TR_NOOP("The disk failed: {why}."), why=error.strerror or error)
         )
         self.problem(
             "error",
-            what,
+            message,
             QT_TR_NOOP(
                 "The recording has ended; everything recorded so far is saved. Driving and speaking still work."
             ),
@@ -512,7 +512,7 @@ class SessionRecorder:
             else QT_TR_NOOP("Choose a study folder on another disk, then record again."),
         )
         self.end("disk_full" if error is None else "disk_failed", CONSOLE)
-        return what
+        return message
 
     # Values on their way to the disk
 
@@ -520,8 +520,8 @@ class SessionRecorder:
         if not self._video_permitted or self._video_ended:
             return
         if not self._media.wants(ref.camera):
-            why = self._spared_because or gap_messages.ENCODING_SLOW
-            self._miss(spec.name, localized(gap_messages.LEFT_OUT, camera=ref.camera, why=why))
+            reason = self._spared_because or gap_messages.ENCODING_SLOW
+            self._miss(spec.name, localized(gap_messages.LEFT_OUT, camera=ref.camera, why=reason))
             return
         image_bgr = self._frames.read(ref)
         if image_bgr is None:
@@ -691,8 +691,8 @@ class SessionRecorder:
             )
             return
         if failure.lost:
-            why = localized(gap_messages.OF_CAMERA, camera=failure.camera, why=_short(failure.detail))
-            self._miss("frame", why, failure.lost)
+            reason = localized(gap_messages.OF_CAMERA, camera=failure.camera, why=_short(failure.detail))
+            self._miss("frame", reason, failure.lost)
         if failure.disk_full:
             self._end_video(QT_TR_NOOP("The disk is full."))
         elif failure.kind == "video" and failure.detail != gap_messages.VIDEO_ENDED:
@@ -729,8 +729,8 @@ class SessionRecorder:
         """Cameras whose frames have been entirely covered for more than a moment."""
         if self._blurring is None or self.paused:
             return ()
-        whole_s = self._blurring.covered_whole_s(clock.now_ns())
-        return tuple(camera for camera, seconds in whole_s.items() if seconds > _COVERED_WHOLE_TOLD_S)
+        covered_s = self._blurring.covered_whole_s(clock.now_ns())
+        return tuple(camera for camera, seconds in covered_s.items() if seconds > _COVERED_WHOLE_TOLD_S)
 
     # The disk
 
@@ -859,14 +859,14 @@ class SessionRecorder:
                 cause="disk",
             )
 
-    def _end_video(self, what: str) -> None:
+    def _end_video(self, message: str) -> None:
         if self._video_ended or not self._video_permitted:
             return
         self._video_ended = self._reported_scarce = True
         self._media.end_videos()
         self.problem(
             "error",
-            what,
+            message,
             QT_TR_NOOP("Video is no longer recorded; events, robot data and speech still are."),
             QT_TR_NOOP("Free some disk space, then stop and restart the recording."),
             cause="disk",
@@ -976,9 +976,9 @@ _EVERY = {
 _LONGEST_REASON = 200
 
 
-def _short(why: Exception | str) -> str:
+def _short(reason: Exception | str) -> str:
     """Reason for the record. Longer texts come from elsewhere and are not translatable."""
-    text = str(why)
+    text = str(reason)
     return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON]
 
 

@@ -149,8 +149,8 @@ class SessionTimeline:
     ) -> None:
         self.close()
 
-    def _channels(self, wanted: Callable[[StreamSpec], bool]) -> set[int]:
-        return {number for number, spec in self._specs.items() if wanted(spec)}
+    def _channels(self, is_selected: Callable[[StreamSpec], bool]) -> set[int]:
+        return {number for number, spec in self._specs.items() if is_selected(spec)}
 
     def _channels_of(self, types: Iterable[type[Any]] | None, *, events_only: bool = False) -> set[int]:
         if types is not None:
@@ -193,10 +193,10 @@ class SessionTimeline:
         if block is None:
             return None
         channel = block.messages[place].channel
-        kept = self._values.get(channel)
-        if kept is None or kept[0] != (number, place):
-            kept = self._values[channel] = (number, place), self._made(block, place)
-        return kept[1]
+        cached = self._values.get(channel)
+        if cached is None or cached[0] != (number, place):
+            cached = self._values[channel] = (number, place), self._made(block, place)
+        return cached[1]
 
     def _made(self, block: _Block, place: int) -> Any | None:
         message = block.messages[place]
@@ -212,8 +212,8 @@ class SessionTimeline:
         self._blocks[number] = block
         self._cached_bytes += len(block.content) if block is not None else 0
         while len(self._blocks) > 1 and (len(self._blocks) > _KEPT_BLOCKS or self._cached_bytes > _KEPT_BLOCK_BYTES):
-            _, gone = self._blocks.popitem(last=False)
-            self._cached_bytes -= len(gone.content) if gone is not None else 0
+            _, evicted = self._blocks.popitem(last=False)
+            self._cached_bytes -= len(evicted.content) if evicted is not None else 0
         return block
 
     def _unfolded(self, number: int) -> _Block | None:

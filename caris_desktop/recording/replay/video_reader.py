@@ -285,18 +285,18 @@ class _Video:
             return None
         tick = entries[number].timestamp
         key = entries.search_timestamp(tick, backward=True)
-        wanted = key if nearest_key and key >= 0 else number
-        if self._at is not None and self._at[0] == wanted:
+        target = key if nearest_key and key >= 0 else number
+        if self._at is not None and self._at[0] == target:
             return self._at
-        ahead = None if self._at is None else wanted - self._at[0]
-        if ahead is None or ahead < 0 or ahead > wanted - key + _FRAMES_PER_SEEK:
+        ahead = None if self._at is None else target - self._at[0]
+        if ahead is None or ahead < 0 or ahead > target - key + _FRAMES_PER_SEEK:
             self._container.seek(tick, stream=self._stream)
             self._frames = self._container.decode(self._stream)
-        wanted_tick = entries[wanted].timestamp
+        target_tick = entries[target].timestamp
         self._at = None
         for picture in self._frames:
-            if picture.pts is not None and picture.pts >= wanted_tick:
-                self._at = (wanted, picture)
+            if picture.pts is not None and picture.pts >= target_tick:
+                self._at = (target, picture)
                 return self._at
         return None
 

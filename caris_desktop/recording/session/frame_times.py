@@ -93,7 +93,7 @@ def read_frame_times(path: Path) -> FrameTimes:
     video_s = np.zeros(len(lines))
     stamps_ns, robot_stamps_ns = np.zeros(len(lines), np.int64), np.full(len(lines), NO_ROBOT_STAMP, np.int64)
     taken_ns, uncertainty_ms = np.full(len(lines), UNKNOWN, np.int64), np.full(len(lines), np.nan)
-    whole = 0
+    complete = 0
     try:
         for number, line in enumerate(lines):
             cells = line.split(b",")
@@ -107,10 +107,10 @@ def read_frame_times(path: Path) -> FrameTimes:
                 taken_ns[number] = int(cells[taken_at])
             if uncertainty_at is not None and cells[uncertainty_at].strip():
                 uncertainty_ms[number] = float(cells[uncertainty_at])
-            whole = number + 1
+            complete = number + 1
     except (ValueError, IndexError, OverflowError):
         pass  # zeros after a power failure, or an edit: the lines before it are valid
-    return FrameTimes(video_s, stamps_ns, robot_stamps_ns, taken_ns, uncertainty_ms).first(whole)
+    return FrameTimes(video_s, stamps_ns, robot_stamps_ns, taken_ns, uncertainty_ms).first(complete)
 
 
 def moments_words(video: Mapping[str, Any]) -> str:

@@ -69,15 +69,15 @@ class McapFile:
         """Write a metadata record. Call before the first message."""
         self.copy_alongside(record(records.METADATA, text(name) + records.text_map(entries)))
 
-    def copy_alongside(self, whole: bytes) -> None:
+    def copy_alongside(self, data: bytes) -> None:
         """Copy a metadata or attachment record. Call before the first message."""
-        place = struct.pack("<QQ", self._file.tell(), len(whole))
-        body = whole[records.HEAD.size :]
-        if whole[0] == records.METADATA:
+        place = struct.pack("<QQ", self._file.tell(), len(data))
+        body = data[records.HEAD.size :]
+        if data[0] == records.METADATA:
             name = body[: records.text_end(body, 0)]
             self._metadata_indexes += record(records.METADATA_INDEX, place + name)
             self._metadata += 1
-        elif whole[0] == records.ATTACHMENT:
+        elif data[0] == records.ATTACHMENT:
             # Two times, name, media type, then the length of the data.
             names_end = records.text_end(body, records.text_end(body, 16))
             data_bytes = body[names_end : names_end + 8]
@@ -85,7 +85,7 @@ class McapFile:
                 records.ATTACHMENT_INDEX, place + body[:16] + data_bytes + body[16:names_end]
             )
             self._attachments += 1
-        self._file.write(whole)
+        self._file.write(data)
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a schema; return its id."""

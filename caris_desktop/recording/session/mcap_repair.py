@@ -34,11 +34,11 @@ def rewrite(
     target: DiskFile,
     *,
     added: AddedMessage | None,
-    look_at: Callable[[bytes], None],
+    on_chunk: Callable[[bytes], None],
 ) -> None:
     """Copy the result of :func:`mcap_blocks.scan` of ``source`` to the new file ``target``.
 
-    ``look_at`` receives the decompressed content of each chunk. Raises OSError.
+    ``on_chunk`` receives the decompressed content of each chunk. Raises OSError.
     """
     writer = _begun(target, index)
     for number in range(index.count):
@@ -47,7 +47,7 @@ def rewrite(
             content = mcap_chunks.decompress(record)
         except mcap_chunks.DamagedBlockError as error:
             raise OSError(5, f"the disk returned different data than before: {error}") from error
-        look_at(content)
+        on_chunk(content)
         _copy_block(writer, index, content, record)
     if added is not None:
         _add(writer, index, added)

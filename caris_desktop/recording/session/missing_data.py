@@ -97,9 +97,9 @@ def files_lacking(folder: Path, header: Mapping[str, Any]) -> tuple[str, ...]:
             found_bytes = -1
         if found_bytes >= recorded_bytes:
             continue
-        what = _medium(path, header, found_bytes, recorded_bytes)
-        if what:
-            sentences.append(what)
+        problem = _medium(path, header, found_bytes, recorded_bytes)
+        if problem:
+            sentences.append(problem)
         else:
             left = words.FILE_MISSING if found_bytes < 0 else words.FILE_SHORTER
             others.append(localized(left, file=name, left=found_bytes, all=recorded_bytes))

@@ -125,10 +125,10 @@ def repair_session(folder: Path) -> RepairReport:
         except Exception as error:
             # A file's effect on a repair must not hide the rest of the session.
             _log.exception("repairing %s", folder)
-            why: object = localized(QT_TR_NOOP("the damage is of an unexpected kind; see the log for details"))
+            reason: object = localized(QT_TR_NOOP("the damage is of an unexpected kind; see the log for details"))
             if isinstance(error, OSError):
                 full = QT_TR_NOOP("there is not enough disk space")
-                why = full if no_room(error) else error.strerror or error
+                reason = full if no_room(error) else error.strerror or error
             return RepairReport(
                 False,
                 (
@@ -137,7 +137,7 @@ def repair_session(folder: Path) -> RepairReport:
                             "The session is damaged and could not be repaired: {why}. It is shown as it was "
                             "found; the attempt caused no further damage."
                         ),
-                        why=why,
+                        why=reason,
                     ),
                 ),
             )
@@ -247,7 +247,7 @@ class _Repair:
         target = DiskFile(part)
         try:
             end = self._end_event(index, file)
-            rewrite(file, index, target, added=end, look_at=lambda content: self._inspect(index, content))
+            rewrite(file, index, target, added=end, on_chunk=lambda content: self._inspect(index, content))
             target.sync()
         finally:
             target.close()
@@ -329,8 +329,8 @@ class _Repair:
         left, recorded = self._count_lost_values()
         lasted_s = self._times.clock.session_s(self._ended_ns)
         if self._preserved_name(_EVENTS):
-            what = new_index_words(left, finished=self._finished)
-            self._sentences.append(localized(what, seconds=f"{lasted_s:.1f}"))
+            message = new_index_words(left, finished=self._finished)
+            self._sentences.append(localized(message, seconds=f"{lasted_s:.1f}"))
         elif self._finished:
             self._sentences.append(
                 QT_TR_NOOP("events.mcap is not the file that was recorded; it contains %n values.", "", left)
@@ -338,9 +338,9 @@ class _Repair:
         lost = self._lost.total()
         if lost:
             early_s = lasted_s - max(0.0, self._times.clock.session_s(self._last_value_ns()))
-            what = lost_values_words(lost, broken=bool(self._damaged_bytes), early=self._finished and early_s > 1.0)
+            message = lost_values_words(lost, broken=bool(self._damaged_bytes), early=self._finished and early_s > 1.0)
             values = {"recorded": recorded, "bytes": self._damaged_bytes, "seconds": f"{early_s:.1f}"}
-            self._losses.append(localized(what, **values))
+            self._losses.append(localized(message, **values))
         elif self._expected is None and not self._complete:
             self._losses.append(QT_TR_NOOP("The number of values missing at the end of events.mcap is unknown."))
         elif self._damaged_bytes:
@@ -378,8 +378,8 @@ class _Repair:
                 )
                 continue
             if sound.repaired:
-                what = QT_TR_NOOP("{file} had no length in its header; it contains {seconds} s of audio.")
-                self._sentences.append(localized(what, file=path.name, seconds=f"{sound.duration_s:.1f}"))
+                message = QT_TR_NOOP("{file} had no length in its header; it contains {seconds} s of audio.")
+                self._sentences.append(localized(message, file=path.name, seconds=f"{sound.duration_s:.1f}"))
             first = self._record.sounds.get(path.name)
             rate_hz = max(1, sound.sample_rate_hz)
             source = path.stem.removeprefix("audio-") if first is None else first.source
@@ -428,7 +428,7 @@ class _Repair:
         times = read_frame_times(index)
         stamps_ns, shown_ns = times.stamps_ns, times.shown_ns
         first_ns, last_ns = int(shown_ns[0]), int(shown_ns[-1])
-        shown = set(stamps_ns.tolist())
+        frame_stamps_ns = set(stamps_ns.tolist())
         info = VideoInfo(
             file_name=path.name,
             camera=camera,
@@ -440,7 +440,7 @@ class _Repair:
             index_file=index.name,
             encoder="",
             rate_hz=round((len(stamps_ns) - 1) / max(1e-9, (last_ns - first_ns) / 1e9), 3),
-            left_out=sum(first_ns < ref.shown_ns < last_ns and ref.stamp_ns not in shown for ref in recorded),
+            left_out=sum(first_ns < ref.shown_ns < last_ns and ref.stamp_ns not in frame_stamps_ns for ref in recorded),
             delay_ms=times.delay_ms,
             uncertainty_ms=times.worst_uncertainty_ms,
         )
@@ -448,21 +448,21 @@ class _Repair:
 
     def _cut_tail(self, path: Path) -> None:
         """Move an incomplete fragment at the end of a video aside: it is unusable and breaks some players."""
-        whole = media_repair.whole_bytes(path)
-        if whole in (0, path.stat().st_size):
+        complete = media_repair.whole_bytes(path)
+        if complete in (0, path.stat().st_size):
             return
         with path.open("rb") as file:
-            file.seek(whole)
+            file.seek(complete)
             tail = file.read()
         copy = self._folder / KEPT_FOLDER / f"{path.name}.tail"
         copy.parent.mkdir(exist_ok=True)
         if not (copy.exists() and copy.read_bytes() == tail):
             replace_file(_unused(copy), tail, durable=True)
         with path.open("rb+") as file:
-            file.truncate(whole)
+            file.truncate(complete)
             os.fsync(file.fileno())
-        what = QT_TR_NOOP("The last part of {file} was incomplete and was moved to {place}.")
-        self._sentences.append(localized(what, file=path.name, place=f"{KEPT_FOLDER}/{copy.name}"))
+        message = QT_TR_NOOP("The last part of {file} was incomplete and was moved to {place}.")
+        self._sentences.append(localized(message, file=path.name, place=f"{KEPT_FOLDER}/{copy.name}"))
 
     def _count_lost_frames(self, videos: list[dict[str, Any]]) -> None:
         """Count logged frames after the last complete part of the video."""
@@ -484,8 +484,8 @@ class _Repair:
                 target = _unused(self._folder / KEPT_FOLDER / path.name.removeprefix("."))
                 target.parent.mkdir(exist_ok=True)
                 path.replace(target)
-                what = QT_TR_NOOP("A half-written file was moved to {place}.")
-                self._sentences.append(localized(what, place=f"{KEPT_FOLDER}/{target.name}"))
+                message = QT_TR_NOOP("A half-written file was moved to {place}.")
+                self._sentences.append(localized(message, place=f"{KEPT_FOLDER}/{target.name}"))
 
     def _write_finished_header(self) -> None:
         """Restore the header of a closed session except for its events: the rest remains the reference."""

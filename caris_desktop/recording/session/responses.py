@@ -59,26 +59,26 @@ def responses_of(
 
     Excludes replies after ``RESPONSE_LIMIT_S``, and after a pause of the recording.
     """
-    said = sorted((item for item in utterances if item.said), key=lambda item: item.start_ns or 0)
-    turns = [item for item in said if item.speaker == "participant"]
+    ordered = sorted((item for item in utterances if item.said), key=lambda item: item.start_ns or 0)
+    turns = [item for item in ordered if item.speaker == "participant"]
     starts_ns = [turn.start_ns or 0 for turn in turns]
     by_reply = {(event.turn_id, event.reply_id): event for event in timed}
     found: list[Response] = []
     answered: set[tuple[str, bool]] = set()
-    for reply in said:
+    for reply in ordered:
         number = bisect_right(starts_ns, reply.start_ns or 0) - 1
         if number < 0 or reply.speaker == "participant" or reply.origin not in _MEANS:
             continue
         turn, filler = turns[number], reply.origin == "filler"
-        ended_ns, heard_ns = turn.end_ns or turn.start_ns or 0, reply.start_ns or 0
-        paused = any(start_ns < heard_ns and end_ns > ended_ns for start_ns, end_ns in pauses)
-        late = heard_ns - ended_ns > RESPONSE_LIMIT_S * 1e9
+        ended_ns, reply_ns = turn.end_ns or turn.start_ns or 0, reply.start_ns or 0
+        paused = any(start_ns < reply_ns and end_ns > ended_ns for start_ns, end_ns in pauses)
+        late = reply_ns - ended_ns > RESPONSE_LIMIT_S * 1e9
         if paused or late or (turn.utterance_id, False) in answered or (turn.utterance_id, filler) in answered:
             continue
         first = (turn.utterance_id, not filler) not in answered
         answered.add((turn.utterance_id, filler))
         response = Response(
-            turn.utterance_id, reply.utterance_id, reply.origin, ended_ns, heard_ns, first, reply.requested_ns,
+            turn.utterance_id, reply.utterance_id, reply.origin, ended_ns, reply_ns, first, reply.requested_ns,
             person_id=turn.person_id,
         )  # fmt: skip
         event = by_reply.get((turn.utterance_id, reply.utterance_id))

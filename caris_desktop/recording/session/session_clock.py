@@ -33,6 +33,6 @@ class SessionClock:
 def clock_text(seconds: float) -> str:
     """``12:04``, or ``1:02:04`` from an hour on."""
     sign = "−" if seconds < -0.5 else ""
-    whole = round(abs(seconds))
-    hours, rest = divmod(whole, 3600)
+    total_s = round(abs(seconds))
+    hours, rest = divmod(total_s, 3600)
     return f"{sign}{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{sign}{rest // 60}:{rest % 60:02d}"

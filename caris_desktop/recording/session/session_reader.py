@@ -97,9 +97,9 @@ class Session:
 
     def arrivals(self, *streams: str) -> Iterator[tuple[int, StreamSpec, Any]]:
         """As :meth:`values`, each with its arrival at the console in session time."""
-        wanted = {BY_NAME[name].name for name in streams}
+        names = {BY_NAME[name].name for name in streams}
         anchor = self.clock.anchor
-        return _values(self, wanted, anchor.monotonic_ns - anchor.utc_ns)
+        return _values(self, names, anchor.monotonic_ns - anchor.utc_ns)
 
     @property
     def pseudonymised(self) -> bool:
@@ -178,7 +178,7 @@ def _newest_ns(path: Path, clock: SessionClock) -> int:
     return max(clock.started_ns, newest_utc_ns - anchor.utc_ns + anchor.monotonic_ns)
 
 
-def _values(session: Session, wanted: set[str], session_from_utc_ns: int) -> Iterator[tuple[int, StreamSpec, Any]]:
+def _values(session: Session, names: set[str], session_from_utc_ns: int) -> Iterator[tuple[int, StreamSpec, Any]]:
     path, scrub = session.folder / _EVENTS, session.scrub
     index = _index_of(path)
     try:
@@ -188,9 +188,9 @@ def _values(session: Session, wanted: set[str], session_from_utc_ns: int) -> Ite
     if index.damaged_bytes:
         _log.info("%s: %d bytes are damaged or cut off", path, index.damaged_bytes)
     topics = {number: its.topic for number, its in index.channels.items() if its.topic not in DERIVED_TOPICS}
-    if wanted:
+    if names:
         specs = {number: spec_of_topic(topic) for number, topic in topics.items()}
-        topics = {number: topics[number] for number, spec in specs.items() if spec is not None and spec.name in wanted}
+        topics = {number: topics[number] for number, spec in specs.items() if spec is not None and spec.name in names}
     numbers = {number for channel in topics for number in index.blocks_of.get(channel, ())}
     read = value_reader(path)
     with file:

@@ -65,9 +65,9 @@ def replies_of(changes: Iterable[SuggestionChanged], *, ends_ns: Sequence[int]) 
     return tuple(replies.values())
 
 
-def _unended(shown: SuggestionChanged, ends_ns: Sequence[int]) -> ShownReply:
-    ended_ns = min((end_ns for end_ns in ends_ns if end_ns >= shown.stamp_ns), default=shown.stamp_ns)
+def _unended(suggestion: SuggestionChanged, ends_ns: Sequence[int]) -> ShownReply:
+    ended_ns = min((end_ns for end_ns in ends_ns if end_ns >= suggestion.stamp_ns), default=suggestion.stamp_ns)
     return ShownReply(
-        shown.suggestion_id, shown.turn_id, shown.revision, shown.rank, shown.text, shown.model,
-        shown.stamp_ns, shown.latency_ms, "expired", ended_ns, told=False,
+        suggestion.suggestion_id, suggestion.turn_id, suggestion.revision, suggestion.rank, suggestion.text,
+        suggestion.model, suggestion.stamp_ns, suggestion.latency_ms, "expired", ended_ns, told=False,
     )  # fmt: skip

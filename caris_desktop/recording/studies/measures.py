@@ -350,25 +350,25 @@ def measure(facts: SessionData) -> Measures:
     session = facts.session
     paused_s = sum(pause.duration_s for pause in facts.pauses)
     recorded_s = max(0.0, session.duration_s - paused_s)
-    said = [utterance for utterance in facts.utterances if utterance.said]
+    spoken = [utterance for utterance in facts.utterances if utterance.said]
     robot = [utterance for utterance in facts.utterances if utterance.speaker == "robot"]
     lost: Counter[str] = Counter()
     for gap in facts.of(Gap):
         lost[gap.stream] += gap.count
     trouble = link_trouble(facts.of(LinkChanged), session.ended_ns)
-    seen = visits(facts)
+    all_visits = visits(facts)
     questions = questions_of(facts.of(LlmExchange))
     return Measures(
         recorded_s=recorded_s,
         paused_s=paused_s,
         pauses=len(facts.pauses),
-        responses=response_times(said, facts.pauses),
-        content_responses=response_times([item for item in said if item.origin != "filler"], facts.pauses),
+        responses=response_times(spoken, facts.pauses),
+        content_responses=response_times([item for item in spoken if item.origin != "filler"], facts.pauses),
         reactions=reaction_times(facts.utterances, questions, facts.pauses),
         gaps=responses_of(
             facts.utterances, facts.of(ResponseTimed), [(pause.start_ns, pause.end_ns) for pause in facts.pauses]
         ),
-        talk=talk(said),
+        talk=talk(spoken),
         origins=dict(Counter(utterance.origin for utterance in robot if utterance.said)),
         unsaid=sum(not utterance.said for utterance in robot),
         interrupted=sum(utterance.said and utterance.state == "interrupted" for utterance in robot),
@@ -381,8 +381,8 @@ def measure(facts: SessionData) -> Measures:
         missing=dict(session.lost),
         problems=dict(Counter(problem.severity for problem in facts.of(Problem))),
         alarms=alarms_of(facts.of(AlarmChanged), ended_ns=session.ended_ns, pauses=_spans(facts.pauses)),
-        people=most_at_once(seen),
-        identities=len({visit.person_id for visit in seen}),
+        people=most_at_once(all_visits),
+        identities=len({visit.person_id for visit in all_visits}),
         photos=len(facts.photos),
         steps=steps_of(facts.protocol, step_visits(facts)),
     )
@@ -398,12 +398,12 @@ def per_10_min(count: int, seconds: float) -> float | None:
     return count * 600.0 / seconds if seconds > 0.0 else None
 
 
-def response_times(said: Iterable[SpokenUtterance], pauses: Sequence[Interval] = ()) -> tuple[Reply, ...]:
+def response_times(utterances: Iterable[SpokenUtterance], pauses: Sequence[Interval] = ()) -> tuple[Reply, ...]:
     """Response times: from the end of a participant's utterance to the start of the robot's next one.
 
     Excludes robot speech that begins before that end, or after ``RESPONSE_LIMIT_S``, or after a pause of the recording.
     """
-    turns = [item for item in said if item.speaker in ("participant", "robot") and item.start_ns is not None]
+    turns = [item for item in utterances if item.speaker in ("participant", "robot") and item.start_ns is not None]
     turns.sort(key=lambda item: (item.start_ns or 0, item.speaker == "robot"))
     replies = []
     for before, after in itertools.pairwise(turns):
@@ -443,10 +443,10 @@ def _reply(
     return [Reply(at_ns, delay_s, utterance)] if 0.0 <= delay_s <= RESPONSE_LIMIT_S and not paused else []
 
 
-def talk(said: Iterable[SpokenUtterance]) -> dict[Speaker, Talk]:
+def talk(utterances: Iterable[SpokenUtterance]) -> dict[Speaker, Talk]:
     """Speech per speaker, in the order participant, robot, wizard; without uncertain speakers."""
     by_speaker: dict[Speaker, list[SpokenUtterance]] = {"participant": [], "robot": [], "wizard": []}
-    for utterance in said:
+    for utterance in utterances:
         if utterance.speaker:
             by_speaker[utterance.speaker].append(utterance)
     return {

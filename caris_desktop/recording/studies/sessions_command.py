@@ -138,8 +138,8 @@ def _hits(
     last = f"{_places(found)} in {with_places} session{'' if with_places == 1 else 's'}"
     if len(hits) < found:
         first = PLACES_A_PAGE * (page - 1) + 1
-        shown = f"places {first} to {first + len(hits) - 1} are shown" if hits else "none are on this page"
-        last += f"; {shown} (--page {page} of {-(-found // PLACES_A_PAGE)})"
+        range_text = f"places {first} to {first + len(hits) - 1} are shown" if hits else "none are on this page"
+        last += f"; {range_text} (--page {page} of {-(-found // PLACES_A_PAGE)})"
     return [*lines, last]
 
 

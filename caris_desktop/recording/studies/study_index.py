@@ -235,7 +235,7 @@ class StudyIndex:
         for name in [name for name in folders if _storable(name) != name]:
             _log.warning("%r is not in the index: its name is no text", str(folders.pop(name)))
         known = dict(self._database.execute("SELECT name, signature FROM session").fetchall())
-        gone = [name for name in known if name not in folders]
+        removed = [name for name in known if name not in folders]
         signatures = {name: content_signature(folder) for name, folder in folders.items()}
         changed = [
             name
@@ -244,7 +244,7 @@ class StudyIndex:
             if known.get(name) != signatures[name] and not (name in known and is_held(folder))
         ]
         with self._database:
-            for name in gone:
+            for name in removed:
                 self._forget(self._database.execute("SELECT id FROM session WHERE name = ?", (name,)).fetchall())
         for number, name in enumerate(changed, start=1):
             content = _read(folders[name])
@@ -333,11 +333,11 @@ class StudyIndex:
 
     def _in_memory(self, reason: str) -> sqlite3.Connection:
         _log.warning("%s cannot be used: %s", self._path, reason)
-        what = QT_TR_NOOP(
+        message = QT_TR_NOOP(
             "The session index cannot be saved in {file} ({why}). Searching sessions works, but the folders "
             "are read again each time. Choose a writable study folder."
         )
-        self.message = localized(what, file=self._path, why=reason)
+        self.message = localized(message, file=self._path, why=reason)
         database = _connected(":memory:")
         _prepare(database)
         return database
@@ -529,16 +529,16 @@ def _items(session: Session) -> Iterator[_Item]:
     paused_ns = [event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused]
     utterances = [event for event in events if isinstance(event, UtteranceEvent)]
     spoken = spoken_utterances(utterances, ended_ns=session.ended_ns, paused_ns=paused_ns)
-    said = [(one, one.start_ns) for one in spoken if one.said and one.start_ns is not None]
-    texts = {text for one, _ in said if (text := " ".join(one.text.split()))}
+    timed = [(one, one.start_ns) for one in spoken if one.said and one.start_ns is not None]
+    texts = {text for one, _ in timed if (text := " ".join(one.text.split()))}
     quoted: Counter[str] = Counter()
     exchanges = []
     for event in events:
         if isinstance(event, LlmExchange):
-            asked, found = _without_quotations(event.messages[-1].content if event.messages else "", texts)
+            question, found = _without_quotations(event.messages[-1].content if event.messages else "", texts)
             quoted.update(found)
-            exchanges.append(item(event.asked_ns, "assistant", f"{asked}\n{event.answer}".strip()))
-    for one, start_ns in said:
+            exchanges.append(item(event.asked_ns, "assistant", f"{question}\n{event.answer}".strip()))
+    for one, start_ns in timed:
         yield item(start_ns, one.speaker, one.text, quoted[" ".join(one.text.split())])
     yield from exchanges
     for mark in final_marks_of((event for event in events if isinstance(event, Marked)), ended_ns=session.ended_ns):
@@ -549,14 +549,14 @@ def _items(session: Session) -> Iterator[_Item]:
     yield from _annotations(session)
 
 
-def _without_quotations(asked: str, texts: set[str]) -> tuple[str, set[str]]:
+def _without_quotations(question: str, texts: set[str]) -> tuple[str, set[str]]:
     """A prompt without its quotations of session texts, and the quoted texts."""
     left, found = [], set()
-    for line in asked.splitlines():
+    for line in question.splitlines():
         plain = " ".join(line.split())
-        whole = next((text for text in (plain, plain.partition(": ")[2]) if text in texts), None)
-        if whole is not None:
-            found.add(whole)
+        quoted = next((text for text in (plain, plain.partition(": ")[2]) if text in texts), None)
+        if quoted is not None:
+            found.add(quoted)
             continue
         for text in texts:
             if len(text) >= _QUOTED_FROM and text in plain:

@@ -43,7 +43,7 @@ class AlarmsButton(StatusButton):
 class AlarmList(Overlay):
     """List of alarms with meaning, advice and consequences. Ended alarms disappear."""
 
-    log_wanted = Signal()
+    log_requested = Signal()
 
     def __init__(self, theme: Theme, window: QWidget, console: WizardConsole, actions: Actions) -> None:
         super().__init__(theme, window, width_px=_WIDTH_PX)
@@ -54,11 +54,11 @@ class AlarmList(Overlay):
         self._heading = QLabel(tr("Active alarms"))
         self._nothing = QLabel(tr("No active alarms. Past alarms are in the Session log."), wordWrap=True)
         self._nothing.setObjectName("no_alarm")
-        log = ActionButton(theme, tr("History"), icon="list-bullets", look="ghost")
+        log = ActionButton(theme, tr("History"), icon="list-bullets", role="ghost")
         log.setObjectName("alarms_log")
         log.setToolTip(tr("Open the Session log"))
-        log.clicked.connect(self.log_wanted)
-        close = ActionButton(theme, tr("Close"), icon="x", key="Esc", look="ghost")
+        log.clicked.connect(self.log_requested)
+        close = ActionButton(theme, tr("Close"), icon="x", key="Esc", role="ghost")
         close.setObjectName("alarms_close")
         close.clicked.connect(self.close_overlay)
         head = QHBoxLayout()
@@ -156,13 +156,13 @@ class AlarmRow(QWidget):
             label.setTextFormat(Qt.TextFormat.PlainText)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             column.addWidget(label)
-        self._seen_to = ActionButton(theme, tr("Dismiss"), icon="check", height_px=30)
-        self._seen_to.setObjectName("alarm_seen_to")
-        self._seen_to.setToolTip(tr("This alarm does not clear automatically"))
-        self._seen_to.clicked.connect(self._on_seen_to)
+        self._dismiss_button = ActionButton(theme, tr("Dismiss"), icon="check", height_px=30)
+        self._dismiss_button.setObjectName("alarm_seen_to")
+        self._dismiss_button.setToolTip(tr("This alarm does not clear automatically"))
+        self._dismiss_button.clicked.connect(self._on_seen_to)
         row = layouts.hbox(self, margins_px=(34, 4, 0, 8))
         row.addLayout(column, 1)
-        row.addWidget(self._seen_to, 0, Qt.AlignmentFlag.AlignTop)
+        row.addWidget(self._dismiss_button, 0, Qt.AlignmentFlag.AlignTop)
         theme.restyle_on_change(self._style)
 
     def _on_seen_to(self) -> None:
@@ -181,8 +181,8 @@ class AlarmRow(QWidget):
         for label, text in zip(self._labels[:5], texts, strict=True):
             label.setText(text)
             label.setVisible(bool(text))
-        self._seen_to.setVisible(not alarm.ends_by_itself)
-        self._seen_to.setAccessibleName(tr("Dismiss: {problem}").format(problem=what))
+        self._dismiss_button.setVisible(not alarm.ends_by_itself)
+        self._dismiss_button.setAccessibleName(tr("Dismiss: {problem}").format(problem=what))
         word = tr(LOOKS[alarm.severity][2])
         self.setAccessibleName(tr("{severity}: {what}").format(severity=word, what=what))
         self.setAccessibleDescription(" ".join(text for text in texts[1:] if text))

@@ -66,17 +66,17 @@ class PromptContextChips(FlowRow):
         self._show()
 
     def _show(self) -> None:
-        wanted: dict[str, tuple[str, bool]] = {}
+        entries: dict[str, tuple[str, bool]] = {}
         for part in self._parts:
             words = tr("1 word") if part.words == 1 else tr("%n words", "", part.words)
-            wanted[part.kind] = (" · ".join((tr(part.title), words)), part.kind not in self._left_out)
+            entries[part.kind] = (" · ".join((tr(part.title), words)), part.kind not in self._left_out)
         for name in self._pictures:
-            wanted[f"picture {name}"] = (picture_words(name), True)
-        for key in [key for key in self._chips if key not in wanted]:
+            entries[f"picture {name}"] = (picture_words(name), True)
+        for key in [key for key in self._chips if key not in entries]:
             chip = self._chips.pop(key)
             chip.hide()
             chip.deleteLater()
-        for key, (text, along) in wanted.items():
+        for key, (text, along) in entries.items():
             chip = self._chips.get(key) or self._new_chip(key)
             chip.setChecked(along)
             chip.set_label(text, icon="x" if along else "plus")

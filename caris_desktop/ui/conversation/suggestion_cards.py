@@ -35,7 +35,7 @@ class SuggestionCards(QWidget):
         self._from.setObjectName("suggestions_from")
         self._from.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._dismiss = ActionButton(
-            context.theme, tr("Dismiss all"), look="ghost", height_px=24, text_px=tokens.STATUS_PX
+            context.theme, tr("Dismiss all"), role="ghost", height_px=24, text_px=tokens.STATUS_PX
         )
         self._dismiss.setObjectName("suggestions_dismiss")
         self._dismiss.bind(context.actions, "no_suggestion")
@@ -100,13 +100,13 @@ class SuggestionCards(QWidget):
 
     def _late(self, status: SuggestionsStatus, now_ns: int) -> str:
         """Text while no reply has arrived: the filler that follows."""
-        filler = self._context.console.scenario.next_filler(self._state.fillers_said.value)
+        filler = self._context.console.scenario.next_filler(self._state.fillers_spoken.value)
         if status.filler_ns is None or not filler or not self._state.present.live:
             return ""
         wait_s = (status.filler_ns - now_ns) / 1e9
         if self._state.levels.value.fillers == "act":
-            said = tr("“{filler}” will be said in {time:.1f} s")
-            return said.format(filler=text_formatting.shortened(filler, 30), time=max(0.0, wait_s))
+            template = tr("“{filler}” will be said in {time:.1f} s")
+            return template.format(filler=text_formatting.shortened(filler, 30), time=max(0.0, wait_s))
         key = self._context.actions.key_text("filler")
         late = tr("The reply is late: press {key} to say “{filler}”").format(
             key=key, filler=text_formatting.shortened(filler, 30)

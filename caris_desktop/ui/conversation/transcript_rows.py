@@ -44,8 +44,8 @@ class TranscriptRow:
             tr("corrected") if self.heard_text is not None else "",
             ", ".join(self.tags),
         )
-        said = tr("{time}, {who}: {words}").format(time=self.time, who=self.who, words=self.words)
-        return " · ".join(part for part in (said, *state) if part)
+        sentence = tr("{time}, {who}: {words}").format(time=self.time, who=self.who, words=self.words)
+        return " · ".join(part for part in (sentence, *state) if part)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +67,12 @@ class RowMaker:
         self._made: dict[str, _Made] = {}
 
     def rows(
-        self, turns: Iterable[Turn], names: Mapping[str, str], heard: Mapping[str, Hearing]
+        self, turns: Iterable[Turn], names: Mapping[str, str], hearings: Mapping[str, Hearing]
     ) -> list[TranscriptRow]:
-        """Rows of ``turns``, sorted by start; ``heard``: partial results by utterance id."""
+        """Rows of ``turns``, sorted by start; ``hearings``: partial results by utterance id."""
         made: dict[str, _Made] = {}
         for turn in turns:
-            hearing = heard.get(turn.utterance_id)
+            hearing = hearings.get(turn.utterance_id)
             if not turn.text and (hearing is None or not (hearing.committed or hearing.tentative)):
                 continue
             named = names if "{" in turn.text else names.get(turn.person_id)
@@ -117,11 +117,11 @@ def who_spoke(speaker: WhoSpoke, person_id: str, names: Mapping[str, str]) -> st
 
 def found_in(rows: Sequence[TranscriptRow], query: str) -> list[int]:
     """Rows that contain all words of the query in text, speaker or tags."""
-    asked = query.casefold().split()
-    if not asked:
+    query_words = query.casefold().split()
+    if not query_words:
         return []
     return [
         number
         for number, row in enumerate(rows)
-        if all(word in " ".join((row.words, row.who, *row.tags)).casefold() for word in asked)
+        if all(word in " ".join((row.words, row.who, *row.tags)).casefold() for word in query_words)
     ]

@@ -107,27 +107,27 @@ class RowPainter:
         line_px = metrics.lineSpacing()
         return lambda row: _ABOVE_PX + _HEAD_PX + line_px * (1 + len(row.words) // per_line) + _BELOW_PX
 
-    def paint(self, painter: QPainter, rect: QRect, row: TranscriptRow, look: RowHighlight) -> None:
+    def paint(self, painter: QPainter, rect: QRect, row: TranscriptRow, highlight: RowHighlight) -> None:
         theme, ground = self._theme, QRectF(rect).adjusted(6, 1, -6, -1)
-        if look.raised:
+        if highlight.raised:
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(theme.color("blue_soft"))
             painter.drawRoundedRect(ground, 6, 6)
-        if look.focused:
+        if highlight.focused:
             painter.setPen(QPen(theme.color("blue"), 2))
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawRoundedRect(ground, 6, 6)
         words = words_rect(rect)
         head = QRect(words.left(), rect.top() + _ABOVE_PX, words.width(), _HEAD_PX - 1)
-        for icon, place in look.buttons:
+        for icon, place in highlight.buttons:
             head.setRight(min(head.right(), place.left() - 6))
             draw_icon(painter, QRectF(place).adjusted(4, 4, -4, -4), icon, theme.color("text"))
         self._paint_head(painter, head, row)
-        if look.words_hidden:
+        if highlight.words_hidden:
             return
         layout = self._lay_out(row, words.width())
-        painter.setPen(theme.color("dim" if look.ahead else "text"))
-        layout.draw(painter, QPointF(words.topLeft()), self._formats(row, layout.text(), look.found))
+        painter.setPen(theme.color("dim" if highlight.ahead else "text"))
+        layout.draw(painter, QPointF(words.topLeft()), self._formats(row, layout.text(), highlight.found))
 
     def _lay_out(self, row: TranscriptRow, width_px: int) -> QTextLayout:
         layout = QTextLayout(row.words + (" …" if row.cut_short else ""), self._theme.font(WORDS_PX))
@@ -213,7 +213,7 @@ class TranscriptView(QAbstractScrollArea):
     accessible_role = QAccessible.Role.List
 
     picked = Signal(str)  # utterance id
-    wanted = Signal(str, str)  # who or mark; utterance id
+    action_requested = Signal(str, str)  # who or mark; utterance id
     given = Signal(str, str, str)  # text or tags; utterance id; what was written
 
     def __init__(self, theme: Theme, *, may_change: bool, empty: str) -> None:
@@ -249,7 +249,7 @@ class TranscriptView(QAbstractScrollArea):
         self._rest = QTimer(self, singleShot=True, interval=0)
         self._rest.timeout.connect(self._measure_some)
         self._to_newest = ActionButton(
-            theme, "", icon="arrow-down", look="primary", height_px=28, text_px=tokens.STATUS_PX, parent=self
+            theme, "", icon="arrow-down", role="primary", height_px=28, text_px=tokens.STATUS_PX, parent=self
         )
         self._to_newest.setObjectName("new_below")
         self._to_newest.clicked.connect(self.follow)
@@ -360,14 +360,14 @@ class TranscriptView(QAbstractScrollArea):
         self._all_known = None not in known
         heights = (likely(row) if height is None else height for row, height in zip(self._rows, known, strict=True))
         self._tops = [0, *itertools.accumulate(heights)]
-        whole = max(_EMPTY_PX, self._tops[-1])
+        total_px = max(_EMPTY_PX, self._tops[-1])
         bar = self.verticalScrollBar()
         self._placing = True
         bar.setPageStep(self.viewport().height())
         bar.setRange(0, max(0, self._tops[-1] - self.viewport().height()))
         self._placing = False
-        if whole != self.maximumHeight():
-            self.setMaximumHeight(whole)
+        if total_px != self.maximumHeight():
+            self.setMaximumHeight(total_px)
 
     def _known_height(self, row: TranscriptRow) -> int | None:
         measured = self._measured.get(row.utterance_id)
@@ -561,7 +561,7 @@ class TranscriptView(QAbstractScrollArea):
         if act in ("text", "tags"):
             self.write(act, utterance_id)
         else:
-            self.wanted.emit(act, utterance_id)
+            self.action_requested.emit(act, utterance_id)
 
     def viewportEvent(self, event: QEvent) -> bool:
         if event.type() == QEvent.Type.MouseMove and isinstance(event, QMouseEvent):
@@ -577,8 +577,10 @@ class TranscriptView(QAbstractScrollArea):
         button, row = self._button_at(at), self._row_under(at)
         if button is not None:
             return tr(button.tip)
-        heard = None if row is None else self._rows[row].heard_text
-        return "" if heard is None else tr("Corrected. Originally transcribed as “{heard}”").format(heard=heard)
+        heard_text = None if row is None else self._rows[row].heard_text
+        return (
+            "" if heard_text is None else tr("Corrected. Originally transcribed as “{heard}”").format(heard=heard_text)
+        )
 
     def _hover(self, at: QPoint | None) -> None:
         row = None if at is None else self._row_under(at)

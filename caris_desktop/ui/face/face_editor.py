@@ -101,7 +101,7 @@ class FaceEditor(VisualTabOrderMixin, QDialog):
         self._speak.setCheckable(True)
         self._speak.setObjectName("face_speak")
         self._speak.toggled.connect(self._on_speak)
-        self._keep = ActionButton(theme, tr("Save as"), icon="check", height_px=32, look="primary")
+        self._keep = ActionButton(theme, tr("Save as"), icon="check", height_px=32, role="primary")
         self._keep.setObjectName("face_keep")
         self._keep.clicked.connect(self._on_store)
         self._note = QLabel(wordWrap=True)

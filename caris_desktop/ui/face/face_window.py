@@ -46,8 +46,8 @@ class FaceWindow(QWidget):
         self.setGeometry(screen.geometry())
         self.showFullScreen()
 
-    def _on_shown(self, shown: Any) -> None:
-        show_on(self._view, shown)
+    def _on_shown(self, contents: Any) -> None:
+        show_on(self._view, contents)
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         if self.isFullScreen():

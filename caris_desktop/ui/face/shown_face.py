@@ -10,13 +10,13 @@ from caris_desktop.ui.face.face_view import FaceView
 from caris_desktop.ui.widgets.foreign_picture import image_of
 
 
-def show_on(view: FaceView, shown: Any) -> None:
+def show_on(view: FaceView, contents: Any) -> None:
     """Show a drawing, an image array or JPEG data, or nothing."""
-    if isinstance(shown, bytes):
-        view.show_picture(image_of(shown))
-    elif isinstance(shown, np.ndarray):
-        height, width = shown.shape[:2]
+    if isinstance(contents, bytes):
+        view.show_picture(image_of(contents))
+    elif isinstance(contents, np.ndarray):
+        height, width = contents.shape[:2]
         # The array may be freed before the widget paints.
-        view.show_picture(QImage(shown.data, width, height, 3 * width, QImage.Format.Format_BGR888).copy())
+        view.show_picture(QImage(contents.data, width, height, 3 * width, QImage.Format.Format_BGR888).copy())
     else:
-        view.show_drawing(shown if isinstance(shown, Drawing) else None)
+        view.show_drawing(contents if isinstance(contents, Drawing) else None)

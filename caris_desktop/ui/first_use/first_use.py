@@ -65,7 +65,7 @@ class FirstUse(QObject):
 
         if self._page is None:
             self._page = SetUpPage(self._theme, self._window, self._console, self._robots)
-            self._page.simulated_wanted.connect(self._on_simulated_wanted)
+            self._page.simulated_requested.connect(self._on_simulated_requested)
             self._page.finished.connect(self._on_finished)
         self._page.open_welcome()
 
@@ -74,7 +74,7 @@ class FirstUse(QObject):
         if self._page is not None:
             self._page.close_overlay()
 
-    def _on_simulated_wanted(self) -> None:
+    def _on_simulated_requested(self) -> None:
         self._console.do(intents.UseSimulatedRobot())
         self._show_how_to_drive()
 
@@ -100,14 +100,14 @@ _PRAISED_MS = 20_000
 class DriveHint(Bar, QWidget):
     """Hint line on how to drive; it disappears after the first metre.
 
-    ``driven`` after a metre of driving; then ``practise_wanted`` if the wizard continues with the practice. Hidden
+    ``driven`` after a metre of driving; then ``practise_requested`` if the wizard continues with the practice. Hidden
     until ``begin``.
     """
 
     accessible_role = QAccessible.Role.StaticText
 
     driven = Signal()
-    practise_wanted = Signal()
+    practise_requested = Signal()
 
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions) -> None:
         super().__init__()
@@ -116,7 +116,7 @@ class DriveHint(Bar, QWidget):
         self._console = console
         self._actions = actions
         self._from: Pose2D | None = None
-        self._gone_m = 0.0
+        self._driven_m = 0.0
         self._waits = False
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self._text = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
@@ -124,7 +124,7 @@ class DriveHint(Bar, QWidget):
         self._practise.setObjectName("drive_hint_practise")
         self._practise.clicked.connect(self._on_practise)
         self._practise.hide()
-        close = ActionButton(theme, "", icon="x", look="ghost", height_px=28)
+        close = ActionButton(theme, "", icon="x", role="ghost", height_px=28)
         close.setObjectName("drive_hint_close")
         close.setAccessibleName(tr("Close this hint"))
         close.clicked.connect(self.end)
@@ -151,7 +151,7 @@ class DriveHint(Bar, QWidget):
     def begin(self) -> None:
         """Show the hint and wait for a metre of driving."""
         if self._console.scenario.permissions.driving:
-            self._from, self._gone_m = None, 0.0
+            self._from, self._driven_m = None, 0.0
             self._waits = True
             self._leave.stop()
             self._practise.hide()
@@ -169,9 +169,9 @@ class DriveHint(Bar, QWidget):
             return
         here, before = odometry.pose_in_odom, self._from
         self._from = here
-        if before is not None and (self._console.state.drive.value.target_forward_mps or self._gone_m):
-            self._gone_m += math.hypot(here.x_m - before.x_m, here.y_m - before.y_m)
-        if self._gone_m >= _FIRST_METRE_M:
+        if before is not None and (self._console.state.drive.value.target_forward_mps or self._driven_m):
+            self._driven_m += math.hypot(here.x_m - before.x_m, here.y_m - before.y_m)
+        if self._driven_m >= _FIRST_METRE_M:
             self._waits = False
             self._leave.start()
             self._practise.show()
@@ -192,7 +192,7 @@ class DriveHint(Bar, QWidget):
 
     def _on_practise(self) -> None:
         self.hide()
-        self.practise_wanted.emit()
+        self.practise_requested.emit()
 
     def _show(self, _changed: object = None) -> None:
         self._theme.color_text(self._text, "text")

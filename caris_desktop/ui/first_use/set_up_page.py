@@ -35,9 +35,9 @@ _BESIDE_FROM_PX, _NARROW_STEPS_PX = 700, 184
 
 
 class SetUpPage(Overlay):
-    """``simulated_wanted``: try the simulated robot; ``finished(bool)``: closed, True if all steps were completed."""
+    """``simulated_requested``: try the simulated robot; ``finished(bool)``: closed, True if all steps are complete."""
 
-    simulated_wanted = Signal()
+    simulated_requested = Signal()
     finished = Signal(bool)
 
     def __init__(self, theme: Theme, window: QWidget, console: WizardConsole, robots: RobotChooser) -> None:
@@ -105,15 +105,15 @@ class SetUpPage(Overlay):
         )  # fmt: skip
         self._simulated.setObjectName("first_use_simulated")
         self._simulated.clicked.connect(self._on_simulated)
-        own = ChoiceButton(
+        robot_button = ChoiceButton(
             theme, tr("Connect my robot"),
             tr("Set up robot, camera, sound and language model step by step. Each step is tested, and you can "
                 "do it later."),
             "robot",
         )  # fmt: skip
-        own.setObjectName("first_use_own")
-        own.clicked.connect(self._on_own)
-        later = ActionButton(theme, tr("Not now"), key="Esc", look="ghost")
+        robot_button.setObjectName("first_use_own")
+        robot_button.clicked.connect(self._on_own)
+        later = ActionButton(theme, tr("Not now"), key="Esc", role="ghost")
         later.setObjectName("first_use_later")
         later.clicked.connect(self.close_overlay)
         again = QLabel(tr("You can find this again in the Window menu: Set up."), wordWrap=True)
@@ -121,8 +121,8 @@ class SetUpPage(Overlay):
         self._choices = choices = QBoxLayout(QBoxLayout.Direction.LeftToRight)
         choices.setSpacing(16)
         choices.addWidget(self._simulated)
-        choices.addWidget(own)
-        self._choice_buttons = (self._simulated, own)
+        choices.addWidget(robot_button)
+        self._choice_buttons = (self._simulated, robot_button)
         foot = QHBoxLayout()
         foot.addWidget(again, 1)
         foot.addWidget(later)
@@ -140,7 +140,7 @@ class SetUpPage(Overlay):
 
     def _on_simulated(self) -> None:
         self._through = True
-        self.simulated_wanted.emit()
+        self.simulated_requested.emit()
         self.close_overlay()
 
     def _on_own(self) -> None:
@@ -168,16 +168,16 @@ class SetUpPage(Overlay):
             side.addWidget(button)
             self._stack.addWidget(self._make_page[step.name](step))
         side.addStretch(1)
-        self._back = ActionButton(theme, tr("Back"), icon="caret-left", look="ghost")
+        self._back = ActionButton(theme, tr("Back"), icon="caret-left", role="ghost")
         self._back.setObjectName("first_use_back")
         self._back.clicked.connect(self._on_back)
-        self._next = ActionButton(theme, tr("Next"), look="primary")
+        self._next = ActionButton(theme, tr("Next"), role="primary")
         self._next.setObjectName("first_use_next")
         self._next.clicked.connect(self._on_next)
         foot = QHBoxLayout()
         foot.addWidget(self._back)
         foot.addStretch(1)
-        close = ActionButton(theme, tr("Close"), key="Esc", look="ghost")
+        close = ActionButton(theme, tr("Close"), key="Esc", role="ghost")
         close.setObjectName("first_use_close")
         close.clicked.connect(self.close_overlay)
         foot.addWidget(close)
@@ -232,15 +232,15 @@ class SetUpPage(Overlay):
         if self._step_page is None:
             return
         for step in self._steps:
-            own = step.of(checks)
-            if own:
-                self._step_buttons[step.name].show_state(worst(own))
+            step_checks = step.of(checks)
+            if step_checks:
+                self._step_buttons[step.name].show_state(worst(step_checks))
         place = self._stack.currentIndex()
         passed = worst(self._steps[place].of(checks)) == "passed"
         if place == len(self._steps) - 1:
-            self._next.set_label(tr("Done"), look="primary")
+            self._next.set_label(tr("Done"), role="primary")
         else:
-            self._next.set_label(tr("Next") if passed else tr("Skip for now"), look="primary" if passed else "plain")
+            self._next.set_label(tr("Next") if passed else tr("Skip for now"), role="primary" if passed else "plain")
 
 
 _PAD_PX, _ICON_PX, _CHOICE_PX = 20, 40, 230

@@ -63,12 +63,12 @@ class StepPage(QWidget):
     def add_choice(self, title: str, choice: DropDown, *beside: QWidget, holder: QWidget | None = None) -> None:
         """Add a drop-down with its title; in ``holder`` if it can be hidden."""
         choice.setMinimumWidth(_CHOICE_PX)
-        whole = holder or QWidget()
-        row = layouts.hbox(whole, margins_px=0, spacing_px=tokens.GRID_PX)
+        row_widget = holder or QWidget()
+        row = layouts.hbox(row_widget, margins_px=0, spacing_px=tokens.GRID_PX)
         for widget in (self.label(title), choice, *beside):
             row.addWidget(widget)
         row.addStretch(1)
-        self.column.addWidget(whole)
+        self.column.addWidget(row_widget)
 
     def label(self, text: str, size_px: int = tokens.BODY_PX) -> QLabel:
         label = QLabel(text, textFormat=Qt.TextFormat.PlainText, wordWrap=len(text) > _SHORT_WORDS)
@@ -191,15 +191,15 @@ class LivePicture(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
-        whole = QRectF(self.rect())
-        painter.fillRect(whole, self._theme.color("video_ground"))
+        bounds = QRectF(self.rect())
+        painter.fillRect(bounds, self._theme.color("video_ground"))
         if self._image is not None:
             size = self._image.size()
             left, top = (self.width() - size.width()) / 2, (self.height() - size.height()) / 2
             painter.drawImage(QRectF(left, top, size.width(), size.height()), self._image)
             return
         painter.setPen(self._theme.color("video_dim"))
-        painter.drawText(whole, int(Qt.AlignmentFlag.AlignCenter), tr("No picture yet"))
+        painter.drawText(bounds, int(Qt.AlignmentFlag.AlignCenter), tr("No picture yet"))
 
 
 class SoundPage(StepPage):

@@ -32,10 +32,10 @@ class Dock(KeyPlace):
 
     drag_moved = Signal(object, object)  # PanelName, QPoint on the desktop
     drag_dropped = Signal(object, object)
-    close_wanted = Signal(object)
-    float_wanted = Signal(object)  # float or dock
-    menu_wanted = Signal(object, object)
-    drawer_wanted = Signal(object)
+    close_requested = Signal(object)
+    float_requested = Signal(object)  # float or dock
+    menu_requested = Signal(object, object)
+    drawer_requested = Signal(object)
 
     def __init__(self, name: PanelName, panel: Panel, parent: QWidget) -> None:
         super().__init__(parent)
@@ -51,17 +51,17 @@ class Dock(KeyPlace):
         self._more = ActionButton(
             panel.theme,
             icon="caret-double-down",
-            look="amber",
+            role="amber",
             height_px=_BUTTON_PX,
             text_px=tokens.STATUS_PX,
             may_lose_words=True,
         )
         self._more.setObjectName("drawer_button")
-        self._more.clicked.connect(lambda: self.drawer_wanted.emit(self.name))
+        self._more.clicked.connect(lambda: self.drawer_requested.emit(self.name))
         self._more.hide()
-        self._float = ActionButton(panel.theme, icon="arrow-square-out", look="ghost", height_px=_BUTTON_PX)
+        self._float = ActionButton(panel.theme, icon="arrow-square-out", role="ghost", height_px=_BUTTON_PX)
         self._float.setObjectName("float_button")
-        self._float.clicked.connect(lambda: self.float_wanted.emit(self.name))
+        self._float.clicked.connect(lambda: self.float_requested.emit(self.name))
         self._title_bar = PanelTitleBar(panel, (self._more, self._float))
         self._title_bar.setParent(self)
         self._title_bar.show()
@@ -95,10 +95,10 @@ class Dock(KeyPlace):
         self._drawer = is_drawer
         self.fit()
 
-    def set_shown(self, shown: bool) -> None:
+    def set_shown(self, visible: bool) -> None:
         """Show the dock, or hide it behind another tab or entirely."""
-        self.setVisible(shown)
-        self._panel.set_in_view(shown)
+        self.setVisible(visible)
+        self._panel.set_in_view(visible)
 
     def least(self) -> Room:
         """Minimum size, including the title bar."""
@@ -143,7 +143,7 @@ class Dock(KeyPlace):
 
     def cut_off(self) -> list[str]:
         """Names of some widgets cut off because the dock is too small; scrollable ones do not count."""
-        seen = self._content.rect()
+        visible_rect = self._content.rect()
         names = []
         layout = self._panel.layout()
         if layout is not None:
@@ -157,7 +157,7 @@ class Dock(KeyPlace):
                 continue
             name = part.accessibleName() or (part.text() if isinstance(part, QAbstractButton | QLabel) else "")
             place = part.rect().translated(part.mapTo(self._content, QPoint(0, 0)))
-            if name and not seen.contains(place) and name not in names:
+            if name and not visible_rect.contains(place) and name not in names:
                 names.append(name)
         return names[:_MOST_NAMED]
 
@@ -197,17 +197,17 @@ class Dock(KeyPlace):
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         if event.position().y() < TITLE_PX:
-            self.float_wanted.emit(self.name)
+            self.float_requested.emit(self.name)
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
         if event.y() < TITLE_PX:
-            self.menu_wanted.emit(self.name, event.globalPos())
+            self.menu_requested.emit(self.name, event.globalPos())
 
     # ---- Qt events
 
     def closeEvent(self, event: QCloseEvent) -> None:
         event.ignore()
-        self.close_wanted.emit(self.name)
+        self.close_requested.emit(self.name)
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

@@ -26,10 +26,10 @@ class DockArea(QWidget):
 
     laid_out = Signal()
     tab_chosen = Signal(object)  # PanelName
-    tab_gone_to = Signal(object)  # PanelName, clicked: focus it too
+    tab_clicked = Signal(object)  # PanelName, clicked: focus it too
     tab_drag_moved = Signal(object, object)  # PanelName, QPoint on the desktop
     tab_drag_dropped = Signal(object, object)
-    tab_menu_wanted = Signal(object, object)
+    tab_menu_requested = Signal(object, object)
     resized_by_hand = Signal(object, object, bool)  # path, weights, whether the handle was released
 
     def __init__(self, docks: Mapping[PanelName, Dock], parent: QWidget | None = None) -> None:
@@ -37,7 +37,7 @@ class DockArea(QWidget):
         self.docks = docks
         self.whole_tree: LayoutNode | None = None
         self.locked = False
-        self._shown: frozenset[PanelName] = frozenset()
+        self._visible: frozenset[PanelName] = frozenset()
         self.placing = DockGeometry()
         self._bars: list[PanelTabs] = []
         self._handles: list[SplitHandle] = []
@@ -46,13 +46,13 @@ class DockArea(QWidget):
     def minimumSizeHint(self) -> QSize:
         return _LEAST
 
-    def show_tree(self, tree: LayoutNode | None, shown: frozenset[PanelName]) -> None:
-        """Show the ``shown`` panels of the tree; each has a dock."""
-        for name in shown:
+    def show_tree(self, tree: LayoutNode | None, visible: frozenset[PanelName]) -> None:
+        """Show the ``visible`` panels of the tree; each has a dock."""
+        for name in visible:
             dock = self.docks[name]
             if dock.parentWidget() is not self:
                 self._adopt(dock)
-        self.whole_tree, self._shown = tree, shown
+        self.whole_tree, self._visible = tree, visible
         self._drawer = None
         self.lay_out()
 
@@ -64,7 +64,7 @@ class DockArea(QWidget):
     def lay_out(self) -> None:
         tree = self.whole_tree
         rect = Rect(0, 0, self.width(), self.height())
-        self.placing = DockGeometry() if tree is None else place(tree, rect, self._shown, self._least)
+        self.placing = DockGeometry() if tree is None else place(tree, rect, self._visible, self._least)
         tabbed = [group for group in self.placing.groups if group.tabbed]
         _match(self._bars, len(tabbed), self._new_bar)
         for bar, group in zip(self._bars, tabbed, strict=True):
@@ -83,12 +83,12 @@ class DockArea(QWidget):
                 dock.set_shown(name == group.current)
         self.laid_out.emit()
 
-    def leave_room(self, tree: LayoutNode | None, shown: frozenset[PanelName]) -> None:
+    def leave_room(self, tree: LayoutNode | None, visible: frozenset[PanelName]) -> None:
         """Like :meth:`show_tree` for a reduced tree, but deferred to the next layout: nothing moves yet, and only the
         tabs of removed panels disappear.
         """
-        self.whole_tree, self._shown, self._drawer = tree, shown, None
-        for bar in [bar for bar in self._bars if not shown.issuperset(bar.panels)]:
+        self.whole_tree, self._visible, self._drawer = tree, visible, None
+        for bar in [bar for bar in self._bars if not visible.issuperset(bar.panels)]:
             self._bars.remove(bar)
             bar.hide()
             bar.deleteLater()
@@ -135,10 +135,10 @@ class DockArea(QWidget):
     def _new_bar(self) -> "PanelTabs":
         bar = PanelTabs(self)
         bar.chosen.connect(self.tab_chosen)
-        bar.gone_to.connect(self.tab_gone_to)
+        bar.clicked.connect(self.tab_clicked)
         bar.drag_moved.connect(self.tab_drag_moved)
         bar.drag_dropped.connect(self.tab_drag_dropped)
-        bar.menu_wanted.connect(self.tab_menu_wanted)
+        bar.menu_requested.connect(self.tab_menu_requested)
         bar.show()
         bar.lower()
         return bar
@@ -177,10 +177,10 @@ class PanelTabs(Bar, QTabBar):
     """Tab bar of a group. Dragging a tab moves that panel only."""
 
     chosen = Signal(object)  # PanelName
-    gone_to = Signal(object)
+    clicked = Signal(object)
     drag_moved = Signal(object, object)
     drag_dropped = Signal(object, object)
-    menu_wanted = Signal(object, object)
+    menu_requested = Signal(object, object)
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -246,7 +246,7 @@ class PanelTabs(Bar, QTabBar):
 
     def _chooser(self, panel: PanelName) -> Callable[[], None]:
         # Deferred until the menu has closed: this bar may be reused then.
-        return lambda: self.gone_to.emit(panel)
+        return lambda: self.clicked.emit(panel)
 
     def minimumTabSizeHint(self, index: int) -> QSize:
         return self.tabSizeHint(index)
@@ -271,7 +271,7 @@ class PanelTabs(Bar, QTabBar):
             self._pressed, self._pressed_at = self.panels[index], event.globalPosition().toPoint()
         super().mousePressEvent(event)
         if self._pressed is not None:
-            self.gone_to.emit(self._pressed)
+            self.clicked.emit(self._pressed)
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         at = event.globalPosition().toPoint()
@@ -294,7 +294,7 @@ class PanelTabs(Bar, QTabBar):
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
         index = self.tabAt(event.pos())
         if index >= 0:
-            self.menu_wanted.emit(self.panels[index], event.globalPos())
+            self.menu_requested.emit(self.panels[index], event.globalPos())
 
 
 class SplitHandle(QWidget):

@@ -67,14 +67,16 @@ class DockGeometry:
         return next((group for group in self.groups if panel in group.panels), None)
 
 
-def least_room(node: LayoutNode, shown: Collection[str], least: RoomOf) -> Room:
+def least_room(node: LayoutNode, visible: Collection[str], least: RoomOf) -> Room:
     """Minimum size of the visible panels of a tree."""
     if not isinstance(node, SplitNode):
-        rooms = [least(panel) for panel in panels_in(node) if panel in shown]
+        rooms = [least(panel) for panel in panels_in(node) if panel in visible]
         bar = TAB_BAR_PX if len(rooms) > 1 else 0
         return (max((room[0] for room in rooms), default=0), max((room[1] for room in rooms), default=0) + bar)
     rooms = [
-        least_room(child, shown, least) for child in node.children if any(panel in shown for panel in panels_in(child))
+        least_room(child, visible, least)
+        for child in node.children
+        if any(panel in visible for panel in panels_in(child))
     ]
     gaps = GAP_PX * max(0, len(rooms) - 1)
     widths, heights = [room[0] for room in rooms], [room[1] for room in rooms]
@@ -83,72 +85,74 @@ def least_room(node: LayoutNode, shown: Collection[str], least: RoomOf) -> Room:
     return (max(widths, default=0), sum(heights) + gaps)
 
 
-def lengths(whole: int, weights: Sequence[float], least: Sequence[int], squeezed: int) -> list[int]:
-    """Divide ``whole`` by weight, respecting each minimum; if that is impossible, all shrink in proportion, down to
+def lengths(total_px: int, weights: Sequence[float], least: Sequence[int], squeezed: int) -> list[int]:
+    """Divide ``total_px`` by weight, respecting each minimum; if that is impossible, all shrink in proportion, down to
     ``squeezed`` where possible.
     """
     count = len(weights)
-    if sum(least) >= whole:
-        floor = min(squeezed, whole // count)
+    if sum(least) >= total_px:
+        floor = min(squeezed, total_px // count)
         over = [max(0, each - floor) for each in least]
-        spare = (whole - floor * count) / max(1, sum(over))
-        return _whole_pixels([floor + spare * each for each in over], whole)
+        spare = (total_px - floor * count) / max(1, sum(over))
+        return _whole_pixels([floor + spare * each for each in over], total_px)
     fixed: dict[int, float] = {}
     while True:
         free = [index for index in range(count) if index not in fixed]
         total = sum(weights[index] for index in free)
-        left = whole - sum(fixed.values())
+        left = total_px - sum(fixed.values())
         small = [index for index in free if left * weights[index] < least[index] * total]
         if not small:
-            return _whole_pixels([fixed[i] if i in fixed else left * weights[i] / total for i in range(count)], whole)
+            return _whole_pixels(
+                [fixed[i] if i in fixed else left * weights[i] / total for i in range(count)], total_px
+            )
         fixed |= {index: float(least[index]) for index in small}
 
 
-def _whole_pixels(parts: Sequence[float], whole: int) -> list[int]:
+def _whole_pixels(parts: Sequence[float], total_px: int) -> list[int]:
     """Round lengths without losing a pixel in total."""
     edges, position = [0], 0.0
     for part in parts:
         position += part
         edges.append(round(position))
-    edges[-1] = whole
+    edges[-1] = total_px
     return [max(0, edges[i + 1] - edges[i]) for i in range(len(parts))]
 
 
-def place(node: LayoutNode, rect: Rect, shown: Collection[str], least: RoomOf) -> DockGeometry:
-    """Lay out the ``shown`` panels of a tree."""
+def place(node: LayoutNode, rect: Rect, visible: Collection[str], least: RoomOf) -> DockGeometry:
+    """Lay out the ``visible`` panels of a tree."""
     groups: list[GroupPlace] = []
     handles: list[Handle] = []
-    for part in _placed(node, rect, shown, least, ()):
+    for part in _placed(node, rect, visible, least, ()):
         (groups if isinstance(part, GroupPlace) else handles).append(part)  # type: ignore[arg-type]
     return DockGeometry(tuple(groups), tuple(handles))
 
 
 def _placed(
-    node: LayoutNode, rect: Rect, shown: Collection[str], least: RoomOf, path: tuple[int, ...]
+    node: LayoutNode, rect: Rect, visible: Collection[str], least: RoomOf, path: tuple[int, ...]
 ) -> Iterator[GroupPlace | Handle]:
     if not isinstance(node, SplitNode):
-        panels = tuple(panel for panel in panels_in(node) if panel in shown)
+        panels = tuple(panel for panel in panels_in(node) if panel in visible)
         if panels:
             current = None if isinstance(node, PanelLeaf) else node.current
             yield GroupPlace(panels, current if current in panels else panels[0], rect)
         return
-    seen = [i for i, child in enumerate(node.children) if any(panel in shown for panel in panels_in(child))]
-    if not seen:
+    indices = [i for i, child in enumerate(node.children) if any(panel in visible for panel in panels_in(child))]
+    if not indices:
         return
     across = node.split == "horizontal"
-    whole = (rect.width if across else rect.height) - GAP_PX * (len(seen) - 1)
+    room_px = (rect.width if across else rect.height) - GAP_PX * (len(indices) - 1)
     part_of = shares(node)
-    needs = [least_room(node.children[i], shown, least)[0 if across else 1] for i in seen]
-    given = lengths(max(0, whole), [part_of[i] for i in seen], needs, _SQUEEZED[0 if across else 1])
+    needs = [least_room(node.children[i], visible, least)[0 if across else 1] for i in indices]
+    given = lengths(max(0, room_px), [part_of[i] for i in indices], needs, _SQUEEZED[0 if across else 1])
     at = rect.left if across else rect.top
-    for number, (i, length) in enumerate(zip(seen, given, strict=True)):
+    for number, (i, length) in enumerate(zip(indices, given, strict=True)):
         part = Rect(at, rect.top, length, rect.height) if across else Rect(rect.left, at, rect.width, length)
-        yield from _placed(node.children[i], part, shown, least, (*path, i))
+        yield from _placed(node.children[i], part, visible, least, (*path, i))
         at += length
-        if number + 1 < len(seen):
+        if number + 1 < len(indices):
             gap = Rect(at, rect.top, GAP_PX, rect.height) if across else Rect(rect.left, at, rect.width, GAP_PX)
-            had = tuple(zip(seen, given, strict=True))
-            yield Handle(path, i, seen[number + 1], node.split, gap, had, (needs[number], needs[number + 1]))
+            had = tuple(zip(indices, given, strict=True))
+            yield Handle(path, i, indices[number + 1], node.split, gap, had, (needs[number], needs[number + 1]))
             at += GAP_PX
 
 
@@ -203,8 +207,8 @@ def drop_at(placing: DockGeometry, rect: Rect, x: int, y: int, panel: PanelName)
     """Effect of dropping ``panel`` at a point of ``rect``; None for no effect."""
     if not rect.contains(x, y):
         return None
-    own = placing.group_of(panel)
-    if own is None or len(placing.groups) > 1 or own.tabbed:
+    own_group = placing.group_of(panel)
+    if own_group is None or len(placing.groups) > 1 or own_group.tabbed:
         for side, near in _edges(rect, x, y):
             if near < _EDGE_PX:
                 return Drop(None, side, _half(rect, side, 0.25))

@@ -258,7 +258,7 @@ def _checked(data: Any) -> LayoutNode:
 
 
 def _place_from(data: Any) -> Rect:
-    whole = isinstance(data, list) and len(data) == 4 and all(type(number) is int for number in data)
-    if not whole or not all(abs(number) < 100_000 for number in data) or min(data[2:]) <= 0:
+    valid = isinstance(data, list) and len(data) == 4 and all(type(number) is int for number in data)
+    if not valid or not all(abs(number) < 100_000 for number in data) or min(data[2:]) <= 0:
         raise ValueError("a window's position is not four numbers in pixels")
     return Rect(*data)

@@ -84,9 +84,12 @@ def _compact(node: LayoutNode, width: int, height: int) -> LayoutNode:
     if not isinstance(node, SplitNode):
         return node
     axis = 0 if node.split == "horizontal" else 1
-    whole = (width, height)[axis]
+    length_px = (width, height)[axis]
     parts = list(zip(node.children, shares(node), strict=True))
-    while len(parts) > 1 and sum(_need_in_front(child, axis) for child, _ in parts) + GAP_PX * (len(parts) - 1) > whole:
+    while (
+        len(parts) > 1
+        and sum(_need_in_front(child, axis) for child, _ in parts) + GAP_PX * (len(parts) - 1) > length_px
+    ):
         foldable = [i for i in range(len(parts)) if _rank(parts[i][0]) >= ALWAYS_SEEN]
         if not foldable:
             break
@@ -97,7 +100,7 @@ def _compact(node: LayoutNode, width: int, height: int) -> LayoutNode:
         parts[host] = (_with_tabs(child, folded), part + share)
     if len(parts) == 1:
         return _compact(parts[0][0], width, height)
-    room = whole - GAP_PX * (len(parts) - 1)
+    room = length_px - GAP_PX * (len(parts) - 1)
     given = lengths(room, [share for _, share in parts], [_need_in_front(child, axis) for child, _ in parts], 0)
     children = tuple(
         _compact(child, *((length, height) if axis == 0 else (width, length)))
@@ -122,9 +125,9 @@ def _spread(node: LayoutNode, width: int, height: int) -> LayoutNode:
     """Spread tabs side by side or stacked as long as each has its comfortable size."""
     if isinstance(node, SplitNode):
         axis = 0 if node.split == "horizontal" else 1
-        whole = (width, height)[axis] - GAP_PX * (len(node.children) - 1)
+        length_px = (width, height)[axis] - GAP_PX * (len(node.children) - 1)
         children = tuple(
-            _spread(child, *((round(whole * share), height) if axis == 0 else (width, round(whole * share))))
+            _spread(child, *((round(length_px * share), height) if axis == 0 else (width, round(length_px * share))))
             for child, share in zip(node.children, shares(node), strict=True)
         )
         return SplitNode(node.split, children, node.weights)

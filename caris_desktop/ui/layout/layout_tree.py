@@ -65,9 +65,9 @@ def _rounded(parts: list[float]) -> tuple[float, ...]:
     if sum(parts) == 1 and all(round(part, _DIGITS) == part for part in parts):
         return tuple(parts)
     unit = 10**_DIGITS
-    whole = [max(1, round(part / sum(parts) * unit)) for part in parts]
-    whole[whole.index(max(whole))] += unit - sum(whole)
-    return tuple(part / unit for part in whole)
+    units = [max(1, round(part / sum(parts) * unit)) for part in parts]
+    units[units.index(max(units))] += unit - sum(units)
+    return tuple(part / unit for part in units)
 
 
 def without(node: LayoutNode, absent: Collection[str]) -> LayoutNode | None:
@@ -96,11 +96,11 @@ def permitted(node: LayoutNode, possible: Collection[str]) -> LayoutNode:
 
 def with_the_panels_of(tree: LayoutNode, arranged: LayoutNode) -> LayoutNode:
     """``arranged`` with exactly the panels of ``tree``: missing ones are added to its last tab group."""
-    wanted = panels_in(tree)
-    result = without(arranged, frozenset(panels_in(arranged)) - frozenset(wanted))
+    panels = panels_in(tree)
+    result = without(arranged, frozenset(panels_in(arranged)) - frozenset(panels))
     if result is None:
         return tree
-    for panel in wanted:
+    for panel in panels:
         if panel not in panels_in(result):
             last = panels_in(result)[-1]
             front = next(front_of(group) for group in groups_in(result) if last in panels_in(group))
@@ -160,10 +160,10 @@ def with_weights(node: LayoutNode, path: tuple[int, ...], weights: tuple[float, 
     """The tree with new weights in the split at ``path`` (child indices)."""
     if not path:
         return SplitNode(split_at(node, ()).split, split_at(node, ()).children, _rounded(list(weights)))
-    whole, (first, *rest) = split_at(node, ()), path
-    children = list(whole.children)
+    split, (first, *rest) = split_at(node, ()), path
+    children = list(split.children)
     children[first] = with_weights(children[first], tuple(rest), weights)
-    return SplitNode(whole.split, tuple(children), whole.weights)
+    return SplitNode(split.split, tuple(children), split.weights)
 
 
 def path_of(node: LayoutNode, panel: PanelName) -> tuple[int, ...]:

@@ -24,8 +24,8 @@ class Arranged(Protocol):
     @property
     def arrangement(self) -> DockLayout | None: ...
 
-    def edit(self, what: str, after: DockLayout | None) -> bool:
-        """Apply the wizard's edit ``what``; returns whether it was applied."""
+    def edit(self, description: str, after: DockLayout | None) -> bool:
+        """Apply the wizard's edit ``description``; returns whether it was applied."""
 
 
 def resized(docks: Arranged, name: PanelName, by_px: int) -> DockLayout | None:
@@ -44,7 +44,7 @@ def resized(docks: Arranged, name: PanelName, by_px: int) -> DockLayout | None:
 
 def resizer(docks: Arranged, name: PanelName, by_px: int) -> Callable[[], None]:
     def resize() -> None:
-        what = tr("Make {panel} larger") if by_px > 0 else tr("Make {panel} smaller")
-        docks.edit(what.format(panel=docks.docks[name].widget().title), resized(docks, name, by_px))
+        description = tr("Make {panel} larger") if by_px > 0 else tr("Make {panel} smaller")
+        docks.edit(description.format(panel=docks.docks[name].widget().title), resized(docks, name, by_px))
 
     return resize

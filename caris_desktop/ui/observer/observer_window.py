@@ -58,10 +58,10 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._theme = theme
         self.sees: Sees = sees
-        only_looks = watched(console, discreet=sees == "no_names")
-        actions = Actions(self, only_looks, self)
+        view_console = watched(console, discreet=sees == "no_names")
+        actions = Actions(self, view_console, self)
         actions.drop_all_but(())
-        self._context = PanelContext(only_looks, theme, actions, hold, discreet=sees == "no_names")
+        self._context = PanelContext(view_console, theme, actions, hold, discreet=sees == "no_names")
         self._column = layouts.vbox(self, margins_px=(0, 8, 0, 8))
         # An observer cannot scroll: content that does not fit is clipped.
         self._column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)
@@ -69,7 +69,7 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
         self._signs = StatusIndicators(theme, console.state)
         self._whole_signs_px = self._signs.width()
         self._column.addWidget(self._signs)
-        self._shown: QSplitter | None = None
+        self._splitter: QSplitter | None = None
         self._lower: list[QWidget] = []
         self._panels: dict[PanelName, Panel] = {}
         self._lasting: dict[PanelName, Any] = {}
@@ -85,26 +85,26 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
         """Rebuild for a scenario: forbidden content disappears at once; panels follow, one per event loop turn."""
         scenario = self._context.console.scenario
         self._context.actions.rebuild(scenario)
-        if self._shown is not None:
+        if self._splitter is not None:
             self._lasting.update((name, panel.save_state()) for name, panel in self._panels.items())
             self._panels.clear()
-            self._shown.hide()
-            self._shown.setParent(None)
-            self._shown.deleteLater()
+            self._splitter.hide()
+            self._splitter.setParent(None)
+            self._splitter.deleteLater()
         self._lower.clear()
-        self._shown = QSplitter(Qt.Orientation.Horizontal)
-        self._shown.setContentsMargins(8, 0, 8, 0)
+        self._splitter = QSplitter(Qt.Orientation.Horizontal)
+        self._splitter.setContentsMargins(8, 0, 8, 0)
         # An observer clicks nothing: everything is transparent to the mouse.
-        self._shown.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self._splitter.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         columns = [QSplitter(Qt.Orientation.Vertical) for _names in _COLUMNS[self.sees]]
         for column in columns:
-            self._shown.addWidget(column)
+            self._splitter.addWidget(column)
         possible = possible_panels(scenario)
         rows = zip_longest(*(filter(possible.__contains__, names) for names in _COLUMNS[self.sees]))
         self._missing = deque((column, name) for row in rows for column, name in zip(columns, row, strict=True) if name)
-        self._shown.setSizes([60, 40])
-        self._column.addWidget(self._shown, 1)
-        self._shown.show()
+        self._splitter.setSizes([60, 40])
+        self._column.addWidget(self._splitter, 1)
+        self._splitter.show()
         self._column.activate()
         self._turn.start()
 
@@ -175,21 +175,21 @@ class ObserverWindows:
         self._console = console
         self._hold = hold
         self._window = window
-        self.shown: ObserverWindow | None = None
+        self.open_window: ObserverWindow | None = None
 
     def open(self, sees: Sees, geometry: QByteArray | None = None) -> None:
         """Open with this ``geometry``, else on another screen if there is one."""
         self.close()
-        self.shown = ObserverWindow(self._theme, self._console, self._hold, self._window, sees)
+        self.open_window = ObserverWindow(self._theme, self._console, self._hold, self._window, sees)
         if geometry is not None:
-            self.shown.restoreGeometry(geometry)
-        self.shown.closed.connect(self._on_closed)
+            self.open_window.restoreGeometry(geometry)
+        self.open_window.closed.connect(self._on_closed)
         self._persist(sees)
-        self.shown.show()
+        self.open_window.show()
 
     def restore(self) -> None:
         """Reopen the window of the last run with the same content."""
-        if self._settings is None or self.shown is not None:
+        if self._settings is None or self.open_window is not None:
             return
         stored, geometry = self._settings.value(_SEES_KEY), self._settings.value(_GEOMETRY_KEY)
         for sees in SEES_WORDS:
@@ -198,8 +198,8 @@ class ObserverWindows:
 
     def end(self) -> None:
         """Close on quitting, so that it reopens at the next start."""
-        if self.shown is not None:
-            sees = self.shown.sees
+        if self.open_window is not None:
+            sees = self.open_window.sees
             self.close()
             self._persist(sees)
 
@@ -211,24 +211,24 @@ class ObserverWindows:
         return lambda: self.open(sees)
 
     def close(self) -> None:
-        if self.shown is not None:
-            self.shown.close()
+        if self.open_window is not None:
+            self.open_window.close()
 
     def show_scenario(self) -> None:
-        if self.shown is not None:
-            self.shown.show_scenario()
+        if self.open_window is not None:
+            self.open_window.show_scenario()
 
     def complete(self) -> None:
-        if self.shown is not None:
-            self.shown.complete()
+        if self.open_window is not None:
+            self.open_window.complete()
 
     def _on_closed(self) -> None:
-        if self.shown is not None:
+        if self.open_window is not None:
             if self._settings is not None:
-                self._settings.setValue(_GEOMETRY_KEY, self.shown.saveGeometry())
+                self._settings.setValue(_GEOMETRY_KEY, self.open_window.saveGeometry())
             self._persist("")
-            self.shown.deleteLater()
-            self.shown = None
+            self.open_window.deleteLater()
+            self.open_window = None
 
 
 class WatchedConsole:

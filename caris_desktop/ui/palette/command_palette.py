@@ -92,7 +92,7 @@ class CommandPalette(Overlay):
     def choose(self, entry: PaletteItem | None) -> None:
         if entry is None:
             return
-        if entry.deliberate and self.list.asked_again != entry:
+        if entry.deliberate and self.list.pending_entry != entry:
             self.list.ask_again(entry)
             return
         self.close_overlay()
@@ -111,8 +111,8 @@ class CommandPalette(Overlay):
         if self._new is not None and typed:
             found.append(self._new(typed))
         breaks = () if typed else self._finder.breaks
-        meant = bool(typed) and bool(found) and says_what_to_do(found[0], typed)
-        self.list.show_entries(found, breaks=breaks, meant=meant, by_digit=bool(self._by_digit) and not typed)
+        selected = bool(typed) and bool(found) and says_what_to_do(found[0], typed)
+        self.list.show_entries(found, breaks=breaks, selected=selected, by_digit=bool(self._by_digit) and not typed)
 
 
 class _PaletteField(QLineEdit):
@@ -162,7 +162,7 @@ class _EntryList(QWidget):
         self._index = _NONE
         self._double_click = False
         self._breaks: Sequence[int] = ()
-        self.asked_again: PaletteItem | None = None
+        self.pending_entry: PaletteItem | None = None
         self.setMouseTracking(True)
         self._regions = AccessibleRegions(self, self, self._spots, self._on_accessible_press)
 
@@ -176,8 +176,10 @@ class _EntryList(QWidget):
         """Item that Enter runs; None if none is selected."""
         return self._entries[self._index] if 0 <= self._index < len(self._entries) else None
 
-    def show_entries(self, entries: list[PaletteItem], *, breaks: Sequence[int], meant: bool, by_digit: bool) -> None:
-        """Show results. ``breaks``: indices of divider lines. ``meant``: the query names what the first item does.
+    def show_entries(
+        self, entries: list[PaletteItem], *, breaks: Sequence[int], selected: bool, by_digit: bool
+    ) -> None:
+        """Show results. ``breaks``: indices of divider lines. ``selected``: the query names what the first item does.
 
         ``by_digit``: while nothing is typed, digits select and Enter selects nothing.
         """
@@ -185,12 +187,12 @@ class _EntryList(QWidget):
         self._breaks = breaks
         # A dangerous item is never preselected, so that a quick Enter runs neither it nor another one; an item that
         # speaks or moves the robot is preselected only if the query names it.
-        can_be_chosen = bool(entries) and not entries[0].deliberate and (meant or not (entries[0].acts or by_digit))
+        can_be_chosen = bool(entries) and not entries[0].deliberate and (selected or not (entries[0].acts or by_digit))
         self._choose_row(0 if can_be_chosen else _NONE)
 
     def ask_again(self, entry: PaletteItem) -> None:
         """Ask for confirmation: choosing the same item again runs it."""
-        self.asked_again = entry
+        self.pending_entry = entry
         self.update()
 
     def move_by(self, step: int) -> None:
@@ -200,8 +202,8 @@ class _EntryList(QWidget):
 
     def _choose_row(self, row: int) -> None:
         self._index = row
-        if self.current is not self.asked_again:
-            self.asked_again = None
+        if self.current is not self.pending_entry:
+            self.pending_entry = None
         self._owner.report_current()
         self.update()
 
@@ -215,15 +217,15 @@ class _EntryList(QWidget):
 
     def _spots(self) -> list[AccessibleRegion]:
         first = self._first()
-        shown = self._entries[first : first + self.height() // _ROW_PX]
+        visible_entries = self._entries[first : first + self.height() // _ROW_PX]
         return [
             AccessibleRegion(
                 (str(first + line), entry.text),
-                entry.again if entry == self.asked_again else entry.spoken,
+                entry.again if entry == self.pending_entry else entry.spoken,
                 QRect(0, line * _ROW_PX, self.width(), _ROW_PX),
                 tr("Selected: press Enter to run it") if first + line == self._index else "",
             )
-            for line, entry in enumerate(shown)
+            for line, entry in enumerate(visible_entries)
         ]
 
     def _on_accessible_press(self, key: tuple[str, ...]) -> None:
@@ -263,7 +265,7 @@ class _EntryList(QWidget):
         first = self._first()
         for line, entry in enumerate(self._entries[first : first + self.height() // _ROW_PX]):
             rect = QRectF(0, line * _ROW_PX, self.width(), _ROW_PX)
-            again = entry == self.asked_again
+            again = entry == self.pending_entry
             if line and first + line in self._breaks:
                 painter.setPen(theme.color("line"))
                 painter.drawLine(rect.topLeft(), rect.topRight())

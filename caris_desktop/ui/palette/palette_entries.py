@@ -167,19 +167,19 @@ class PaletteEntries:
     def _of_row(self, spec: ActionSpec) -> PaletteItem:
         table = self._parts.actions
         intent = table.intent_of(spec)
-        says = isinstance(intent, intents.Say)
+        is_utterance = isinstance(intent, intents.Say)
         moves = intent is not None and (
             INTENTS[type(intent)].moves is not None or isinstance(intent, intents.UseControl)
         )
         other_words = _OTHER_WORDS.get(spec.id, "")
         return PaletteItem(
             spec.text,
-            tr("Say") if says else tr("Do"),
+            tr("Say") if is_utterance else tr("Do"),
             spec.icon,
             table.key_text(spec.id),
             lambda: table.run(spec.id),
             also=tr(other_words),
-            acts=says or moves,
+            acts=is_utterance or moves,
             named=spec.text if spec.intent is say_filler else spec.text.partition(": ")[2],
             id=f"row {spec.id}",
             common=spec.id in _COMMON_ROWS,
@@ -380,7 +380,7 @@ class PaletteEntries:
 
     def _of_panels(self) -> list[PaletteItem]:
         panels = self._parts.panels
-        shown: list[PanelName] = [name for name in panels.possible() if panels.is_open(name)]
+        open_panels: list[PanelName] = [name for name in panels.possible() if panels.is_open(name)]
         opened = [
             PaletteItem(
                 tr(PANELS[name].title),
@@ -388,7 +388,7 @@ class PaletteEntries:
                 PANELS[name].icon,
                 "",
                 panels.opener(name),
-                also="" if name in shown else tr("add open show"),
+                also="" if name in open_panels else tr("add open show"),
                 id=f"Panel: {PANELS[name].title}",
             )
             for name in panels.possible()
@@ -403,7 +403,7 @@ class PaletteEntries:
                 also=tr("hide remove"),
                 id=f"Panel: Close {PANELS[name].title}",
             )
-            for name in shown
+            for name in open_panels
         ]
         floats = [
             PaletteItem(
@@ -415,7 +415,7 @@ class PaletteEntries:
                 also=tr("float undock second screen"),
                 id=f"Panel: {PANELS[name].title}: into a window of its own, or back",
             )
-            for name in shown
+            for name in open_panels
         ]
         resizes = [
             PaletteItem(
@@ -427,7 +427,7 @@ class PaletteEntries:
                 also=tr("size resize width height room split"),
                 id=f"Panel: {PANELS[name].title}: {'larger' if by_px > 0 else 'smaller'}",
             )
-            for name in shown
+            for name in open_panels
             for by_px, do in panels.resizers(name)
         ]
         return opened if self._parts.layout.locked else [*opened, *closed, *floats, *resizes]
@@ -666,11 +666,11 @@ class PersonEntries:
         table, state = self._parts.actions, self._state
         persons = everyone(state.persons.value, state.everybody.value, state.present.now_ns())
         entries = []
-        asked = next((person for person in persons if is_asked(person, state.asked_person.value)), None)
-        if asked is not None and asked.suggestion is not None:
+        suggested = next((person for person in persons if is_asked(person, state.asked_person.value)), None)
+        if suggested is not None and suggested.suggestion is not None:
             named = {
-                "person": text_formatting.person_name(asked),
-                "other": text_formatting.name_in_words(asked.suggestion.name),
+                "person": text_formatting.person_name(suggested),
+                "other": text_formatting.name_in_words(suggested.suggestion.name),
             }
             for action_id, text, icon in (
                 ("answer_yes", tr("Yes, {person} is {other}").format(**named), "check"),

@@ -32,7 +32,7 @@ class Finder:
     def __init__(self, entries: Sequence[PaletteItem], used: Used | None = None) -> None:
         self.order, self.breaks = _in_order(entries, used or Used())
         self._texts = [entry.text.casefold() for entry in self.order]
-        self._own = [f"{entry.text} {entry.kind}".casefold() for entry in self.order]
+        self._own_texts = [f"{entry.text} {entry.kind}".casefold() for entry in self.order]
         self._words = [f"{entry.text} {entry.kind} {entry.also}".casefold() for entry in self.order]
         self._vocabulary: _Vocabulary | None = None
 
@@ -44,18 +44,18 @@ class Finder:
         panel, "drive to the kichen" nothing.
         """
         typed = query.casefold().split()
-        wanted = [word for word in typed if word not in _MEANS_NOTHING] or typed
+        query_words = [word for word in typed if word not in _MEANS_NOTHING] or typed
         found: Sequence[int] = range(len(self.order))
-        for word in wanted:
+        for word in query_words:
             found = [place for place in found if word in self._words[place]]
-        if not wanted:
+        if not query_words:
             return list(self.order)
         exact = self._those_that_begin_first(found, query.casefold().strip())
-        exact.sort(key=lambda place: self._rank(place, " ".join(typed), wanted))
-        alike = self._alike(wanted, set(found)) if len(found) < _ENOUGH else []
+        exact.sort(key=lambda place: self._rank(place, " ".join(typed), query_words))
+        alike = self._alike(query_words, set(found)) if len(found) < _ENOUGH else []
         return [self.order[place] for place in (*exact, *alike)]
 
-    def _rank(self, place: int, query: str, wanted: Sequence[str]) -> tuple[bool, ...]:
+    def _rank(self, place: int, query: str, query_words: Sequence[str]) -> tuple[bool, ...]:
         """Sort key: items that act without their verb in the query last; exact names and places first; then contiguous
         matches before scattered ones.
         """
@@ -65,9 +65,9 @@ class Finder:
             not entry.first,
             not says_what_to_do(entry, query),
             query not in called,
-            not (entry.by_name and _begin_words_of(entry.named, wanted)),
+            not (entry.by_name and _begin_words_of(entry.named, query_words)),
             " " in query and query not in text,
-            not all(word in self._own[place] for word in wanted),
+            not all(word in self._own_texts[place] for word in query_words),
         )
 
     def _those_that_begin_first(self, found: Sequence[int], begins: str) -> list[int]:
@@ -86,13 +86,13 @@ class Finder:
             (first if self._texts[place].startswith(begins) else others).append(place)
         return ordered + first + others
 
-    def _alike(self, wanted: Sequence[str], exact: set[int]) -> list[int]:
-        if not any(len(word) >= _LONG_ENOUGH_TO_GUESS for word in wanted):
+    def _alike(self, query_words: Sequence[str], exact: set[int]) -> list[int]:
+        if not any(len(word) >= _LONG_ENOUGH_TO_GUESS for word in query_words):
             return []
         if self._vocabulary is None:
             guessable = [place for place, entry in enumerate(self.order) if not (entry.acts or entry.deliberate)]
             self._vocabulary = _Vocabulary({place: self._words[place] for place in guessable})
-        each = [self._vocabulary.distances(word) for word in wanted]
+        each = [self._vocabulary.distances(word) for word in query_words]
         everywhere = set(each[0]).intersection(*each[1:]) - exact
         far = sorted((sum(distances[place] for distances in each), place) for place in everywhere)
         return [place for _far, place in far]
@@ -101,19 +101,19 @@ class Finder:
 def says_what_to_do(entry: PaletteItem, query: str) -> bool:
     """Whether the query names what the item does, or equals its whole text."""
     words = query.casefold().split()
-    wanted = [word for word in words if word not in _MEANS_NOTHING] or words
+    query_words = [word for word in words if word not in _MEANS_NOTHING] or words
     if not (entry.acts and entry.named):
         return True
-    if (entry.by_name and _begin_words_of(entry.named, wanted)) or " ".join(words) == entry.text.casefold():
+    if (entry.by_name and _begin_words_of(entry.named, query_words)) or " ".join(words) == entry.text.casefold():
         return True
     names = set(_words_of(entry.named))
     verbs = [word for word in _words_of(f"{entry.text} {entry.kind} {entry.also}") if word not in names]
-    return any(len(word) > 1 and verb.startswith(word) for word in wanted for verb in verbs)
+    return any(len(word) > 1 and verb.startswith(word) for word in query_words for verb in verbs)
 
 
-def _begin_words_of(name: str, wanted: Sequence[str]) -> bool:
+def _begin_words_of(name: str, query_words: Sequence[str]) -> bool:
     """Whether each word is a prefix of a word in the name."""
-    return all(any(part.startswith(word) for part in _words_of(name)) for word in wanted)
+    return all(any(part.startswith(word) for part in _words_of(name)) for word in query_words)
 
 
 def _words_of(text: str) -> list[str]:

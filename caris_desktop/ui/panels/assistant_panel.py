@@ -51,7 +51,7 @@ class AssistantPanel(Panel):
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("assistant_panel")
-        self._shown = _NO_EXCHANGE
+        self._exchange = _NO_EXCHANGE
         self._chosen = ""
         self._editing = False
         self._too_long = 0
@@ -73,18 +73,18 @@ class AssistantPanel(Panel):
         self.setup_bar.template_chosen.connect(self._on_template)
         self.along = PromptContextChips(self.theme)
         self.setup_bar.picture_chosen.connect(self.along.add_picture)
-        self.setup_bar.words_wanted.connect(self._open_words)
-        self.with_what = ActionButton(self.theme, "", icon="sliders-horizontal", look="ghost", height_px=30)
-        self.with_what.setObjectName("assistant_with_what")
-        self.with_what.setCheckable(True)
-        self.with_what.setToolTip(tr("Model, role, style, prepared questions, pictures"))
-        self.with_what.setAccessibleName(tr("Question options"))
-        self.with_what.toggled.connect(lambda _on: self._show_parts())
+        self.setup_bar.words_requested.connect(self._open_words)
+        self.setup_button = ActionButton(self.theme, "", icon="sliders-horizontal", role="ghost", height_px=30)
+        self.setup_button.setObjectName("assistant_with_what")
+        self.setup_button.setCheckable(True)
+        self.setup_button.setToolTip(tr("Model, role, style, prepared questions, pictures"))
+        self.setup_button.setAccessibleName(tr("Question options"))
+        self.setup_button.toggled.connect(lambda _on: self._show_parts())
         self._rows = ExchangeRows(self.theme)
         self._rows.chosen.connect(self._choose)
-        self._rows.say_wanted.connect(self._on_say_row)
-        self._rows.edit_wanted.connect(self._on_edit_row)
-        self._rows.away_wanted.connect(self._on_away)
+        self._rows.say_requested.connect(self._on_say_row)
+        self._rows.edit_requested.connect(self._on_edit_row)
+        self._rows.away_requested.connect(self._on_away)
         self._question = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self._question.setObjectName("assistant_question")
         self._answer = _AnswerField()
@@ -99,11 +99,13 @@ class AssistantPanel(Panel):
         self._say = self._button(tr("Say it"), "assistant_say", self._on_say, icon="speaker-high", primary=True)
         self._edit = self._button(tr("Edit first"), "assistant_edit", self._on_edit, icon="pencil-simple")
         self._again = self._button(tr("Ask again"), "assistant_again", self._on_again, icon="arrow-clockwise")
-        self._dismiss = self._button(tr("Dismiss"), "assistant_dismiss", lambda: self._on_away(self._shown.exchange_id))
+        self._dismiss = self._button(
+            tr("Dismiss"), "assistant_dismiss", lambda: self._on_away(self._exchange.exchange_id)
+        )
         self._cancel = self._button(
             tr("Cancel"),
             "assistant_cancel",
-            lambda: self.console.do(intents.CancelAnswer(self._shown.exchange_id)),
+            lambda: self.console.do(intents.CancelAnswer(self._exchange.exchange_id)),
             icon="x",
         )
         self._arrange()
@@ -117,7 +119,7 @@ class AssistantPanel(Panel):
 
     def _button(self, text: str, name: str, act: Any, *, icon: str = "", primary: bool = False) -> ActionButton:
         button = ActionButton(
-            self.theme, text, icon=icon, look="primary" if primary else "plain", may_shrink=not primary
+            self.theme, text, icon=icon, role="primary" if primary else "plain", may_shrink=not primary
         )
         button.setObjectName(name)
         button.clicked.connect(act)
@@ -157,7 +159,7 @@ class AssistantPanel(Panel):
         return self.field
 
     def title_widgets(self) -> list[QWidget]:
-        return [self.with_what]
+        return [self.setup_button]
 
     def sizeHint(self) -> QSize:
         return QSize(420, 240)
@@ -168,7 +170,7 @@ class AssistantPanel(Panel):
     def show_scenario(self) -> None:
         self._chosen = ""
         self._stop_editing()
-        self.with_what.setChecked(False)
+        self.setup_button.setChecked(False)
         # Edited prompts belong to the former scenario and must not leak into this one.
         self._words.forget()
         self._pages.setCurrentWidget(self._main)
@@ -216,8 +218,10 @@ class AssistantPanel(Panel):
             self._show_parts()
 
     def _on_template(self, text: str) -> None:
-        said = next((turn.text for turn in reversed(self.state.transcript.value) if turn.speaker == "participant"), "")
-        self.field.setText(text.replace("{said}", f"“{said}”" if said else "…"))
+        last_utterance = next(
+            (turn.text for turn in reversed(self.state.transcript.value) if turn.speaker == "participant"), ""
+        )
+        self.field.setText(text.replace("{said}", f"“{last_utterance}”" if last_utterance else "…"))
         self.field.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def _on_ask(self) -> None:
@@ -229,7 +233,7 @@ class AssistantPanel(Panel):
             self._chosen = ""
             self._stop_editing()
             self.field.clear()
-            self.with_what.setChecked(False)
+            self.setup_button.setChecked(False)
             self.along.forget_pictures()
             self.update_view()
 
@@ -240,10 +244,10 @@ class AssistantPanel(Panel):
         live, height = self._live, self.height()
         writing = live and not self._editing and (bool(self.field.text()) or beside)
         roomy = height >= _ROOMY_PX
-        wanted = live and self.with_what.isChecked()
-        self.setup_bar.setVisible(wanted or (live and (roomy or (writing and height >= _LOW_PX - 50))))
+        setup_open = live and self.setup_button.isChecked()
+        self.setup_bar.setVisible(setup_open or (live and (roomy or (writing and height >= _LOW_PX - 50))))
         self.along.setVisible(live and (roomy or writing) and bool(self.along.chips))
-        read = roomy or not (writing or wanted)
+        read = roomy or not (writing or setup_open)
         self._answer.setVisible(read)
         for button in self._offered:
             # Without room for the button, the Delete key and the row's close button do the same.
@@ -266,7 +270,7 @@ class AssistantPanel(Panel):
     # Answers
 
     def _choose(self, exchange_id: str) -> None:
-        if exchange_id != self._shown.exchange_id:
+        if exchange_id != self._exchange.exchange_id:
             self._chosen = exchange_id
             self._stop_editing()
             self.update_view()
@@ -274,15 +278,15 @@ class AssistantPanel(Panel):
     def _step(self, by: int) -> None:
         """Select the previous or next question."""
         ids = [each.exchange_id for each in self.state.assistant.value.exchanges]
-        if self._shown.exchange_id in ids:
-            at = ids.index(self._shown.exchange_id) + by
+        if self._exchange.exchange_id in ids:
+            at = ids.index(self._exchange.exchange_id) + by
             if 0 <= at < len(ids):
                 self._choose(ids[at])
 
     def _on_say(self) -> None:
         text = self._answer.toPlainText().strip()
         if text:
-            exchange_id = self._shown.exchange_id
+            exchange_id = self._exchange.exchange_id
             self._stop_editing()
             self.console.do(intents.SayAnswer(text, exchange_id))
 
@@ -298,7 +302,7 @@ class AssistantPanel(Panel):
 
     def _on_edit(self) -> None:
         self._editing = True
-        self._chosen = self._shown.exchange_id  # a new answer must not replace the edited one
+        self._chosen = self._exchange.exchange_id  # a new answer must not replace the edited one
         self._answer.setReadOnly(False)
         self._restyle_answer()
         self._answer.setFocus(Qt.FocusReason.OtherFocusReason)
@@ -307,7 +311,7 @@ class AssistantPanel(Panel):
 
     def _on_again(self) -> None:
         """Put the question back into the field for editing or asking again."""
-        self.field.setText(self._shown.question)
+        self.field.setText(self._exchange.question)
         self.field.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def _on_away(self, exchange_id: str) -> None:
@@ -358,47 +362,47 @@ class AssistantPanel(Panel):
             return
         exchanges = status.exchanges or _the_one_of(status)
         chosen = next((each for each in exchanges if each.exchange_id == self._chosen), None)
-        shown = chosen or (exchanges[0] if exchanges else _NO_EXCHANGE)
-        if shown.exchange_id != self._shown.exchange_id:
+        exchange = chosen or (exchanges[0] if exchanges else _NO_EXCHANGE)
+        if exchange.exchange_id != self._exchange.exchange_id:
             self._stop_editing()
-        if not self._editing and self._answer.toPlainText() != shown.answer:
-            self._show_answer(shown.answer)
-        if self._shown.is_pending and not shown.is_pending:
+        if not self._editing and self._answer.toPlainText() != exchange.answer:
+            self._show_answer(exchange.answer)
+        if self._exchange.is_pending and not exchange.is_pending:
             # Scroll a completed answer to its beginning.
             self._answer.verticalScrollBar().setValue(0)
-        self._shown = shown
+        self._exchange = exchange
         live = self._live
         speaks = self._speaks
-        self._rows.show_rows(exchanges, shown.exchange_id, live=live, speaks=speaks)
-        has_answer = bool(shown.answer.strip()) and not shown.is_pending
+        self._rows.show_rows(exchanges, exchange.exchange_id, live=live, speaks=speaks)
+        has_answer = bool(exchange.answer.strip()) and not exchange.is_pending
         self._question.setText(
-            tr("You asked: {question}").format(question=text_formatting.shortened(shown.question, 140))
-            if shown.question
+            tr("You asked: {question}").format(question=text_formatting.shortened(exchange.question, 140))
+            if exchange.question
             else ""
         )
         waits = self.state.present.live and speaks
         self._answer.setPlaceholderText(tr("Answers wait here until you say them.") if waits else "")
         self.field.setReadOnly(not live)
-        show_part(self.with_what, live)
+        show_part(self.setup_button, live)
         self._cancel.setEnabled(live)
         self._say.setEnabled(has_answer and live and speaks)
         self._edit.setEnabled(has_answer and not self._editing and live and speaks)
         self._dismiss.setEnabled(live)
         self._again.setEnabled(live)
-        again = shown.state in ("failed", "cancelled") and bool(shown.question) and not has_answer
+        again = exchange.state in ("failed", "cancelled") and bool(exchange.question) and not has_answer
         offered = {
-            self._say: speaks and not shown.is_pending and not again,
-            self._edit: speaks and not shown.is_pending and not again,
+            self._say: speaks and not exchange.is_pending and not again,
+            self._edit: speaks and not exchange.is_pending and not again,
             self._again: again,
-            self._cancel: shown.is_pending,
-            self._dismiss: bool(shown.exchange_id) and not shown.is_pending,
+            self._cancel: exchange.is_pending,
+            self._dismiss: bool(exchange.exchange_id) and not exchange.is_pending,
         }
         self._offered = [button for button, is_offered in offered.items() if is_offered]
         for button in offered:
             if button not in self._offered:
                 button.hide()
         self._ask.setEnabled(live and not self._too_long and status.state in ("ready", "answering", "failed"))
-        self._show_note(status, shown)
+        self._show_note(status, exchange)
         self._show_fact(status)
         self._show_parts()
 
@@ -408,10 +412,10 @@ class AssistantPanel(Panel):
             case "ready":
                 self.set_fact(status.model or tr("ready"))
             case "answering":
-                what = tr("{model} is writing").format(model=status.model)
+                text = tr("{model} is writing").format(model=status.model)
                 if under_way > 1:
-                    what = tr("%n answers are being written", "", under_way)
-                self.set_fact(what, "blue")
+                    text = tr("%n answers are being written", "", under_way)
+                self.set_fact(text, "blue")
             case "starting":
                 self.set_fact(tr("getting ready"))
             case "failed":
@@ -420,17 +424,17 @@ class AssistantPanel(Panel):
                 self.set_fact(tr("off"))
 
     def _show_answer(self, answer: str) -> None:
-        shown = self._answer.toPlainText()
-        if answer.startswith(shown) and shown:
+        previous = self._answer.toPlainText()
+        if answer.startswith(previous) and previous:
             cursor = self._answer.textCursor()
             cursor.movePosition(cursor.MoveOperation.End)
-            cursor.insertText(answer[len(shown) :])
+            cursor.insertText(answer[len(previous) :])
         else:
             self._answer.setPlainText(answer)
         bar = self._answer.verticalScrollBar()
         bar.setValue(bar.maximum())
 
-    def _show_note(self, status: AssistantStatus, shown: ExchangeStatus) -> None:
+    def _show_note(self, status: AssistantStatus, exchange: ExchangeStatus) -> None:
         role = "dim"
         if self._too_long:
             text, role = (
@@ -439,25 +443,25 @@ class AssistantPanel(Panel):
                 ),
                 "amber",
             )
-        elif shown.state == "failed" and shown.exchange_id:
-            text, role = tr(shown.detail) or tr("The assistant gave no answer. Ask again."), "amber"
-        elif status.state == "failed" and not shown.answer:
+        elif exchange.state == "failed" and exchange.exchange_id:
+            text, role = tr(exchange.detail) or tr("The assistant gave no answer. Ask again."), "amber"
+        elif status.state == "failed" and not exchange.answer:
             text, role = tr(status.detail) or tr("The assistant gave no answer. Ask again."), "amber"
         elif status.state == "starting":
             text = tr("The language model is starting. Phrases and typing work meanwhile.")
         elif status.state == "off":
             text = tr(status.detail) or tr("No language model is set up.")
-        elif shown.state == "preparing":
+        elif exchange.state == "preparing":
             text = tr("Reading the pictures…")
-        elif shown.is_pending and not shown.answer:
-            text = tr(shown.detail) or tr("Thinking…")
+        elif exchange.is_pending and not exchange.answer:
+            text = tr(exchange.detail) or tr("Thinking…")
         elif self._editing:
             text = tr("Edit the text. Enter says it.")
-        elif shown.use:
-            text = tr("Said.") if shown.use == "said" else tr("Said with your changes.")
+        elif exchange.use:
+            text = tr("Said.") if exchange.use == "said" else tr("Said with your changes.")
         else:
             # A truncated answer is marked as such.
-            text, role = tr(shown.detail), "amber" if shown.state == "answered" else "dim"
+            text, role = tr(exchange.detail), "amber" if exchange.state == "answered" else "dim"
         self._note.setText(text)
         self._note.setVisible(bool(text))
         for label, color in ((self._note, role), (self._question, "dim")):
@@ -522,9 +526,9 @@ class ExchangeRows(QScrollArea):
     accessible_role = QAccessible.Role.List
 
     chosen = Signal(str)
-    say_wanted = Signal(str)
-    edit_wanted = Signal(str)
-    away_wanted = Signal(str)
+    say_requested = Signal(str)
+    edit_requested = Signal(str)
+    away_requested = Signal(str)
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -567,8 +571,8 @@ class ExchangeRows(QScrollArea):
     def _new_row(self, exchange_id: str) -> "_Row":
         row = self._rows[exchange_id] = _Row(self._theme)
         row.pressed.connect(lambda: self.chosen.emit(exchange_id))
-        row.say.clicked.connect(lambda: self.say_wanted.emit(exchange_id))
-        row.away.clicked.connect(lambda: self.away_wanted.emit(exchange_id))
+        row.say.clicked.connect(lambda: self.say_requested.emit(exchange_id))
+        row.away.clicked.connect(lambda: self.away_requested.emit(exchange_id))
         self._column.insertWidget(0, row)
         return row
 
@@ -582,9 +586,9 @@ class ExchangeRows(QScrollArea):
                 self.ensureWidgetVisible(self._rows[order[at]])
         elif event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and not event.isAutoRepeat():
             edited = event.modifiers() & Qt.KeyboardModifier.ShiftModifier
-            (self.edit_wanted if edited else self.say_wanted).emit(self._current)
+            (self.edit_requested if edited else self.say_requested).emit(self._current)
         elif event.key() == Qt.Key.Key_Delete and not event.isAutoRepeat():
-            self.away_wanted.emit(self._current)
+            self.away_requested.emit(self._current)
         else:
             super().keyPressEvent(event)
 
@@ -602,9 +606,9 @@ class _Row(QWidget):
         self._state = QLabel()
         self._state.setFixedWidth(_STATE_PX)
         self._question = ElidedLabel()
-        self.say = ActionButton(theme, "", icon="speaker-high", look="ghost", height_px=26)
+        self.say = ActionButton(theme, "", icon="speaker-high", role="ghost", height_px=26)
         self.say.setObjectName("assistant_row_say")
-        self.away = ActionButton(theme, "", icon="x", look="ghost", height_px=26)
+        self.away = ActionButton(theme, "", icon="x", role="ghost", height_px=26)
         self.away.setObjectName("assistant_row_away")
         for label in (self._state, self._question):
             label.setFont(theme.font(tokens.STATUS_PX))
@@ -663,7 +667,7 @@ class SetupBar(FlowRow):
 
     template_chosen = Signal(str)
     picture_chosen = Signal(str)
-    words_wanted = Signal()
+    words_requested = Signal()
 
     def __init__(self, theme: Theme, state: LiveState, do: Callable[[Intent], str]) -> None:
         super().__init__(gap_px=6)
@@ -679,7 +683,7 @@ class SetupBar(FlowRow):
         self.words.setObjectName("assistant_words")
         self.words.setToolTip(tr("Prompt for the model: view it or change it for this session"))
         self.words.setAccessibleName(tr("Prompt for the model"))
-        self.words.clicked.connect(self.words_wanted)
+        self.words.clicked.connect(self.words_requested)
         for drop_down in (self.model, self.role, self.style_choice, self.template, self.picture):
             drop_down.setMinimumHeight(_HEIGHT_PX)
             drop_down.setMaximumHeight(_HEIGHT_PX)
@@ -737,11 +741,11 @@ def _model_words(choice: ModelChoice) -> str:
     return choice.title if choice.title.endswith(choice.where) else f"{choice.title} · {choice.where}"
 
 
-def _fill(drop_down: DropDown, wanted: Sequence[tuple[str, str]], current: str) -> None:
+def _fill(drop_down: DropDown, items: Sequence[tuple[str, str]], current: str) -> None:
     """Fill a drop-down only if it changed, so that an open list stays open."""
-    if [(drop_down.itemText(at), drop_down.itemData(at)) for at in range(drop_down.count())] != list(wanted):
+    if [(drop_down.itemText(at), drop_down.itemData(at)) for at in range(drop_down.count())] != list(items):
         drop_down.clear()
-        for text, data in wanted:
+        for text, data in items:
             drop_down.addItem(text, data)
     at = drop_down.findData(current)
     if at != drop_down.currentIndex():
@@ -765,14 +769,14 @@ class SystemPromptPage(QWidget):
         super().__init__()
         self._do = do
         self._setup = AssistantSetup()
-        self._shown: tuple[str, str] = ("", "")
+        self._selected: tuple[str, str] = ("", "")
         self.which = DropDown(theme, "assistant_which_words", tr("Prompt text"))
         self.which.activated.connect(self._on_which)
         self.field = QPlainTextEdit(tabChangesFocus=True)
         self.field.setObjectName("assistant_words_field")
         self.field.setAccessibleName(tr("Prompt for the model"))
         self.field.textChanged.connect(self._show_buttons)
-        self.save = ActionButton(theme, tr("Apply"), icon="check", look="primary", height_px=_BUTTON_PX)
+        self.save = ActionButton(theme, tr("Apply"), icon="check", role="primary", height_px=_BUTTON_PX)
         self.save.setObjectName("assistant_words_save")
         self.save.clicked.connect(self._save)
         self.reset = ActionButton(theme, tr("Reset to scenario"), height_px=_BUTTON_PX, may_shrink=True)
@@ -797,20 +801,20 @@ class SystemPromptPage(QWidget):
     def forget(self) -> None:
         """Discard an edit; the next setup is shown from its beginning."""
         self.which.clear()
-        self._shown = ("", "")
+        self._selected = ("", "")
 
     def show_setup(self, setup: AssistantSetup) -> None:
         """Show the setup; an unsaved edit stays in the field."""
         changed = self._changed
         self._setup = setup
-        wanted = [(tr("Instructions"), ("system_prompt", "")), (tr("Notes"), ("notes", ""))]
-        wanted += [(tr("Role: {name}").format(name=each.name), ("role", each.name)) for each in setup.roles]
-        wanted += [(tr("Style: {name}").format(name=each.name), ("style", each.name)) for each in setup.styles]
-        if [self.which.itemText(at) for at in range(self.which.count())] != [text for text, _ in wanted]:
+        items = [(tr("Instructions"), ("system_prompt", "")), (tr("Notes"), ("notes", ""))]
+        items += [(tr("Role: {name}").format(name=each.name), ("role", each.name)) for each in setup.roles]
+        items += [(tr("Style: {name}").format(name=each.name), ("style", each.name)) for each in setup.styles]
+        if [self.which.itemText(at) for at in range(self.which.count())] != [text for text, _ in items]:
             self.which.clear()
-            for text, key in wanted:
+            for text, key in items:
                 self.which.addItem(text, key)
-            self._shown = wanted[0][1]
+            self._selected = items[0][1]
             changed = False
         if not changed:
             self._fill()
@@ -818,7 +822,7 @@ class SystemPromptPage(QWidget):
 
     @property
     def _changed(self) -> bool:
-        return bool(self._shown[0]) and self.field.toPlainText().strip() != self._text_of(self._shown)
+        return bool(self._selected[0]) and self.field.toPlainText().strip() != self._text_of(self._selected)
 
     def _text_of(self, key: tuple[str, str]) -> str:
         kind, name = key
@@ -830,7 +834,7 @@ class SystemPromptPage(QWidget):
         return next((each.text.strip() for each in named if each.name == name), "")
 
     def _fill(self) -> None:
-        text = self._text_of(self._shown)
+        text = self._text_of(self._selected)
         if self.field.toPlainText().strip() != text:
             self.field.setPlainText(text)
 
@@ -843,12 +847,12 @@ class SystemPromptPage(QWidget):
             self.which.setCurrentIndex(self.which.findText(self._name_of_shown()))
             return
         kind, name = self.which.itemData(at)
-        self._shown = (kind, name)
+        self._selected = (kind, name)
         self._fill()
         self._show_buttons()
 
     def _name_of_shown(self) -> str:
-        kind, name = self._shown
+        kind, name = self._selected
         match kind:
             case "system_prompt":
                 return tr("Instructions")
@@ -861,9 +865,9 @@ class SystemPromptPage(QWidget):
 
     def _save(self) -> bool:
         """Save the edit; False if refused, with the text left in the field."""
-        kind, name = self._shown
+        kind, name = self._selected
         return not self._do(intents.EditPrompt(cast(_Kind, kind), self.field.toPlainText().strip(), name))
 
     def _on_reset(self) -> None:
-        self.field.setPlainText(self._text_of(self._shown))
+        self.field.setPlainText(self._text_of(self._selected))
         self._do(intents.ResetPrompts())

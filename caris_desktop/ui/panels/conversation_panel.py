@@ -61,7 +61,7 @@ class ConversationPanel(Panel):
         self.view.setObjectName("transcript")
         self._photo = PhotoThumbnail(self.theme, self.view)
         self.view.picked.connect(self._on_picked)
-        self.view.wanted.connect(self._on_wanted)
+        self.view.action_requested.connect(self._on_action_requested)
         self.view.given.connect(self._on_given)
         self.hold.escape_pressed.connect(self.view.give_up_writing)
         self.hold.escape_pressed.connect(self.close_search)
@@ -144,13 +144,13 @@ class ConversationPanel(Panel):
         """
         now_ns = self.state.present.now_ns()
         newest = (self.state.hearing_of(source).value for source in PARTICIPANT_SOURCES)
-        heard = {
+        hearings = {
             hearing.utterance_id: hearing
             for hearing in newest
             if hearing is not None and hearing.utterance_id and hearing.speaker != "robot"
         }
         over = {turn.utterance_id for turn in self._turns_until(now_ns) if turn.ended_ns and turn.ended_ns <= now_ns}
-        return {turn_id: hearing for turn_id, hearing in heard.items() if turn_id not in over}
+        return {turn_id: hearing for turn_id, hearing in hearings.items() if turn_id not in over}
 
     def _turns_until(self, now_ns: int) -> list[Turn]:
         """Newest turns that had begun by then; a replay has later ones."""
@@ -263,7 +263,7 @@ class ConversationPanel(Panel):
         if turn is None:
             return
         if not self.state.present.live:
-            self.moment_wanted.emit(turn.begins_ns)
+            self.moment_requested.emit(turn.begins_ns)
             return
         photo = self._photo_of(turn)
         if photo is None:
@@ -279,7 +279,7 @@ class ConversationPanel(Panel):
         taken = (photo for photo in photos[::-1] if 0 <= photo.utc_ns - from_ns <= lasted_ns + _PHOTO_AFTER_NS)
         return next((photo for photo in taken if photo.thumbnail_jpeg and not photo.deleted), None)
 
-    def _on_wanted(self, act: str, utterance_id: str) -> None:
+    def _on_action_requested(self, act: str, utterance_id: str) -> None:
         turn = self._turn(utterance_id)
         if turn is None:
             return
@@ -351,7 +351,7 @@ class LevelsButton(ActionButton):
     """
 
     def __init__(self, context: PanelContext) -> None:
-        super().__init__(context.theme, icon="sliders-horizontal", look="ghost", height_px=30)
+        super().__init__(context.theme, icon="sliders-horizontal", role="ghost", height_px=30)
         self.setObjectName("levels_button")
         self._context = context
         self._state = context.console.state
@@ -364,7 +364,7 @@ class LevelsButton(ActionButton):
     def _refresh(self, _levels: object = None) -> None:
         levels: LevelsStatus = self._state.levels.value
         acting = any(getattr(levels, function) == "act" for function in FUNCTIONS)
-        self.set_label(tr("Automatic") if acting else "", look="amber" if acting else "ghost")
+        self.set_label(tr("Automatic") if acting else "", role="amber" if acting else "ghost")
         lines = [f"{tr(FUNCTIONS[each])}: {tr(LEVELS[getattr(levels, each)])}" for each in self._assisted]
         self.setToolTip("\n".join((tr("Assistance levels"), *lines)))
         self.setAccessibleName(tr("Assistance levels"))
@@ -409,7 +409,7 @@ class ProposalCard(Banner):
         self.setParent(parent)
         self._context = context
         self._state = context.console.state
-        self.yes = ActionButton(context.theme, tr("Do it"), look="primary", height_px=32)
+        self.yes = ActionButton(context.theme, tr("Do it"), role="primary", height_px=32)
         self.yes.setObjectName("proposal_yes")
         self.yes.clicked.connect(lambda: self._answer(intents.ConfirmProposal))
         self.no = ActionButton(context.theme, tr("No"), height_px=32)

@@ -282,9 +282,9 @@ def detection_words(perception: PerceptionStatus) -> list[str]:
     rates = ", ".join(
         f"{text_formatting.camera_in_text(camera)} {rate:.1f}" for camera, rate in perception.looks_per_s.items()
     )
-    looks = tr("Detector runs per second: {told}").format(told=rates)
+    rates_text = tr("Detector runs per second: {told}").format(told=rates)
     took = [] if perception.inference_ms is None else [tr("{took:.0f} ms per run").format(took=perception.inference_ms)]
-    return [*lines, " · ".join((looks, *took))]
+    return [*lines, " · ".join((rates_text, *took))]
 
 
 _HEALTH_WORDS: dict[Health, str] = {

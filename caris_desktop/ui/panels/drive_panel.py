@@ -163,7 +163,11 @@ class DrivePanel(Panel):
         self._arrange_views()
 
     def _available_views(self) -> list[QWidget]:
-        return [self._pad, self._stick, *([self._head] if self.state.look.value.present or self._has_head() else [])]
+        return [
+            self._pad,
+            self._stick,
+            *([self._head] if self.state.look.value.present or self._has_head() else []),
+        ]
 
     def _has_head(self) -> bool:
         robot = self.state.robot.value
@@ -174,14 +178,14 @@ class DrivePanel(Panel):
         beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
         room = (self.width() - 28) * (0.56 if beside else 1.0) - (16 if beside else 0)
         order = views[self._chosen_view % len(views) :] + views[: self._chosen_view % len(views)]
-        shown: list[QWidget] = []
+        visible: list[QWidget] = []
         for view in order:
             width = view.minimumSizeHint().width() + _GAP_PX
-            if not shown or width <= room:
-                shown.append(view)
+            if not visible or width <= room:
+                visible.append(view)
                 room -= width
         for view in (self._pad, self._stick, self._head):
-            view.setVisible(view in shown)
+            view.setVisible(view in visible)
         following = order[1] if len(order) > 1 else order[0]
         icon, name = {
             self._pad: ("arrows-out-cardinal", tr("Show the arrows")),
@@ -191,7 +195,7 @@ class DrivePanel(Panel):
         self._other.set_label("", icon=icon)
         self._other.setAccessibleName(name)
         self._other.setToolTip(name)
-        self._other.setVisible(len(shown) < len(views))
+        self._other.setVisible(len(visible) < len(views))
 
     def _on_other_view(self) -> None:
         self._chosen_view = (self._chosen_view + 1) % len(self._available_views())
@@ -209,7 +213,7 @@ class DrivePanel(Panel):
         self._on_head_changed(self.state.look.value)
         self._show_now()
 
-    def _on_head_changed(self, _look: object) -> None:
+    def _on_head_changed(self, _head: object) -> None:
         if not self.in_view:
             return
         self._head.show_angles(self.state.look.value.pan_rad, self.state.look.value.tilt_rad)
@@ -301,10 +305,10 @@ class DrivePanel(Panel):
         if self.hold.held or self.hold.motion.command.moving:
             return tr("Release to stop."), "dim"
         if going_to:
-            speed, as_drive_says = text_formatting.goal_speed(self.state.robot.value, drive, begins=True)
+            speed, by_speed_setting = text_formatting.goal_speed(self.state.robot.value, drive, begins=True)
             text = tr("{speed}. {key} stops the robot.") if speed else tr("{key} stops the robot.")
             text = text.format(speed=speed, key=self.table.key_text("stop"))
-            return text, "dim" if as_drive_says else "amber"
+            return text, "dim" if by_speed_setting else "amber"
         owner = self.hold.key_owner
         sentence = owner_sentence(owner, [self.table.key_text(action_id) for action_id in _DIRECTIONS])
         return sentence, "amber" if owner in ("nowhere", "dialog", "menu", "elsewhere") else "dim"
@@ -315,14 +319,14 @@ class DrivePanel(Panel):
         if drive.guard == "overridden":
             # Next to the arrows only the text fits.
             beside = self._layout.direction() == QBoxLayout.Direction.LeftToRight
-            self._guard.set_label(tr("Guard off"), icon="" if beside else "shield-slash", look="amber")
+            self._guard.set_label(tr("Guard off"), icon="" if beside else "shield-slash", role="amber")
             self._guard.setAccessibleName(tr("Guard is off"))
             self._guard.setToolTip(
                 tr("Nothing stops the robot from driving into obstacles. Click to turn the guard on.")
             )
         else:
             icon = "shield-warning" if drive.guard in ("slowing", "blocked", "blind") else "shield-check"
-            self._guard.set_label(tr("Guard"), icon=icon, look="plain")
+            self._guard.set_label(tr("Guard"), icon=icon, role="plain")
             self._guard.setAccessibleName(tr("Guard is on"))
             self._guard.setToolTip(
                 tr("Slows and stops the robot in front of obstacles. Hold for one second to turn the guard off.")
@@ -401,10 +405,10 @@ class SpeedSteps(QWidget):
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         segments = self._segments()
-        whole = segments[0].united(segments[-1]).adjusted(0.5, 0, -0.5, 0)
+        bounds = segments[0].united(segments[-1]).adjusted(0.5, 0, -0.5, 0)
         painter.setPen(QPen(theme.color("line"), 1))
         painter.setBrush(theme.color("raised"))
-        painter.drawRoundedRect(whole, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
+        painter.drawRoundedRect(bounds, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
         for index, (rect, name) in enumerate(zip(segments, speed_steps.NAMES, strict=True)):
             now = index == self._step
             if now:
@@ -652,8 +656,8 @@ class HoldButton(ActionButton):
         if self.holding:
             painter = QPainter(self)
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            whole = QPainterPath()
-            whole.addRoundedRect(QRectF(self.rect()), tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
-            painter.setClipPath(whole)
+            outline = QPainterPath()
+            outline.addRoundedRect(QRectF(self.rect()), tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
+            painter.setClipPath(outline)
             done = min(1.0, self._since.elapsed() / HOLD_MS)
             painter.fillRect(QRectF(0, self.height() - 4, self.width() * done, 4), self._theme.color("amber"))

@@ -157,8 +157,8 @@ class FacePanel(Panel):
             return
         doing = tr("speaking") if face.speaking else tr("listening") if face.listening else ""
         words = {"text": tr("showing text"), "photo": tr("showing a photo"), "live": tr("showing the live picture")}
-        shown = words.get(face.what, face.expression)
-        fact = " · ".join(part for part in (doing, shown) if part) if face.what != "off" else ""
+        face_text = words.get(face.what, face.expression)
+        fact = " · ".join(part for part in (doing, face_text) if part) if face.what != "off" else ""
         screens = face.pages + (1 if face.window else 0)
         if self.state.present.live and face.what != "off" and not screens:
             fact = " · ".join((fact, tr("not on a screen")))
@@ -181,9 +181,9 @@ class FacePanel(Panel):
         motion.express(face.expression)
         self._view.show_drawing(drawing_of(self._recorded, motion.at(0)))
 
-    def _on_drawing(self, shown: object) -> None:
+    def _on_drawing(self, contents: object) -> None:
         if self.in_view and self.state.present.live:
-            show_on(self._view, shown)
+            show_on(self._view, contents)
 
     def _on_page(self, address: str) -> None:
         self._address.setText(
@@ -215,4 +215,4 @@ class FacePanel(Panel):
         QGuiApplication.clipboard().setText(self.state.face_page.value)
 
     def _on_edit(self) -> None:
-        self.window_wanted.emit("face")
+        self.window_requested.emit("face")

@@ -65,7 +65,7 @@ class MapPanel(Panel):
         self.tools.reported.connect(self._on_reported)
         self.tools.changed.connect(self._refresh)
         self._make_title_widgets()
-        self._confirm = ActionButton(self.theme, tr("Confirm position"), icon="check", look="primary", height_px=32)
+        self._confirm = ActionButton(self.theme, tr("Confirm position"), icon="check", role="primary", height_px=32)
         self._confirm.setObjectName("map_confirm")
         self._confirm.setToolTip(tr("The robot is where the map shows it"))
         self._confirm.setParent(self.view)
@@ -122,17 +122,17 @@ class MapPanel(Panel):
         self._on_people_changed()
 
     def use_settings(self, settings: PanelSettings) -> None:
-        shown, view = settings.map, self.view
-        self._set_follow(shown.follow)
-        view.set_rotate(shown.up == "robot")
-        view.set_trail_shown(shown.trail)
+        map_settings, view = settings.map, self.view
+        self._set_follow(map_settings.follow)
+        view.set_rotate(map_settings.up == "robot")
+        view.set_trail_shown(map_settings.trail)
 
     def _show_unconfirmed(self, _status: object = None) -> None:
         """Mark the pose as unconfirmed after a crash: the robot may have been moved."""
         if not self.in_view:
             return
         unconfirmed = "map" in self.state.going_on.value.unconfirmed
-        self.view.shown.unconfirmed = unconfirmed
+        self.view.map_state.unconfirmed = unconfirmed
         self.view.update()
         show_part(self._confirm, unconfirmed)
         self._place_confirm()
@@ -165,8 +165,8 @@ class MapPanel(Panel):
         self._more.clicked.connect(self._open_menu)
 
     def title_widgets(self) -> list[QWidget]:
-        shown: list[QWidget] = [self._follow, self._fit, self._more]
-        return [self._go, self._cancel, *shown] if self.console.scenario.permissions.driving else shown
+        buttons: list[QWidget] = [self._follow, self._fit, self._more]
+        return [self._go, self._cancel, *buttons] if self.console.scenario.permissions.driving else buttons
 
     def focus_target(self) -> QWidget:
         return self.view
@@ -190,9 +190,9 @@ class MapPanel(Panel):
     # ---- menus
 
     def choices(self) -> dict[str, Any]:
-        shown = self.view.shown
+        map_state = self.view.map_state
         follow = self._follows_on_map if self.tools.by_odometry else self.view.follow
-        return {"follow": follow, "rotate": shown.rotate, "trail": shown.show_trail}
+        return {"follow": follow, "rotate": map_state.rotate, "trail": map_state.show_trail}
 
     def use_choices(self, stored: Mapping[str, Any]) -> None:
         view = self.view
@@ -233,18 +233,18 @@ class MapPanel(Panel):
         menu.clear()
         rotate = menu.addAction("\t".join((tr("Rotate with the robot"), "R")))
         rotate.setCheckable(True)
-        rotate.setChecked(view.shown.rotate)
+        rotate.setChecked(view.map_state.rotate)
         rotate.toggled.connect(view.set_rotate)
         menu.addAction("\t".join((tr("Zoom in"), "+"))).triggered.connect(lambda _checked=False: view.zoom(1.25))
         menu.addAction("\t".join((tr("Zoom out"), "−"))).triggered.connect(lambda _checked=False: view.zoom(0.8))
         menu.addSeparator()
         trail = menu.addAction(tr("Show the driven path"))
         trail.setCheckable(True)
-        trail.setChecked(view.shown.show_trail)
+        trail.setChecked(view.map_state.show_trail)
         trail.toggled.connect(view.set_trail_shown)
         trail.toggled.connect(self._on_view_chosen)
         clear = menu.addAction(tr("Clear the driven path"))
-        clear.setEnabled(len(view.shown.trail) > 0)
+        clear.setEnabled(len(view.map_state.trail) > 0)
         clear.triggered.connect(lambda _checked=False: view.clear_trail())
         if not self.tools.may_go:
             return menu
@@ -313,7 +313,7 @@ class MapPanel(Panel):
         if self.in_view:
             self.view.show_pose(pose)
         else:
-            self.view.shown.trail.add(pose.pose_in_map)
+            self.view.map_state.trail.add(pose.pose_in_map)
 
     def _on_odometry_changed(self, odometry: Odometry) -> None:
         if self.state.pose.value is not None or self.state.map.value is not None:
@@ -360,13 +360,13 @@ class MapPanel(Panel):
         people: PeopleInMap | None = self.state.people_in_map.value
         naming = self.console.scenario.permissions.naming_people
         rows = {person.person_id: person for person in as_permitted(self.state.persons.value, naming=naming)}
-        shown = []
+        markers = []
         for person in people.people if people is not None else ():
             row = rows.get(person.person_id)
             name = text_formatting.person_name(row) if row is not None else tr("Person")
-            shown.append((person, name, row is not None and text_formatting.has_given_name(row)))
-        meant = self.state.selected_person.value
-        self.view.show_people(tuple(shown), self.state.people_in_map.freshness, meant=meant)
+            markers.append((person, name, row is not None and text_formatting.has_given_name(row)))
+        selected = self.state.selected_person.value
+        self.view.show_people(tuple(markers), self.state.people_in_map.freshness, selected=selected)
 
     def _on_goal_changed(self, goal: GoalChanged | None) -> None:
         going = goal is not None and goal.state in text_formatting.UNDER_WAY
@@ -382,8 +382,8 @@ class MapPanel(Panel):
         )
         self._refresh()
 
-    def _on_reported(self, text: str, role: str, shown_s: float) -> None:
-        self._ended = (text, role, time.monotonic() + shown_s)
+    def _on_reported(self, text: str, role: str, duration_s: float) -> None:
+        self._ended = (text, role, time.monotonic() + duration_s)
         self._refresh()
 
     def _on_event(self, event: object) -> None:
@@ -430,7 +430,7 @@ class MapPanel(Panel):
             for name, stream in self._aging_layers()
             if stream.freshness in ("stale", "lost")
         ]
-        if self.view.shown.unconfirmed:
+        if self.view.map_state.unconfirmed:
             chips.insert(0, (tr("Position not confirmed"), "warning"))
         if self.tools.by_odometry:
             chips.append((tr("No map: position from odometry"), "hint"))

@@ -257,7 +257,7 @@ class MotionPanel(Panel):
     def value_text(self) -> str:
         """Current commanded and measured values as text for screen readers."""
         now_s = (self._paused_at_ns or self.state.present.now_ns()) / 1e9
-        said = []
+        sentences = []
         for text, strip, gap_s in (
             (tr("Commanded: {motion}."), self._commanded, _COMMANDS_END_S),
             (tr("Measured: {motion}."), self._measured, _GAP_S),
@@ -266,9 +266,9 @@ class MotionPanel(Panel):
             motion = tr("nothing")
             if len(rows) and rows[-1, 0] > -gap_s:
                 motion = text_formatting.moving(rows[-1, 1], math.radians(rows[-1, 2])) or tr("standing still")
-            said.append(text.format(motion=motion))
-        why = limited_why(self.state.drive.value)
-        return " ".join([*said, *([f"{why}."] if why else [])])
+            sentences.append(text.format(motion=motion))
+        reason = limited_why(self.state.drive.value)
+        return " ".join([*sentences, *([f"{reason}."] if reason else [])])
 
     def _say(self) -> None:
         state = self.state
@@ -286,7 +286,7 @@ class MotionPanel(Panel):
             ).format(x=pose.x_m, y=pose.y_m, heading=math.degrees(pose.heading_rad))
         )
         self._odometry_line.setToolTip(self._odometry_line.text())
-        why = limited_why(state.drive.value)
+        reason = limited_why(state.drive.value)
         if self._paused_at_ns is not None:
             paused_s = (self.state.present.now_ns() - self._paused_at_ns) / 1e9
             self.set_fact(tr("paused for {time}").format(time=text_formatting.age(paused_s)), "amber")
@@ -297,8 +297,8 @@ class MotionPanel(Panel):
             self.set_fact(
                 late if state.odometry.arrives_late else tr("odometry silent for {age}").format(age=silent), "amber"
             )
-        elif why:
-            self.set_fact(why, "amber")
+        elif reason:
+            self.set_fact(reason, "amber")
         else:
             twist = odometry.twist
             motion = text_formatting.moving(twist.forward_mps, twist.turn_radps, twist.left_mps) if moves(twist) else ""

@@ -71,8 +71,8 @@ class NotesPanel(Panel):
         self.view.setAccessibleName(tr("Notes"))
         self.view.clicked.connect(self._on_clicked)
         self.view.activated.connect(self._on_activated)
-        self.view.removal_wanted.connect(self.remove_current)
-        self.view.undo_wanted.connect(self.undo)
+        self.view.removal_requested.connect(self.remove_current)
+        self.view.undo_requested.connect(self.undo)
         self._of_study = QPlainTextEdit(readOnly=True, tabChangesFocus=True)
         self._of_study.setObjectName("notes_of_study")
         self._of_study.setAccessibleName(tr("Notes from the scenario"))
@@ -204,9 +204,9 @@ class NotesPanel(Panel):
         show_part(self._acts, self._may_write and ((chosen and bool(notes)) or bool(self._undo_with)))
         show_part(self.field, self._may_write)
         self.field.setFont(self.theme.font(tokens.BODY_PX))
-        what = tr("Edit the note, Enter saves it") if self._changing else tr("Write a note, Enter adds it")
-        self.field.setPlaceholderText(what)
-        self.field.setAccessibleName(what)
+        hint = tr("Edit the note, Enter saves it") if self._changing else tr("Write a note, Enter adds it")
+        self.field.setPlaceholderText(hint)
+        self.field.setAccessibleName(hint)
         self.field.setToolTip(tr("The note gets the time at which you start writing. A word like #laughs is a tag."))
 
     def _current(self) -> FinalMark | None:
@@ -250,8 +250,8 @@ class NotesPanel(Panel):
     def remove_current(self) -> None:
         note = self._current()
         if note is not None and self._may_write:
-            whole = note.kind == "note"
-            back = intents.RestoreNote(note.mark_id) if whole else intents.ChangeNote(note.mark_id, note.note)
+            is_note = note.kind == "note"
+            back = intents.RestoreNote(note.mark_id) if is_note else intents.ChangeNote(note.mark_id, note.note)
             self._do(intents.RemoveNote(note.mark_id), back)
 
     def undo(self) -> None:
@@ -276,7 +276,7 @@ class NotesPanel(Panel):
     def _on_clicked(self, index: QModelIndex) -> None:
         note = self.model.note(index)
         if note is not None and not self._may_write:
-            self.moment_wanted.emit(note.start_ns)
+            self.moment_requested.emit(note.start_ns)
 
     def _on_activated(self, index: QModelIndex) -> None:
         if self._may_write:
@@ -353,8 +353,8 @@ def changed_words(note: FinalMark) -> str:
 class NotesView(QListView):
     """Rows of variable height. A click does not take the focus, so that it interrupts neither typing nor driving."""
 
-    removal_wanted = Signal()
-    undo_wanted = Signal()
+    removal_requested = Signal()
+    undo_requested = Signal()
 
     def __init__(self, theme: Theme, model: NotesModel) -> None:
         super().__init__()
@@ -376,9 +376,9 @@ class NotesView(QListView):
     def keyPressEvent(self, event: QKeyEvent) -> None:
         with_ctrl = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
         if event.key() == Qt.Key.Key_Delete:
-            self.removal_wanted.emit()
+            self.removal_requested.emit()
         elif event.key() == Qt.Key.Key_Z and with_ctrl:
-            self.undo_wanted.emit()
+            self.undo_requested.emit()
         elif event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_F2) and self.currentIndex().isValid():
             self.activated.emit(self.currentIndex())
         else:

@@ -66,7 +66,7 @@ class PeoplePanel(Panel):
         self.list.let_go.connect(self.update_view)
         self.list.naming_changed.connect(self.state.named_person.set)
         self.list.picked.connect(self._on_picked)
-        self.list.asked_for.connect(self._on_asked_for)
+        self.list.action_requested.connect(self._on_action_requested)
         self._card: PersonCard | None = None
         self._decided: object = None
         self._undo = UndoBar(self.theme)
@@ -152,7 +152,7 @@ class PeoplePanel(Panel):
         return shortcut
 
     def _new_search_button(self) -> ActionButton:
-        button = ActionButton(self.theme, "", icon="magnifying-glass", look="ghost", height_px=30)
+        button = ActionButton(self.theme, "", icon="magnifying-glass", role="ghost", height_px=30)
         button.setObjectName("people_search_button")
         button.setAccessibleName(tr("Find a person"))
         button.setToolTip(tr("Find by name, group or tag (Ctrl+F in this panel)"))
@@ -160,7 +160,7 @@ class PeoplePanel(Panel):
         return button
 
     def _new_unfold_button(self) -> ActionButton:
-        button = ActionButton(self.theme, "", look="ghost", height_px=30, text_px=tokens.STATUS_PX)
+        button = ActionButton(self.theme, "", role="ghost", height_px=30, text_px=tokens.STATUS_PX)
         button.setObjectName("people_unfold")
         button.setCheckable(True)
         button.setChecked(self._unfolded)
@@ -245,12 +245,12 @@ class PeoplePanel(Panel):
         if self.in_view:
             self.list.highlight_selected(self.state.selected_person.value)
 
-    def _show_asked(self, _asked: object = None) -> None:
-        asked: AskedAbout | None = self.state.asked_person.value
+    def _show_asked(self, _question: object = None) -> None:
+        question: AskedAbout | None = self.state.asked_person.value
         if self.in_view:
             keys = self.table.key_text("answer_yes"), self.table.key_text("answer_no")
             self._show_everyone()
-            self.list.show_asked("" if asked is None else asked.person_id, *keys)
+            self.list.show_asked("" if question is None else question.person_id, *keys)
 
     def _show_unconfirmed(self, _status: object = None) -> None:
         if self.in_view:
@@ -365,7 +365,7 @@ class PeoplePanel(Panel):
                 recognise=self.console.scenario.perception.recognise,
                 recording=lambda: self.state.recording.value.state in ("starting", "recording", "paused"),
             )
-            self._card.about.history_wanted.connect(
+            self._card.about.history_requested.connect(
                 lambda person_id, text: self.console.do(intents.LookUpPerson(person_id, text))
             )
             self.destroyed.connect(self._card.deleteLater)
@@ -432,7 +432,7 @@ class PeoplePanel(Panel):
     def _select(self, person_id: str) -> None:
         self.console.do(intents.AttendPerson(person_id))
 
-    def _on_asked_for(self, act: str, person_id: str) -> None:
+    def _on_action_requested(self, act: str, person_id: str) -> None:
         person = self._find(person_id)
         if act == "card":
             self.open_card(person_id)

@@ -88,7 +88,7 @@ class PhotosPanel(Panel):
         self.large.tagged.connect(lambda tags: self.console.do(intents.TagPhoto(self._open, tags)))
         self.large.deleted.connect(lambda: self.console.do(intents.DeletePhoto(self._open)))
         self.large.restored.connect(lambda: self.console.do(intents.RestorePhoto(self._open)))
-        self.large.asked.connect(lambda question: self.console.do(intents.AskAboutPhoto(self._open, question)))
+        self.large.question_asked.connect(lambda question: self.console.do(intents.AskAboutPhoto(self._open, question)))
         self._empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)
         self._empty.setObjectName("photos_empty")
         self._empty.setContentsMargins(24, 8, 24, 8)
@@ -143,19 +143,19 @@ class PhotosPanel(Panel):
         photos: tuple[PhotoEntry, ...] = self.state.photos.value
         self._offer_choices(photos)
         chosen = self.choice.currentData()
-        shown = [photo for photo in photos if fits(photo, self.search.text(), chosen, self._names)]
-        self.model.show_photos(shown, self._names)
+        matching = [photo for photo in photos if fits(photo, self.search.text(), chosen, self._names)]
+        self.model.show_photos(matching, self._names)
         large = next((photo for photo in photos if photo.file_name == self._open), None)
         if large is None:
             self._open = ""
         else:
             self.large.show_photo(large, self._names)
         self._finding.setVisible(bool(photos) and large is None)
-        self._stack.setCurrentIndex(_LARGE if large is not None else _GRID if shown else _EMPTY)
+        self._stack.setCurrentIndex(_LARGE if large is not None else _GRID if matching else _EMPTY)
         self._empty.setText(_nothing_words(photos, live=self.state.present.live, key=self.table.key_text("photo")))
         self.theme.style_text(self._empty, "dim", tokens.BODY_PX)
         there = sum(not photo.deleted for photo in photos)
-        found = sum(not photo.deleted for photo in shown)
+        found = sum(not photo.deleted for photo in matching)
         part = tr("{found} of %n photos", "", there).format(found=found)
         self.set_fact(part if found != there else tr("1 photo") if there == 1 else tr("%n photos", "", there), "dim")
 
@@ -172,14 +172,14 @@ class PhotosPanel(Panel):
                 offered["camera", photo.camera] = text_formatting.camera_title(photo.camera)
         order = ("person", "tag", "camera")
         listed = sorted(offered.items(), key=lambda item: (order.index(item[0][0]), item[1].casefold()))
-        wanted = [(None, tr("All photos")), *listed]
-        if wanted == [(self.choice.itemData(row), self.choice.itemText(row)) for row in range(self.choice.count())]:
+        items = [(None, tr("All photos")), *listed]
+        if items == [(self.choice.itemData(row), self.choice.itemText(row)) for row in range(self.choice.count())]:
             return
         chosen = self.choice.currentData()
         self.choice.clear()
-        for data, text in wanted:
+        for data, text in items:
             self.choice.addItem(text, data)
-        self.choice.setCurrentIndex(next((row for row, (data, _) in enumerate(wanted) if data == chosen), 0))
+        self.choice.setCurrentIndex(next((row for row, (data, _) in enumerate(items) if data == chosen), 0))
 
 
 def _nothing_words(photos: Sequence[PhotoEntry], *, live: bool, key: str) -> str:
@@ -194,9 +194,9 @@ def _nothing_words(photos: Sequence[PhotoEntry], *, live: bool, key: str) -> str
 def fits(photo: PhotoEntry, text: str, chosen: tuple[str, str] | None, names: dict[str, str]) -> bool:
     """Whether the photo has every word of ``text`` in its description and matches the filter ``chosen``."""
     if chosen is not None:
-        kind, what = chosen
+        kind, value = chosen
         has = {"person": photo.person_ids, "tag": photo.tags, "camera": (photo.camera,)}[kind]
-        if what not in has:
+        if value not in has:
             return False
     searched = " ".join(
         (time_of(photo), text_formatting.camera_title(photo.camera), *people_of(photo, names), *photo.tags)
@@ -251,8 +251,8 @@ class PhotosModel(QAbstractListModel):
     def data(self, index: _Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
         photo = self._photos[index.row()]
         if role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.AccessibleTextRole):
-            said = ", ".join((time_of(photo), *people_of(photo, self._names), *photo.tags))
-            return (tr("Deleted photo, {said}") if photo.deleted else tr("Photo, {said}")).format(said=said)
+            description = ", ".join((time_of(photo), *people_of(photo, self._names), *photo.tags))
+            return (tr("Deleted photo, {said}") if photo.deleted else tr("Photo, {said}")).format(said=description)
         return photo if role == _ENTRY_ROLE else None
 
 
@@ -358,7 +358,7 @@ class LargePhoto(QWidget):
     tagged = Signal(object)  # tuple[str, ...]
     deleted = Signal()
     restored = Signal()
-    asked = Signal(str)  # question
+    question_asked = Signal(str)  # question
 
     def __init__(self, theme: Theme, *, can_ask: bool) -> None:
         super().__init__()
@@ -378,10 +378,10 @@ class LargePhoto(QWidget):
         self.question.setAccessibleName(tr("Question to the assistant about this photo"))
         self.question.setMaxLength(1000)
         self.question.returnPressed.connect(self._on_question_entered)
-        self._back = ActionButton(theme, tr("All photos"), icon="arrow-left", look="ghost", height_px=30)
+        self._back = ActionButton(theme, tr("All photos"), icon="arrow-left", role="ghost", height_px=30)
         self._back.setObjectName("photo_back")
         self._back.clicked.connect(self.left)
-        self._delete = ActionButton(theme, tr("Delete"), icon="trash", look="ghost", height_px=30)
+        self._delete = ActionButton(theme, tr("Delete"), icon="trash", role="ghost", height_px=30)
         self._delete.setObjectName("photo_delete")
         self._delete.clicked.connect(self._on_delete)
         buttons = QHBoxLayout()
@@ -444,7 +444,7 @@ class LargePhoto(QWidget):
     def _on_question_entered(self) -> None:
         question = self.question.text().strip()
         if question:
-            self.asked.emit(question)
+            self.question_asked.emit(question)
             self.question.clear()
             self.question.setPlaceholderText(tr(_ASKED))
 
@@ -478,8 +478,8 @@ class _Picture(QWidget):
         if self.image.isNull():
             painter.setFont(self._theme.font(tokens.BODY_PX))
             painter.setPen(self._theme.color("dim"))
-            words_shown = tr("Deleted. You can restore it until the session ends.")
-            painter.drawText(self.rect(), int(Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap), words_shown)
+            notice = tr("Deleted. You can restore it until the session ends.")
+            painter.drawText(self.rect(), int(Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap), notice)
             return
         size = self.image.size().scaled(self.size(), Qt.AspectRatioMode.KeepAspectRatio)
         left, top = (self.width() - size.width()) // 2, (self.height() - size.height()) // 2

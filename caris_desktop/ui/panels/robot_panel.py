@@ -170,9 +170,9 @@ class RobotPanel(Panel):
             entry.set_usable(reason or entry_held)
             held = held or entry_held
         again = tr("{reason} These controls work again once the robot responds.").format(reason=reason)
-        shown = again if reason else held
-        self._reason.setText(shown)
-        self._reason.setVisible(bool(shown and self._entries))
+        message = again if reason else held
+        self._reason.setText(message)
+        self._reason.setVisible(bool(message and self._entries))
         self._stack.setCurrentIndex(1 if self._entries else 0)
         whose = link.robot or tr("This robot")
         self._empty.setText(
@@ -325,10 +325,10 @@ class ControlEntry(QWidget):
         elif status is not None and state == "succeeded" and status.detail:
             words = tr("done: {detail}").format(detail=tr(status.detail))
         compact = control.kind in _COMPACT
-        shown = "" if compact and state == "requested" else words
+        note_text = "" if compact and state == "requested" else words
         self._note.setFont(self._theme.font(tokens.STATUS_PX))
-        self._note.setText(f"{control.title} {shown}" if compact and shown else shown)
-        self._note.setVisible(bool(shown) and not asking)
+        self._note.setText(f"{control.title} {note_text}" if compact and note_text else note_text)
+        self._note.setVisible(bool(note_text) and not asking)
         self._theme.color_text(self._note, "amber" if state == "failed" else "dim")
         tip = self._reason or words
         self._face.setToolTip(f"{control.title}: {tip}" if tip else self._face.tip)
@@ -344,10 +344,10 @@ class _Question(QWidget):
         super().__init__()
         self._theme = theme
         self._words = QLabel(textFormat=Qt.TextFormat.PlainText)
-        self.yes = ActionButton(theme, tr("Do it"), look="amber", height_px=30)
+        self.yes = ActionButton(theme, tr("Do it"), role="amber", height_px=30)
         self.yes.setObjectName("control_confirm")
         self.yes.clicked.connect(lambda: self.answered.emit(True))
-        no = ActionButton(theme, tr("Cancel"), look="ghost", height_px=30)
+        no = ActionButton(theme, tr("Cancel"), role="ghost", height_px=30)
         no.setObjectName("control_cancel")
         no.clicked.connect(lambda: self.answered.emit(False))
         row = layouts.hbox(self, margins_px=(0, 2, 0, 2), spacing_px=6)

@@ -74,12 +74,12 @@ class SessionPanel(Panel):
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("session_panel")
-        self._toggle = ActionButton(self.theme, tr("Start recording"), icon="record", look="primary")
+        self._toggle = ActionButton(self.theme, tr("Start recording"), icon="record", role="primary")
         self._toggle.setObjectName("session_toggle")
         self._toggle.clicked.connect(self._on_toggle)
-        self._what = QLabel(textFormat=Qt.TextFormat.PlainText)
-        self._what.setObjectName("session_what")
-        self._what.setWordWrap(True)
+        self._summary = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._summary.setObjectName("session_what")
+        self._summary.setWordWrap(True)
         self._folder = ActionButton(self.theme, "", icon="folder-open")
         self._folder.setAccessibleName(tr("Open folder"))
         self._folder.setToolTip(tr("Open the folder of the last session"))
@@ -88,11 +88,11 @@ class SessionPanel(Panel):
         self._export = ActionButton(self.theme, tr("Export…"), icon="export")
         self._export.setObjectName("session_export")
         self._export.setToolTip(tr("Export the last session as tables, for ELAN, as a report, …"))
-        self._export.clicked.connect(lambda: self.window_wanted.emit("export"))
+        self._export.clicked.connect(lambda: self.window_requested.emit("export"))
         self._sessions = ActionButton(self.theme, tr("All sessions"), icon="archive")
         self._sessions.setObjectName("session_all")
         self._sessions.setToolTip(tr("Find, replay and export the sessions of this study"))
-        self._sessions.clicked.connect(lambda: self.window_wanted.emit("sessions"))
+        self._sessions.clicked.connect(lambda: self.window_requested.emit("sessions"))
         self._has_library = False
         self._pause = ActionButton(self.theme, tr("Pause"), icon="pause")
         self._pause.setObjectName("session_pause")
@@ -129,7 +129,7 @@ class SessionPanel(Panel):
         layout.setContentsMargins(14, _AROUND_PX // 2, 8, _AROUND_PX // 2)
         layout.setSpacing(8)
         layout.addWidget(top)
-        layout.addWidget(self._what)
+        layout.addWidget(self._summary)
         layout.addWidget(self._labels)
         layout.addWidget(self._log, 1)
         self._log.setMinimumHeight(LOG_LEAST_LINES * LOG_LINE_PX)
@@ -206,11 +206,11 @@ class SessionPanel(Panel):
         self._refresh()
 
     def _entry_of(self, event: object) -> LogEntry | None:
-        said = event_messages.event_sentence(event, self._name_of)
-        if said is None:
+        described = event_messages.event_sentence(event, self._name_of)
+        if described is None:
             return None
         stamp_ns: int = getattr(event, "stamp_ns", self.state.present.now_ns())
-        return LogEntry(stamp_ns, *said, key=event.mark_id if isinstance(event, Marked) else "")
+        return LogEntry(stamp_ns, *described, key=event.mark_id if isinstance(event, Marked) else "")
 
     def _on_time_jumped(self, events: Iterable[object]) -> None:
         """Rebuild the log for a seek: events up to that time."""
@@ -243,7 +243,7 @@ class SessionPanel(Panel):
         if self.state.recording.value.state in IN_SESSION:
             self.console.do(intents.StopRecording())
         else:
-            self.window_wanted.emit("start")
+            self.window_requested.emit("start")
 
     def _on_pause(self) -> None:
         self.console.do(intents.PauseRecording(paused=self.state.recording.value.state == "recording"))
@@ -283,7 +283,7 @@ class SessionPanel(Panel):
         self._pause.set_label(
             tr("Resume") if paused else tr("Pause"),
             icon="record" if paused else "pause",
-            look="primary" if paused else "plain",
+            role="primary" if paused else "plain",
         )
         self._pause.setToolTip(tr("Resume recording") if paused else tr("Pause recording"))
         self._pause.setEnabled(status.state != "starting")
@@ -291,36 +291,36 @@ class SessionPanel(Panel):
         role = "dim"
         match status.state:
             case "starting":
-                self._toggle.set_label(tr("Stop recording"), icon="stop", look="plain")
+                self._toggle.set_label(tr("Stop recording"), icon="stop", role="plain")
                 text = tr("Getting ready to record")
                 self.set_fact(tr("starting"))
             case "recording":
-                self._toggle.set_label(tr("Stop recording"), icon="stop", look="plain")
+                self._toggle.set_label(tr("Stop recording"), icon="stop", role="plain")
                 text, role = self._size_and_room(status)
                 lasted = text_formatting.elapsed((self.state.present.now_ns() - status.started_ns) / 1e9)
                 self.set_fact(tr("recording {time}").format(time=lasted), "green")
             case "paused":
-                self._toggle.set_label(tr("Stop recording"), icon="stop", look="plain")
+                self._toggle.set_label(tr("Stop recording"), icon="stop", role="plain")
                 nothing = tr("Nothing is being recorded. {size} so far.")
                 text, role = nothing.format(size=text_formatting.size(status.written_bytes)), "amber"
                 self.set_fact(tr("paused"), "amber")
             case "stopping":
-                self._toggle.set_label(tr("Saving…"), icon="stop", look="plain")
+                self._toggle.set_label(tr("Saving…"), icon="stop", role="plain")
                 text = tr("Finishing the files")
                 self.set_fact(tr("saving"))
             case "failed":
-                self._toggle.set_label(tr("Start recording"), icon="record", look="primary")
+                self._toggle.set_label(tr("Start recording"), icon="record", role="primary")
                 text, role = tr(status.detail) or tr("Nothing is being recorded."), "red"
                 self.set_fact(tr("not recording"), "red")
             case _:
-                self._toggle.set_label(tr("Start recording"), icon="record", look="primary")
+                self._toggle.set_label(tr("Start recording"), icon="record", role="primary")
                 text = tr("Records {what}").format(what=self._contents_text())
                 if status.folder is not None:
                     text = tr("Saved in {folder}").format(folder=status.folder.name)
                 self.set_fact(tr("not recording"))
-        self._what.setText(text)
-        self._what.setFont(self.theme.font(tokens.STATUS_PX))
-        self.theme.color_text(self._what, role)
+        self._summary.setText(text)
+        self._summary.setFont(self.theme.font(tokens.STATUS_PX))
+        self.theme.color_text(self._summary, role)
         self._fit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -345,7 +345,7 @@ class SessionPanel(Panel):
         show_part(self._labels, marking)
         room_px -= labels_px if marking else 0
         nothing_is_recorded = self.state.recording.value.state in ("failed", "paused")
-        show_part(self._what, nothing_is_recorded or room_px >= self._what.heightForWidth(width) + 8)
+        show_part(self._summary, nothing_is_recorded or room_px >= self._summary.heightForWidth(width) + 8)
 
     def _size_and_room(self, status: RecordingStatus) -> tuple[str, str]:
         """Size so far and remaining disk time, with their colour role."""
@@ -369,7 +369,7 @@ class EventLogModel(QAbstractListModel):
         super().__init__(parent)
         self._present = present
         self._all: deque[LogEntry] = deque(maxlen=LOG_ROWS)
-        self._shown: list[LogEntry] = []
+        self._rows: list[LogEntry] = []
         self._category = ""
         self._in_view = True
 
@@ -386,13 +386,13 @@ class EventLogModel(QAbstractListModel):
         self._all.insert(_place_of(entry, self._all), entry)
         if not self._in_view or (self._category and entry.category != self._category):
             return
-        if len(self._shown) >= LOG_ROWS:
+        if len(self._rows) >= LOG_ROWS:
             self.beginRemoveRows(QModelIndex(), 0, 0)
-            del self._shown[0]
+            del self._rows[0]
             self.endRemoveRows()
-        row = _place_of(entry, self._shown)
+        row = _place_of(entry, self._rows)
         self.beginInsertRows(QModelIndex(), row, row)
-        self._shown.insert(row, entry)
+        self._rows.insert(row, entry)
         self.endInsertRows()
 
     def _renew(self, entry: LogEntry) -> bool:
@@ -401,10 +401,10 @@ class EventLogModel(QAbstractListModel):
         if row is None:
             return False
         self._all[row] = renewed = replace(entry, stamp_ns=self._all[row].stamp_ns)
-        shown = _row_of(entry.key, self._shown) if self._in_view else None
-        if shown is not None:
-            self._shown[shown] = renewed
-            self.dataChanged.emit(self.index(shown), self.index(shown))
+        row_number = _row_of(entry.key, self._rows) if self._in_view else None
+        if row_number is not None:
+            self._rows[row_number] = renewed
+            self.dataChanged.emit(self.index(row_number), self.index(row_number))
         return True
 
     def entries(self) -> list[LogEntry]:
@@ -422,7 +422,7 @@ class EventLogModel(QAbstractListModel):
         if not self._in_view:
             return
         self.beginResetModel()
-        self._shown = self.chosen()
+        self._rows = self.chosen()
         self.endResetModel()
 
     def chosen(self) -> list[LogEntry]:
@@ -430,10 +430,10 @@ class EventLogModel(QAbstractListModel):
         return [entry for entry in self._all if not self._category or entry.category == self._category]
 
     def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
-        return 0 if parent.isValid() else len(self._shown)
+        return 0 if parent.isValid() else len(self._rows)
 
     def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
-        entry = self._shown[index.row()]
+        entry = self._rows[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
             return entry.sentence
         if role == _CATEGORY_ROLE:

@@ -98,7 +98,7 @@ class SpeakPanel(Panel):
         self._dictation_id = ""
         self._before_gap: QWidget | None = None
         self.field = SpeakField(
-            self.theme, self._say, earlier=lambda: self.state.said_before.value, sentences=self._sentences
+            self.theme, self._say, earlier=lambda: self.state.speech_history.value, sentences=self._sentences
         )
         self.field.setObjectName("speak_field")
         self.field.setPlaceholderText(tr(_HINT))
@@ -263,7 +263,12 @@ class SpeakPanel(Panel):
         """Candidates for completion: phrases of the selected group first, then all others."""
         scenario = self.console.scenario
         chosen = (phrase.say for phrase in phrases_on_keys(scenario, self.state.phrase_group.value))
-        return [*chosen, *sentences(scenario.phrases), *scenario.every_filler, *reversed(self.state.said_before.value)]
+        return [
+            *chosen,
+            *sentences(scenario.phrases),
+            *scenario.every_filler,
+            *reversed(self.state.speech_history.value),
+        ]
 
     def _on_event(self, event: object) -> None:
         """Restore typed text whose utterance failed, if the field is empty."""
@@ -275,8 +280,8 @@ class SpeakPanel(Panel):
 
     # ---- questions
 
-    def _ask_for_gap(self, asked: AskedGap | None) -> None:
-        if asked is None:
+    def _ask_for_gap(self, gap: AskedGap | None) -> None:
+        if gap is None:
             if self._gap.isVisible():
                 back = existing(self._before_gap) if self._gap.field.hasFocus() else None
                 self._gap.hide()
@@ -285,16 +290,16 @@ class SpeakPanel(Panel):
             return
         if not self._gap.isVisible():
             self._before_gap = focused_widget()
-        self._gap.ask(asked)
+        self._gap.ask(gap)
         # Keep the focus on driving while a bare drive key is held.
         if not (self.hold.held and self.table.driving_focus):
             focus_widget(self._gap.field)
 
-    def _fill_gap(self, said: str) -> None:
-        asked: AskedGap | None = self.state.speech.value.gap
-        self.console.do(intents.FillGap(said))
-        if not said and asked is not None and asked.text == self._last_typed and not self.field.toPlainText():
-            self.field.bring(asked.text)
+    def _fill_gap(self, value: str) -> None:
+        gap: AskedGap | None = self.state.speech.value.gap
+        self.console.do(intents.FillGap(value))
+        if not value and gap is not None and gap.text == self._last_typed and not self.field.toPlainText():
+            self.field.bring(gap.text)
 
     def _on_escape(self) -> None:
         self._queue.give_up_edit()
@@ -311,10 +316,10 @@ class SpeakPanel(Panel):
     def _say_to_whom(self, _value: object = None) -> None:
         """Name the selected person in the placeholder: the utterance is added to their history."""
         if self.in_view:
-            meant = self.state.selected_person.value
+            selected = self.state.selected_person.value
             naming = self.console.scenario.permissions.naming_people
             persons = as_permitted(self.state.persons.value, naming=naming)
-            name = next((text_formatting.person_name(row) for row in persons if row.person_id == meant), "")
+            name = next((text_formatting.person_name(row) for row in persons if row.person_id == selected), "")
             to_name = tr("Type what the robot says to {name}…").format(name=name)
             self.field.setPlaceholderText(to_name if name else tr(_HINT))
 
@@ -329,18 +334,18 @@ class SpeakPanel(Panel):
     def _show_time_left(self) -> None:
         speech: SpeechStatus = self.state.speech.value
         if speech.now is not None:
-            said = text_formatting.with_names(speech.now.text, lambda person_id: name_of(self.console, person_id))
-            self.set_fact(self._saying(text_formatting.shortened(said, 48), speech), "blue")
+            utterance = text_formatting.with_names(speech.now.text, lambda person_id: name_of(self.console, person_id))
+            self.set_fact(self._saying(text_formatting.shortened(utterance, 48), speech), "blue")
         elif not speech.ready and self.state.present.live:
             self.set_fact(tr(speech.detail) or tr("the voice is starting"), "amber" if speech.detail else "dim")
         else:
             self.set_fact(tr("quiet"))
 
-    def _saying(self, said: str, speech: SpeechStatus) -> str:
+    def _saying(self, utterance: str, speech: SpeechStatus) -> str:
         left_s = 0.0 if speech.ends_ns is None else (speech.ends_ns - self.state.present.now_ns()) / 1e9
         if left_s <= 0:
-            return tr("now saying “{said}”").format(said=said)
-        return tr("now saying “{said}” {left:.1f} s left").format(said=said, left=left_s)
+            return tr("now saying “{said}”").format(said=utterance)
+        return tr("now saying “{said}” {left:.1f} s left").format(said=utterance, left=left_s)
 
     def _show_hints(self) -> None:
         if not self.in_view:
@@ -395,7 +400,7 @@ class PlaceholderPrompt(QWidget):
         self._say = ActionButton(theme, tr("Say it"), key="Enter", height_px=30, text_px=tokens.BODY_PX - 1)
         self._say.clicked.connect(self._on_return)
         self._leave = ActionButton(
-            theme, tr("Cancel"), key="Esc", height_px=30, text_px=tokens.BODY_PX - 1, look="ghost"
+            theme, tr("Cancel"), key="Esc", height_px=30, text_px=tokens.BODY_PX - 1, role="ghost"
         )
         self._leave.setObjectName("gap_leave")
         self._leave.clicked.connect(self.given_up)
@@ -408,12 +413,12 @@ class PlaceholderPrompt(QWidget):
         theme.restyle_on_change(self._style)
         self.hide()
 
-    def ask(self, asked: AskedGap) -> None:
-        question = tr("What is {gap}?").format(gap=f"{{{asked.gap}}}")
-        self._question.setText(tr(_QUESTIONS[asked.gap]) if asked.gap in _QUESTIONS else question)
-        self.field.setPlaceholderText(tr("for “{text}”").format(text=text_formatting.shortened(asked.text, 60)))
+    def ask(self, gap: AskedGap) -> None:
+        question = tr("What is {gap}?").format(gap=f"{{{gap.gap}}}")
+        self._question.setText(tr(_QUESTIONS[gap.gap]) if gap.gap in _QUESTIONS else question)
+        self.field.setPlaceholderText(tr("for “{text}”").format(text=text_formatting.shortened(gap.text, 60)))
         named = tr("{question} It is for “{text}”")
-        self.field.setAccessibleName(named.format(question=self._question.text(), text=asked.text))
+        self.field.setAccessibleName(named.format(question=self._question.text(), text=gap.text))
         self.field.clear()
         self.show()
 
@@ -451,7 +456,7 @@ class PhraseRows(QWidget):
         self._tabs_row.addStretch(1)
         self._flow = FlowRow(gap_px=6)
         self._chips: dict[str, ActionButton] = {}
-        self._next = ActionButton(theme, key_first=True, look="ghost", height_px=32, may_shrink=True)
+        self._next = ActionButton(theme, key_first=True, role="ghost", height_px=32, may_shrink=True)
         self._next.setObjectName("next_phrases")
         self._next.bind(actions, "next_phrases")
         self._flow.add(self._next)
@@ -477,20 +482,20 @@ class PhraseRows(QWidget):
             title.set_label(group.title or tr(_UNTITLED))
         self._next_key.set_text(self._actions.key_text("next_phrases"))
         there = {spec.id for spec in self._actions.all_specs}
-        wanted = [action_id for action_id in _CHIPS if action_id in there]
-        for action_id in self._chips.keys() - set(wanted):
+        action_ids = [action_id for action_id in _CHIPS if action_id in there]
+        for action_id in self._chips.keys() - set(action_ids):
             chip = self._chips.pop(action_id)
             self._flow.remove(chip)
             chip.deleteLater()
-        for action_id in wanted:
+        for action_id in action_ids:
             if action_id not in self._chips:
                 self._chips[action_id] = self._new_chip(action_id)
-        self._flow.arrange([*(self._chips[action_id] for action_id in wanted), self._next])
+        self._flow.arrange([*(self._chips[action_id] for action_id in action_ids), self._next])
         self._report_keyless()
         self._refresh()
 
     def _new_title(self, number: int) -> ActionButton:
-        title = ActionButton(self._theme, look="ghost", height_px=28)
+        title = ActionButton(self._theme, role="ghost", height_px=28)
         title.setCheckable(True)
         title.setObjectName(f"phrase_group_{number + 1}")
         title.clicked.connect(lambda: self._choose(number))
@@ -606,7 +611,7 @@ class TalkButton(ActionButton):
         sound: SoundStatus = self._state.sound.value
         microphone: MicrophoneStatus = self._state.wizard_microphone.value
         talks = sound.talking == "robot"
-        self.set_label(tr("Talk"), look="plain" if not talks else "primary" if microphone.state == "on" else "amber")
+        self.set_label(tr("Talk"), role="plain" if not talks else "primary" if microphone.state == "on" else "amber")
 
     def hideEvent(self, event: QHideEvent) -> None:
         if self.isDown():  # on shutdown a button that is not held may be hidden after the key handler was destroyed

@@ -47,8 +47,8 @@ def guard_chip(drive: DriveStatus) -> tuple[str, str] | None:
         case "slowing":
             return " · ".join((tr("The guard is slowing the robot for an obstacle"), *left)), "slowing"
         case "blind":
-            why = tr(drive.guard_detail) or tr("it cannot see obstacles")
-            return tr("The guard allows crawling only: {why}").format(why=why), "warning"
+            reason = tr(drive.guard_detail) or tr("it cannot see obstacles")
+            return tr("The guard allows crawling only: {why}").format(why=reason), "warning"
         case "overridden":
             return tr("The guard is off: nothing stops the robot at obstacles"), "override"
         case _:
@@ -83,7 +83,7 @@ class VideoPanel(Panel):
         self._cameras = DropDown(self.theme, "video_camera", tr("Camera to show"))
         self._cameras.setMinimumContentsLength(6)
         self._cameras.activated.connect(self._on_camera_chosen)
-        self._shown: list[float] = []
+        self._frame_times_s: list[float] = []
         self._aspect = 4 / 3
         self._remembered: tuple[str, int, QImage] | None = None
         self._thumbnail = PhotoThumbnail(self.theme, self.view)
@@ -195,7 +195,7 @@ class VideoPanel(Panel):
     def _on_frame_changed(self, frame: FrameRef) -> None:
         if not self.in_view:
             return
-        self._shown.append(time.monotonic())
+        self._frame_times_s.append(time.monotonic())
         aspect = min(max(frame.width_px / max(1, frame.height_px), 1.0), 2.0)
         if aspect != self._aspect:
             self._aspect = aspect
@@ -227,14 +227,14 @@ class VideoPanel(Panel):
         if not self.in_view:
             return
         naming = self.console.scenario.permissions.naming_people
-        asked: AskedAbout | None = self.state.asked_person.value
-        persons = with_one_question(as_permitted(self.state.persons.value, naming=naming), asked)
+        question: AskedAbout | None = self.state.asked_person.value
+        persons = with_one_question(as_permitted(self.state.persons.value, naming=naming), question)
         key = self.table.key_text("answer_yes")
         self.view.show_names(
             {
                 person.person_id: (
                     text_formatting.on_box(
-                        person, key if asked is not None and asked.person_id == person.person_id else ""
+                        person, key if question is not None and question.person_id == person.person_id else ""
                     ),
                     text_formatting.has_given_name(person),
                 )
@@ -257,12 +257,14 @@ class VideoPanel(Panel):
         if not self.in_view:
             return
         state, now_s = self.state, time.monotonic()
-        self._shown = [moment for moment in self._shown if now_s - moment <= 2.0]
+        self._frame_times_s = [moment for moment in self._frame_times_s if now_s - moment <= 2.0]
         age_s = state.frame.age_s()
         match state.frame.freshness:
             case "fresh":
                 rate = (
-                    (len(self._shown) - 1) / max(0.001, self._shown[-1] - self._shown[0]) if len(self._shown) > 2 else 0
+                    (len(self._frame_times_s) - 1) / max(0.001, self._frame_times_s[-1] - self._frame_times_s[0])
+                    if len(self._frame_times_s) > 2
+                    else 0
                 )
                 parts = [tr("live") if state.present.live else tr("recorded")]
                 if rate:
@@ -364,15 +366,15 @@ class VideoPanel(Panel):
             self._card.hide()
             self.view.show_spot(None)
             return
-        seen = pose.inverse() @ self._target
-        self.view.show_spot(FloorSpot(seen.x_m, seen.y_m))
+        target_in_robot = pose.inverse() @ self._target
+        self.view.show_spot(FloorSpot(target_in_robot.x_m, target_in_robot.y_m))
 
     def _on_hovered(self, at: QPointF | None) -> None:
         model = self.view.model
         spot = spot_at(model, at.x(), at.y()) if model is not None and at is not None else None
-        shown = isinstance(spot, FloorSpot) and self.state.frame.freshness == "fresh" and self._card.isHidden()
-        if shown or self._card.isHidden():
-            self.view.show_spot(spot if shown and isinstance(spot, FloorSpot) else None)
+        visible = isinstance(spot, FloorSpot) and self.state.frame.freshness == "fresh" and self._card.isHidden()
+        if visible or self._card.isHidden():
+            self.view.show_spot(spot if visible and isinstance(spot, FloorSpot) else None)
 
     def _on_floor_clicked(self, at: QPointF, where: QPointF) -> None:
         if not self._card.isHidden():
@@ -394,7 +396,7 @@ class VideoPanel(Panel):
         target = pose @ Pose2D(spot.x_m, spot.y_m, math.atan2(spot.y_m, spot.x_m))
         self.view.show_spot(spot)
         self._target = target
-        speed, _as_drive_says = text_formatting.goal_speed(self.state.robot.value, self.state.drive.value)
+        speed, _by_speed_setting = text_formatting.goal_speed(self.state.robot.value, self.state.drive.value)
         away = tr("{distance:.1f} m from the robot").format(distance=spot.distance_m)
         self._card.offer(
             where, " · ".join(part for part in (away, speed) if part),

@@ -87,11 +87,11 @@ def tags_of(text: str) -> tuple[str, ...]:
 
 
 class AboutPage(QWidget):
-    """First page of the person popup. ``history_wanted``: person id and search text."""
+    """First page of the person popup. ``history_requested``: person id and search text."""
 
-    merge_wanted = Signal()
-    forget_wanted = Signal()
-    history_wanted = Signal(str, str)
+    merge_requested = Signal()
+    forget_requested = Signal()
+    history_requested = Signal(str, str)
 
     def __init__(self, theme: Theme, do: Callable[[Intent], object], *, recognise: str) -> None:
         super().__init__()
@@ -129,9 +129,9 @@ class AboutPage(QWidget):
         self.history = HistoryList(theme)
         self._no_history = QLabel(wordWrap=True)
         self._no_history.setObjectName("person_no_history")
-        self._merge = self._button("person_merge", tr("Merge…"), "git-merge", self.merge_wanted.emit)
+        self._merge = self._button("person_merge", tr("Merge…"), "git-merge", self.merge_requested.emit)
         self._split = self._button("person_split", tr("Split"), "users", self._on_split)
-        self._forget = self._button("person_forget", tr("Erase…"), "trash", self.forget_wanted.emit)
+        self._forget = self._button("person_forget", tr("Erase…"), "trash", self.forget_requested.emit)
         self._arrange()
         theme.restyle_on_change(self._style)
 
@@ -238,14 +238,14 @@ class AboutPage(QWidget):
         self._how.setText(how_known(person, self._recognise, self._recognises))
         show_part(self._not, is_identified(person) and person.here)
         self._not.set_label(tr("Not {name}").format(name=text_formatting.shortened(name, 18)))
-        for number, (row, said, _yes, _no) in enumerate(self._suggested):
+        for number, (row, question_label, _yes, _no) in enumerate(self._suggested):
             there = number < len(person.suggestions)
             show_part(row, there)
             if there:
                 suggestion = person.suggestions[number]
                 sure = text_formatting.percent(suggestion.confidence)
                 could = tr("or {name} ({sure})") if number else tr("Maybe {name} ({sure})")
-                said.setText(could.format(name=text_formatting.name_in_words(suggestion.name), sure=sure))
+                question_label.setText(could.format(name=text_formatting.name_in_words(suggestion.name), sure=sure))
         for kind, box in self._consents.items():
             box.setChecked(kind in person.consents)
         self._split.setEnabled(person.here)
@@ -324,7 +324,7 @@ class AboutPage(QWidget):
     def request_history(self) -> None:
         """Request the history of the person."""
         if self._person is not None:
-            self.history_wanted.emit(self._person.person_id, self._search.text())
+            self.history_requested.emit(self._person.person_id, self._search.text())
 
     def _style(self) -> None:
         small = self._theme.font(tokens.STATUS_PX)

@@ -24,14 +24,14 @@ class AskedAbout:
     from_ns: int = 0
 
 
-def is_asked(person: PersonRow, asked: AskedAbout | None) -> bool:
+def is_asked(person: PersonRow, question: AskedAbout | None) -> bool:
     """Whether the question is about this person."""
-    return asked is not None and person.here and person.person_id == asked.person_id
+    return question is not None and person.here and person.person_id == question.person_id
 
 
-def with_one_question(persons: Iterable[PersonRow], asked: AskedAbout | None) -> tuple[PersonRow, ...]:
+def with_one_question(persons: Iterable[PersonRow], question: AskedAbout | None) -> tuple[PersonRow, ...]:
     """Rows with only the pending suggestion, so that no answer goes to another one."""
-    return tuple(person if is_asked(person, asked) else replace(person, suggestions=()) for person in persons)
+    return tuple(person if is_asked(person, question) else replace(person, suggestions=()) for person in persons)
 
 
 def suggested_id(person: PersonRow) -> str:
@@ -77,9 +77,9 @@ class PendingIdentityQuestion(QObject):
     def _refresh(self, _value: object = None) -> None:
         state, now_ns = self._state, self._state.present.now_ns()
         before: AskedAbout | None = state.asked_person.value
-        asked = next_asked(
+        question = next_asked(
             state.persons.value, before, selected=state.selected_person.value, now_ns=now_ns, ended_ns=self._ended_ns
         )
-        if before is not None and asked is None:
+        if before is not None and question is None:
             self._ended_ns = now_ns
-        state.asked_person.set(asked)
+        state.asked_person.set(question)

@@ -55,7 +55,7 @@ class PeopleList(FastTableView):
     naming_changed = Signal(str)  # person id, empty once editing ends
     let_go = Signal()
     picked = Signal(str)  # person id: a click on the row
-    asked_for = Signal(str, str)  # yes, no, same, not or card; person id
+    action_requested = Signal(str, str)  # yes, no, same, not or card; person id
 
     def __init__(self, theme: Theme, model: PeopleModel, portraits: PortraitPixmaps) -> None:
         super().__init__(row_px=ROW_PX)
@@ -65,8 +65,8 @@ class PeopleList(FastTableView):
         self._naming = ""  # the person whose name is being edited
         self._under_mouse: QPoint | None = None
         self._pressed: tuple[str, str] | None = None
-        self._meant = ""
-        self._asked = ""
+        self._selected = ""
+        self._question_id = ""
         self._not_seen_yet = ""
         self._keys = ("", "")
         self.setAccessibleName(tr("People"))
@@ -95,16 +95,16 @@ class PeopleList(FastTableView):
 
     def highlight_selected(self, person_id: str) -> None:
         """Highlight the selected person."""
-        if person_id != self._meant:
-            self._meant = person_id
+        if person_id != self._selected:
+            self._selected = person_id
             self.viewport().update()
 
     def show_asked(self, person_id: str, yes_key: str, no_key: str) -> None:
         """Set the row of the pending question, and its keys."""
-        if (person_id, (yes_key, no_key)) != (self._asked, self._keys):
-            if person_id != self._asked:
+        if (person_id, (yes_key, no_key)) != (self._question_id, self._keys):
+            if person_id != self._question_id:
                 self._not_seen_yet = person_id
-            self._asked, self._keys = person_id, (yes_key, no_key)
+            self._question_id, self._keys = person_id, (yes_key, no_key)
             self.viewport().update()
             self._bring_question()
 
@@ -118,7 +118,7 @@ class PeopleList(FastTableView):
 
     @property
     def selected(self) -> str:
-        return self._meant
+        return self._selected
 
     def bring_into_view(self, person_id: str) -> None:
         row = self._people.row_of(person_id)
@@ -146,7 +146,7 @@ class PeopleList(FastTableView):
         person = self._people.persons[row]
         if not self._may_decide:
             return []
-        yes_key, no_key = self._keys if person.person_id == self._asked else ("", "")
+        yes_key, no_key = self._keys if person.person_id == self._question_id else ("", "")
         buttons = buttons_of(
             person,
             unconfirmed=self._people.is_unconfirmed(person.person_id) and person.person_id != self._naming,
@@ -175,11 +175,11 @@ class PeopleList(FastTableView):
             rect = self.row_rect(row)
             if not rect.intersects(self.viewport().rect()):
                 continue
-            meant = tr("Selected") if person.person_id == self._meant else ""
+            selected = tr("Selected") if person.person_id == self._selected else ""
             name = text_formatting.person_name(person)
             if self._may_decide:
                 spots.append(
-                    AccessibleRegion(("pick", person.person_id), tr("Select {name}").format(name=name), rect, meant)
+                    AccessibleRegion(("pick", person.person_id), tr("Select {name}").format(name=name), rect, selected)
                 )
             for button, place in self.buttons(row):
                 spots.append(AccessibleRegion((button.act, person.person_id), button.tip, place, button.key))
@@ -342,7 +342,7 @@ class PeopleList(FastTableView):
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         act, person_id = self._spot(event)
         if act == "pick" and self._may_decide:
-            self.asked_for.emit("card", person_id)
+            self.action_requested.emit("card", person_id)
 
     def _act(self, act: str, person_id: str) -> None:
         if act == "name":
@@ -350,7 +350,7 @@ class PeopleList(FastTableView):
         elif act == "pick":
             self.picked.emit(person_id)
         elif act:
-            self.asked_for.emit(act, person_id)
+            self.action_requested.emit(act, person_id)
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         super().mouseMoveEvent(event)
@@ -367,20 +367,20 @@ class PeopleList(FastTableView):
         if not person_id:
             super().keyPressEvent(event)
         elif key in _ENTER and self._may_decide and self._people.is_unconfirmed(person_id):
-            self.asked_for.emit("same", person_id)
+            self.action_requested.emit("same", person_id)
         elif key in (*_ENTER, Qt.Key.Key_F2):
             self.name(person_id)
         elif key == Qt.Key.Key_Space:
             self.picked.emit(person_id)
         elif key == Qt.Key.Key_Right and self._may_decide:
-            self.asked_for.emit("card", person_id)
+            self.action_requested.emit("card", person_id)
         else:
             super().keyPressEvent(event)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self._place_field()
-        self._not_seen_yet = self._asked
+        self._not_seen_yet = self._question_id
         self._bring_question()
 
 
@@ -469,15 +469,15 @@ class PersonDelegate(QStyledItemDelegate):
             painter.setPen(theme.color("dim"))
             painter.drawText(QRect(rest.left(), rest.top(), width + 1, 20), Qt.AlignmentFlag.AlignCenter, tag)
             rest = rest.adjusted(width + 6, 0, 0, 0)
-        seen = self._people.seen(person)
-        below = f"{text_formatting.person_name(person)} · {seen}" if suggested else seen
+        last_seen = self._people.seen(person)
+        below = f"{text_formatting.person_name(person)} · {last_seen}" if suggested else last_seen
         lower = QRect(rect.left(), rect.top() + 20, rect.width(), 20)
         if self._people.is_unconfirmed(person.person_id):
             mark = tr(UNCONFIRMED)
             used = self._paint_cut(painter, lower, mark, small, "amber")
             lower, below = lower.adjusted(used, 0, 0, 0), below.removeprefix(mark)
         speaking = tr(SPEAKING)
-        if person.speaking and seen.startswith(speaking) and not suggested:
+        if person.speaking and last_seen.startswith(speaking) and not suggested:
             used = self._paint_cut(painter, lower, speaking, small, "green")
             lower, below = lower.adjusted(used, 0, 0, 0), below.removeprefix(speaking)
         self._paint_cut(painter, lower, below, small, "dim")

@@ -29,7 +29,7 @@ class PeopleModel(QAbstractListModel):
         self._present = present
         self._camera = ""
         self._persons: list[PersonRow] = []
-        self._shown: list[tuple[object, ...]] = []
+        self._shown_states: list[tuple[object, ...]] = []
         self._row_of: dict[str, int] = {}
         self._known: frozenset[str] = frozenset()
         self._captions: dict[int, str] = {}
@@ -96,23 +96,23 @@ class PeopleModel(QAbstractListModel):
 
     def _arrange(self, ordered: Sequence[PersonRow]) -> None:
         """Remove, move and insert rows individually, so that the others persist."""
-        root, wanted = QModelIndex(), {person.person_id for person in ordered}
+        root, ids = QModelIndex(), {person.person_id for person in ordered}
         there = {person.person_id for person in self._persons}
-        if len(there ^ wanted) > _MANY:
+        if len(there ^ ids) > _MANY:
             self.beginResetModel()
-            self._persons, self._shown = list(ordered), [()] * len(ordered)
+            self._persons, self._shown_states = list(ordered), [()] * len(ordered)
             self.endResetModel()
             return
         for row in reversed(range(len(self._persons))):
-            if self._persons[row].person_id not in wanted:
+            if self._persons[row].person_id not in ids:
                 self.beginRemoveRows(root, row, row)
-                del self._persons[row], self._shown[row]
+                del self._persons[row], self._shown_states[row]
                 self.endRemoveRows()
         for place, person in enumerate(ordered):
             if person.person_id not in there:
                 self.beginInsertRows(root, place, place)
                 self._persons.insert(place, person)
-                self._shown.insert(place, ())
+                self._shown_states.insert(place, ())
                 self.endInsertRows()
             elif self._persons[place].person_id != person.person_id:
                 came_from = next(
@@ -120,7 +120,7 @@ class PeopleModel(QAbstractListModel):
                 )
                 if self.beginMoveRows(root, came_from, came_from, root, place):
                     self._persons.insert(place, self._persons.pop(came_from))
-                    self._shown.insert(place, self._shown.pop(came_from))
+                    self._shown_states.insert(place, self._shown_states.pop(came_from))
                     self.endMoveRows()
 
     def refresh_ages(self) -> None:
@@ -129,16 +129,20 @@ class PeopleModel(QAbstractListModel):
         for row, person in enumerate(self._persons):
             # Rows of known people have no age: five hundred cost nothing per second.
             if presence_of(person) == "known":
-                seen: tuple[object, ...] = (person, self.knows(person.person_id), self.is_unconfirmed(person.person_id))
+                state: tuple[object, ...] = (
+                    person,
+                    self.knows(person.person_id),
+                    self.is_unconfirmed(person.person_id),
+                )
             else:
-                seen = (
+                state = (
                     _without_time(person),
                     *what_is_seen(person, now_ns, camera_on_show=self._camera),
                     self.knows(person.person_id),
                     self.is_unconfirmed(person.person_id),
                 )
-            if seen != self._shown[row]:
-                self._shown[row] = seen
+            if state != self._shown_states[row]:
+                self._shown_states[row] = state
                 self.dataChanged.emit(self.index(row), self.index(row))
 
     def seen(self, person: PersonRow) -> str:
@@ -154,14 +158,14 @@ class PeopleModel(QAbstractListModel):
         if role == Qt.ItemDataRole.DisplayRole:
             return text_formatting.person_name(person)
         if role == Qt.ItemDataRole.AccessibleTextRole:
-            said = (
+            parts = (
                 text_formatting.person_name(person),
                 text_formatting.maybe(person),
                 person.group,
                 *person.tags,
                 self.seen(person),
             )
-            return ", ".join(filter(None, said))
+            return ", ".join(filter(None, parts))
         return person if role == PERSON_ROLE else None
 
 

@@ -65,15 +65,15 @@ class PersonCard(QWidget):
         self._face = PortraitView(theme, pixmaps, _PORTRAIT_PX)
         self._name = ElidedLabel()
         self._name.setObjectName("person_card_name")
-        self._seen = ElidedLabel()
-        self._seen.setObjectName("person_card_seen")
-        close = ActionButton(theme, "", icon="x", look="ghost", height_px=30)
+        self._last_seen = ElidedLabel()
+        self._last_seen.setObjectName("person_card_seen")
+        close = ActionButton(theme, "", icon="x", role="ghost", height_px=30)
         close.setObjectName("person_card_close")
         close.setAccessibleName(tr("Close the card"))
         close.clicked.connect(self.close_card)
         self.about = AboutPage(theme, do, recognise=recognise)
-        self.about.merge_wanted.connect(lambda: self.show_page("merge"))
-        self.about.forget_wanted.connect(lambda: self.show_page("forget"))
+        self.about.merge_requested.connect(lambda: self.show_page("merge"))
+        self.about.forget_requested.connect(lambda: self.show_page("forget"))
         self.merge = MergePage(theme, pixmaps)
         self.merge.back.connect(lambda: self.show_page("about"))
         self.merge.merged.connect(lambda one, into: self._decide(do, intents.MergePeople(one, into), into))
@@ -96,7 +96,7 @@ class PersonCard(QWidget):
         texts = layouts.vbox(spacing_px=2)
         texts.addStretch(1)
         texts.addWidget(self._name)
-        texts.addWidget(self._seen)
+        texts.addWidget(self._last_seen)
         texts.addStretch(1)
         head = layouts.hbox(margins_px=(14, 0, 8, 0), spacing_px=12)
         head.addWidget(self._face)
@@ -140,7 +140,7 @@ class PersonCard(QWidget):
         self._now_ns = now_ns
         self._face.show_person(person)
         self._name.setText(text_formatting.person_name(person))
-        self._seen.setText(" · ".join(what_is_seen(person, now_ns)))
+        self._last_seen.setText(" · ".join(what_is_seen(person, now_ns)))
         self.about.show_person(person, self._groups())
         if newly:
             self.about.request_history()
@@ -204,8 +204,8 @@ class PersonCard(QWidget):
         width = min(WIDTH_PX, room.width())
         page = (self.about, self.merge, self.forget)[self._pages.currentIndex()]
         layout = page.layout()
-        wanted = 0 if layout is None else max(layout.heightForWidth(width - 16), layout.sizeHint().height())
-        height = min(wanted + _PORTRAIT_PX + 44, room.height())
+        needed_px = 0 if layout is None else max(layout.heightForWidth(width - 16), layout.sizeHint().height())
+        height = min(needed_px + _PORTRAIT_PX + 44, room.height())
         left = min(max(room.left(), self._beside.right() - width), room.right() - width)
         top = min(max(room.top(), self._beside.bottom() - height), room.bottom() - height)
         self.setGeometry(left, top, width, height)
@@ -238,7 +238,7 @@ class PersonCard(QWidget):
 
     def _style(self) -> None:
         self._name.setFont(self._theme.font(tokens.BODY_PX + 2, tokens.WEIGHT_SEMIBOLD))
-        self._theme.style_text(self._seen, "dim", tokens.STATUS_PX)
+        self._theme.style_text(self._last_seen, "dim", tokens.STATUS_PX)
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -260,13 +260,13 @@ class ForgetPage(QWidget):
         self._person_id = ""
         self._title = QLabel()
         self._title.setObjectName("forget_title")
-        self._what = QLabel()
-        self._what.setObjectName("forget_what")
+        self._details = QLabel()
+        self._details.setObjectName("forget_what")
         self._not_now = QLabel(tr("A session is being recorded. Stop the recording first."))
         self._not_now.setObjectName("forget_not_now")
-        for label in (self._title, self._what, self._not_now):
+        for label in (self._title, self._details, self._not_now):
             label.setWordWrap(True)
-        self._do = ActionButton(theme, tr("Erase permanently"), icon="trash", look="outline_danger")
+        self._do = ActionButton(theme, tr("Erase permanently"), icon="trash", role="outline_danger")
         self._do.setObjectName("forget_do")
         self._do.clicked.connect(lambda: self.forgotten.emit(self._person_id))
         keep = ActionButton(theme, tr("Cancel"))
@@ -278,7 +278,7 @@ class ForgetPage(QWidget):
         row.addStretch(1)
         column = layouts.vbox(self, margins_px=(14, 6, 14, 6), spacing_px=10)
         column.addWidget(self._title)
-        column.addWidget(self._what)
+        column.addWidget(self._details)
         column.addWidget(self._not_now)
         column.addLayout(row)
         column.addStretch(1)
@@ -291,7 +291,7 @@ class ForgetPage(QWidget):
         name = text_formatting.person_name(person)
         self._person_id = person.person_id
         self._title.setText(tr("Erase {name}?").format(name=name))
-        self._what.setText(
+        self._details.setText(
             tr(
                 "The name, group, tags, note, portrait, history and appearance of {name} are deleted from "
                 "this study. In videos and photos {name} is pixelated; sound is muted where they speak or "
@@ -305,7 +305,7 @@ class ForgetPage(QWidget):
 
     def _style(self) -> None:
         self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        for label in (self._what, self._not_now):
+        for label in (self._details, self._not_now):
             label.setFont(self._theme.font(tokens.STATUS_PX + 1))
         self._theme.color_text(self._not_now, "amber")
 
@@ -363,7 +363,7 @@ class MergePage(QWidget):
         back = ActionButton(theme, tr("Back"), icon="caret-left")
         back.setObjectName("merge_back")
         back.clicked.connect(self._on_back)
-        self._do = ActionButton(theme, tr("Same person"), icon="check", look="primary")
+        self._do = ActionButton(theme, tr("Same person"), icon="check", role="primary")
         self._do.setObjectName("merge_do")
         self._do.clicked.connect(self._on_do)
         row = QHBoxLayout()

@@ -136,10 +136,10 @@ def everyone(persons: Sequence[PersonRow], everybody: Sequence[PersonRow], now_n
 
 def seen_elsewhere(person: PersonRow, camera_on_show: str) -> str:
     """Camera that sees the person, if not the one on display."""
-    seen_by = person.cameras or ((person.camera,) if person.camera else ())
-    if not camera_on_show or not seen_by or camera_on_show in seen_by:
+    cameras = person.cameras or ((person.camera,) if person.camera else ())
+    if not camera_on_show or not cameras or camera_on_show in cameras:
         return ""
-    return text_formatting.camera_in_text(seen_by[0])
+    return text_formatting.camera_in_text(cameras[0])
 
 
 def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") -> list[str]:

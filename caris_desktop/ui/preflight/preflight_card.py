@@ -29,7 +29,7 @@ class PreflightCard(Overlay):
         self._summary = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self._summary.setObjectName("preflight_summary")
         self._summary.setFont(theme.font(tokens.STATUS_PX))
-        close = ActionButton(theme, tr("Close"), icon="x", key="Esc", look="ghost")
+        close = ActionButton(theme, tr("Close"), icon="x", key="Esc", role="ghost")
         close.setObjectName("preflight_close")
         close.clicked.connect(self.close_overlay)
         head = QHBoxLayout()

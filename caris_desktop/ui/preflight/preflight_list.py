@@ -90,9 +90,9 @@ class PreflightList(QScrollArea):
             row.deleteLater()
         self._rows = {}
         for heading, manual in ((self._by_hand, True), (self._by_itself, False)):
-            own = [check for check in checks if check.manual is manual]
-            heading.setVisible(bool(own) and any(check.manual for check in checks))
-            for place, check in enumerate(own, start=self._column.indexOf(heading) + 1):
+            section_checks = [check for check in checks if check.manual is manual]
+            heading.setVisible(bool(section_checks) and any(check.manual for check in checks))
+            for place, check in enumerate(section_checks, start=self._column.indexOf(heading) + 1):
                 row = self._rows[check.id] = PreflightRow(self._theme, self._console, check, self._inner)
                 self._column.insertWidget(place, row)
                 row.show()

@@ -131,10 +131,10 @@ class StepPill(QAbstractButton):
 
 
 class StepPills(QWidget):
-    """Row of steps. ``chosen``: a step was clicked; ``list_wanted``: the current one was."""
+    """Row of steps. ``chosen``: a step was clicked; ``list_requested``: the current one was."""
 
     chosen = Signal(str)
-    list_wanted = Signal()
+    list_requested = Signal()
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -189,26 +189,26 @@ class StepPills(QWidget):
             return
         middle = self._middle
         first = last = middle
-        wanted = [pill.wanted_px() for pill in self._pills]
-        room = self.width() - wanted[middle]
+        widths_px = [pill.wanted_px() for pill in self._pills]
+        room = self.width() - widths_px[middle]
         # Following steps take precedence over former ones.
         for _ in self._pills:
             for after in (True, False):
                 beside = last + 1 if after else first - 1
-                if 0 <= beside < len(wanted) and room >= wanted[beside] + _GAP_PX:
-                    room -= wanted[beside] + _GAP_PX
+                if 0 <= beside < len(widths_px) and room >= widths_px[beside] + _GAP_PX:
+                    room -= widths_px[beside] + _GAP_PX
                     first, last = min(first, beside), max(last, beside)
         left = 0
         for index, pill in enumerate(self._pills):
             pill.setVisible(first <= index <= last)
             if first <= index <= last:
-                width = min(wanted[index], self.width())
+                width = min(widths_px[index], self.width())
                 pill.setGeometry(left, 0, width, HEIGHT_PX)
                 left += width + _GAP_PX
 
     def _on_clicked(self, pill: StepPill) -> None:
         if pill.step.state in ("now", "late"):
-            self.list_wanted.emit()
+            self.list_requested.emit()
         else:
             self.chosen.emit(pill.step.step_id)
 

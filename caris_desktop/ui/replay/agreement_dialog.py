@@ -127,7 +127,7 @@ class AgreementDialog(VisualTabOrderMixin, QDialog):
         copy = ActionButton(theme, tr("Copy report"), icon="copy", height_px=40)
         copy.setObjectName("agreement_copy")
         copy.clicked.connect(self._on_copy)
-        close = ActionButton(theme, tr("Close"), look="ghost", height_px=40)
+        close = ActionButton(theme, tr("Close"), role="ghost", height_px=40)
         close.clicked.connect(self.reject)
         buttons = QHBoxLayout()
         buttons.addWidget(close)
@@ -142,9 +142,9 @@ class AgreementDialog(VisualTabOrderMixin, QDialog):
         layout.addWidget(self._table, 1)
         self._table.setMinimumHeight(_LEAST_TABLE_PX)
         self._table.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
-        whole = layouts.vbox(self, margins_px=24, spacing_px=12)
-        whole.addWidget(Scrolled(content), 1)
-        whole.addLayout(buttons)
+        outer = layouts.vbox(self, margins_px=24, spacing_px=12)
+        outer.addWidget(Scrolled(content), 1)
+        outer.addLayout(buttons)
         self._copy = copy
         self._compare()
 

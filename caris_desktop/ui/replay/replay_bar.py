@@ -69,9 +69,9 @@ class ReplayBar(QWidget):
         actions.add_rows(REPLAY_ACTIONS, self)
         self._thumbnails = Thumbnails(replay, self)
         self.scrubber = Scrubber(theme, self._thumbnails, replay.with_names)
-        self.scrubber.seek_wanted.connect(self._on_seek_wanted)
+        self.scrubber.seek_requested.connect(self._on_seek_requested)
         self._title = ReplayTitle(theme, *session_title(replay.session))
-        self._play = ActionButton(theme, tr("Pause"), icon="pause", look="primary", height_px=36)
+        self._play = ActionButton(theme, tr("Pause"), icon="pause", role="primary", height_px=36)
         self._play.setObjectName("replay_play")
         self._play.bind(actions, "replay_play")
         self._play_shown: tuple[str, bool] | None = None
@@ -225,7 +225,7 @@ class ReplayBar(QWidget):
         self._hint.setToolTip(detail)
         self._use_hint()
 
-    def _on_seek_wanted(self, at_ns: int) -> None:
+    def _on_seek_requested(self, at_ns: int) -> None:
         self._replay.seek(at_ns)
 
     def _on_rate_chosen(self, index: int) -> None:
@@ -365,8 +365,8 @@ class ReplayTimes(QWidget):
             return
         resized = len(now) != len(self._now) or len(text_formatting.elapsed(total_s)) != len(self._total)
         self._now, self._total, self._wall = now, text_formatting.elapsed(total_s), wall
-        said = tr("{now} of {total}, recorded at {wall}")
-        self.setAccessibleName(said.format(now=self._now, total=self._total, wall=wall))
+        name = tr("{now} of {total}, recorded at {wall}")
+        self.setAccessibleName(name.format(now=self._now, total=self._total, wall=wall))
         if resized:
             self.updateGeometry()
         self.update()
@@ -410,14 +410,14 @@ _PROBLEMS = ("problem", "trouble", "gap", "emergency")
 
 
 class Scrubber(QWidget):
-    """Slider over the session; ``seek_wanted(at_ns)`` while dragging.
+    """Slider over the session; ``seek_requested(at_ns)`` while dragging.
 
     Marks are flags above the line, utterances strokes on it, problems triangles below: distinguished by shape.
     """
 
     accessible_role = QAccessible.Role.Slider
 
-    seek_wanted = Signal(object)
+    seek_requested = Signal(object)
 
     def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
         super().__init__()
@@ -440,7 +440,7 @@ class Scrubber(QWidget):
         self._dragging = False
         self._by_key = False
         self._seeks = SeekThrottle(self)
-        self._seeks.due.connect(self.seek_wanted)
+        self._seeks.due.connect(self.seek_requested)
         self._bubble: SeekPreview | None = None
         thumbnails.made.connect(self._on_picture_made)
         theme.changed.connect(self._forget_ticks)
@@ -537,11 +537,11 @@ class Scrubber(QWidget):
         if event.modifiers() & ~Qt.KeyboardModifier.KeypadModifier:
             super().keyPressEvent(event)
         elif key in steps:
-            self.seek_wanted.emit(self._bounded(self._position_ns + steps[key] * _STEP_NS))
+            self.seek_requested.emit(self._bounded(self._position_ns + steps[key] * _STEP_NS))
         elif key == Qt.Key.Key_Home:
-            self.seek_wanted.emit(self._start_ns)
+            self.seek_requested.emit(self._start_ns)
         elif key == Qt.Key.Key_End:
-            self.seek_wanted.emit(self._end_ns)
+            self.seek_requested.emit(self._end_ns)
         else:
             super().keyPressEvent(event)
 
@@ -714,9 +714,9 @@ class SeekPreview(QWidget):
             painter.drawRoundedRect(place, 4, 4)
             if self._picture is not None and not self._picture.isNull():
                 size = self._picture.size().scaled(_PICTURE, Qt.AspectRatioMode.KeepAspectRatio)
-                shown = QRectF(0, 0, size.width(), size.height())
-                shown.moveCenter(place.center())
-                painter.drawImage(shown, self._picture)
+                target = QRectF(0, 0, size.width(), size.height())
+                target.moveCenter(place.center())
+                painter.drawImage(target, self._picture)
             top += _PICTURE.height() + 4
         painter.setFont(theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM))
         painter.setPen(theme.color("text"))
@@ -725,8 +725,8 @@ class SeekPreview(QWidget):
             painter.setFont(theme.font(tokens.STATUS_PX))
             painter.setPen(theme.color("dim"))
             metrics = QFontMetricsF(painter.font())
-            shown_text = metrics.elidedText(self._text, Qt.TextElideMode.ElideRight, self.width() - 16)
-            painter.drawText(QRectF(8, top + 20, self.width() - 16, 18), Qt.AlignmentFlag.AlignCenter, shown_text)
+            elided = metrics.elidedText(self._text, Qt.TextElideMode.ElideRight, self.width() - 16)
+            painter.drawText(QRectF(8, top + 20, self.width() - 16, 18), Qt.AlignmentFlag.AlignCenter, elided)
 
 
 def moment_words(at_ms: float, wall: str) -> str:
@@ -747,17 +747,17 @@ class SeekThrottle(QObject):
 
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)
-        self._wanted_ns: int | None = None
+        self._pending_ns: int | None = None
         self._pause = QTimer(self, singleShot=True, interval=SEEK_EVERY_MS)
         self._pause.timeout.connect(self._send)
 
     def want(self, at_ns: int) -> None:
-        self._wanted_ns = at_ns
+        self._pending_ns = at_ns
         if not self._pause.isActive():
             self._send()
 
     def _send(self) -> None:
-        if self._wanted_ns is not None:
-            wanted, self._wanted_ns = self._wanted_ns, None
+        if self._pending_ns is not None:
+            position_ns, self._pending_ns = self._pending_ns, None
             self._pause.start()
-            self.due.emit(wanted)
+            self.due.emit(position_ns)

@@ -30,7 +30,7 @@ class ReplayWidgets(QObject):
     def __init__(self, theme: Theme, replay: ReplayControls, state: LiveState, actions: Actions) -> None:
         super().__init__()
         self.timeline = TimelineView(theme, replay, state, actions)
-        self.timeline.open_wanted.connect(self._open_timeline)
+        self.timeline.open_requested.connect(self._open_timeline)
         self._bar = ReplayBar(theme, replay, actions)
         self._panels: ReplayPanels | None = None
         self._middle: QSplitter | None = None

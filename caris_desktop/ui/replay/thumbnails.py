@@ -33,8 +33,8 @@ class Thumbnails(QObject):
         self._replay = replay
         self._cache: OrderedDict[Moment, QImage] = OrderedDict()
         self._first: Moment | None = None
-        self._shown: list[Moment] = []
-        self._asked: dict[Moment, float] = {}
+        self._visible: list[Moment] = []
+        self._requested: dict[Moment, float] = {}
         self._given_up: set[Moment] = set()
         self._patience = QTimer(self, interval=round(_GIVE_UP_S * 500))
         self._patience.timeout.connect(self._give_up)
@@ -55,19 +55,19 @@ class Thumbnails(QObject):
 
     def want_shown(self, moments: Sequence[Moment]) -> None:
         """Set the visible thumbnails, replacing the former ones."""
-        self._shown = [moment for moment in moments if moment not in self._cache]
+        self._visible = [moment for moment in moments if moment not in self._cache]
         self._ask()
 
     def _ask(self) -> None:
-        waiting = [self._first, *self._shown] if self._first is not None else self._shown
+        waiting = [self._first, *self._visible] if self._first is not None else self._visible
         for moment in waiting:
-            if len(self._asked) >= _AT_ONCE and moment is not self._first:
+            if len(self._requested) >= _AT_ONCE and moment is not self._first:
                 break
-            if moment is None or moment in self._cache or moment in self._given_up or moment in self._asked:
+            if moment is None or moment in self._cache or moment in self._given_up or moment in self._requested:
                 continue
-            self._asked[moment] = time.monotonic()
+            self._requested[moment] = time.monotonic()
             self._replay.request_thumbnail(*moment)
-        if self._asked and not self._patience.isActive():
+        if self._requested and not self._patience.isActive():
             self._patience.start()
 
     def _on_made(self, camera: str, at_ns: int, image_bgr: NDArray[np.uint8] | None) -> None:
@@ -76,19 +76,19 @@ class Thumbnails(QObject):
         while len(self._cache) > KEPT:
             self._cache.popitem(last=False)
         self._given_up.discard(moment)
-        if moment in self._shown:
-            self._shown.remove(moment)
-        self._asked.pop(moment, None)
+        if moment in self._visible:
+            self._visible.remove(moment)
+        self._requested.pop(moment, None)
         self.made.emit(*moment)
         self._ask()
 
     def _give_up(self) -> None:
         now_s = time.monotonic()
-        late = {moment for moment, asked_s in self._asked.items() if now_s - asked_s > _GIVE_UP_S}
+        late = {moment for moment, requested_s in self._requested.items() if now_s - requested_s > _GIVE_UP_S}
         self._given_up |= late
-        self._asked = {moment: asked_s for moment, asked_s in self._asked.items() if moment not in late}
+        self._requested = {moment: requested_s for moment, requested_s in self._requested.items() if moment not in late}
         self._ask()
-        if not self._asked:
+        if not self._requested:
             self._patience.stop()
 
 

@@ -157,12 +157,12 @@ class TierDialog(VisualTabOrderMixin, QDialog):
             tr("Add tier") if tier is None else tr("Change"),
             icon="check",
             key="Enter",
-            look="primary",
+            role="primary",
             height_px=40,
         )
         self._save.setObjectName("tier_save")
         self._save.clicked.connect(self._on_save)
-        cancel = ActionButton(theme, tr("Cancel"), look="ghost", height_px=40)
+        cancel = ActionButton(theme, tr("Cancel"), role="ghost", height_px=40)
         cancel.setObjectName("tier_cancel")
         cancel.clicked.connect(self.reject)
         buttons = QHBoxLayout()

@@ -40,11 +40,11 @@ class TimelineCanvas(QWidget):
 
     accessible_role = QAccessible.Role.Chart
 
-    seek_wanted = Signal(float)  # session time in ms
-    create_wanted = Signal(str, int, int)  # tier, start and end in ms
-    move_wanted = Signal(str, int, int, str)  # annotation, start and end in ms, tier
-    rename_wanted = Signal(str)
-    row_menu_wanted = Signal(str, QPoint)  # row, global position
+    seek_requested = Signal(float)  # session time in ms
+    create_requested = Signal(str, int, int)  # tier, start and end in ms
+    move_requested = Signal(str, int, int, str)  # annotation, start and end in ms, tier
+    rename_requested = Signal(str)
+    row_menu_requested = Signal(str, QPoint)  # row, global position
     row_opened = Signal(str)
     row_moved = Signal(str, int)  # row, new index among visible rows
     selection_changed = Signal()
@@ -57,10 +57,10 @@ class TimelineCanvas(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self.shown = TimelineState()
-        self.places = TimelineGeometry(self.shown)
+        self.state = TimelineState()
+        self.places = TimelineGeometry(self.state)
         self._drawing = TimelineDrawing(theme, thumbnails, named)
-        self._over = TimelineOverlay(theme, self.shown, self.places, self._drawing)
+        self._over = TimelineOverlay(theme, self.state, self.places, self._drawing)
         self._fits = True
         self._selected = ""
         self._layer: QPixmap | None = None
@@ -77,21 +77,21 @@ class TimelineCanvas(QWidget):
     # ---- display
 
     def show_session(self, started_ns: int, duration_ms: float) -> None:
-        self.shown.started_ns, self.shown.duration_ms = started_ns, max(1.0, duration_ms)
-        self.set_scale(whole_session(self.room_px, self.shown.duration_ms) if self._fits else self.scale)
+        self.state.started_ns, self.state.duration_ms = started_ns, max(1.0, duration_ms)
+        self.set_scale(whole_session(self.room_px, self.state.duration_ms) if self._fits else self.scale)
 
     def show_rows(self, rows: Sequence[Row], coders: Sequence[str], *, words: str = "") -> None:
         """Set the rows, in order; ``words``: text shown if there are none."""
-        self.shown.rows, self.shown.coders, self.shown.words = list(rows), coders, words
-        self.shown.tops = [0]
+        self.state.rows, self.state.coders, self.state.words = list(rows), coders, words
+        self.state.tops = [0]
         for row in self.rows:
-            self.shown.tops.append(self.shown.tops[-1] + row.height_px)
-        self.scroll_to(self.shown.scroll_y)
+            self.state.tops.append(self.state.tops[-1] + row.height_px)
+        self.scroll_to(self.state.scroll_y)
         self._forget_everything()
 
     def show_tracks(self, tracks: Mapping[str, Track]) -> None:
         """Set the annotations of each tier, by row key."""
-        self.shown.tracks = tracks
+        self.state.tracks = tracks
         if self._selected:
             self._over.selected = self.places.find(self._selected)
             if self._over.selected is None:
@@ -100,12 +100,12 @@ class TimelineCanvas(QWidget):
         self.forget_layer()
 
     def show_overview(self, overview: SessionOverview | None) -> None:
-        self.shown.show_overview(overview)
+        self.state.show_overview(overview)
         self._forget_everything()
 
     def show_position(self, position_ms: float, *, playing: bool) -> None:
         """Move the playhead. The view scrolls when the playhead leaves it, also after a jump."""
-        before, self.shown.position_ms = self.shown.position_ms, position_ms
+        before, self.state.position_ms = self.state.position_ms, position_ms
         was_visible = 0 <= self.scale.to_px(before) <= self.room_px
         x = self.scale.to_px(position_ms)
         if not 0 <= x <= self.room_px and self._over.drag is None:
@@ -137,42 +137,42 @@ class TimelineCanvas(QWidget):
 
     @property
     def rows(self) -> Sequence[Row]:
-        return self.shown.rows
+        return self.state.rows
 
     @property
     def scale(self) -> TimeScale:
-        return self.shown.scale
+        return self.state.scale
 
     @property
     def room_px(self) -> int:
         """Width of the part below the ruler."""
-        return self.shown.room_px
+        return self.state.room_px
 
     @property
     def rows_height_px(self) -> int:
-        return self.shown.tops[-1]
+        return self.state.tops[-1]
 
     @property
     def scroll_y(self) -> int:
-        return self.shown.scroll_y
+        return self.state.scroll_y
 
     def set_scale(self, scale: TimeScale) -> None:
-        scale = scale.bounded(self.room_px, self.shown.duration_ms)
-        self._fits = scale.px_per_ms <= whole_session(self.room_px, self.shown.duration_ms).px_per_ms * 1.0001
+        scale = scale.bounded(self.room_px, self.state.duration_ms)
+        self._fits = scale.px_per_ms <= whole_session(self.room_px, self.state.duration_ms).px_per_ms * 1.0001
         if scale != self.scale:
-            self.shown.scale = scale
+            self.state.scale = scale
             self.forget_layer()
         self.view_changed.emit()
 
     def zoom(self, factor: float, around_px: float | None = None) -> None:
         """Zoom around a pixel of the rows; without one around the playhead, if visible."""
         if around_px is None:
-            playhead = self.scale.to_px(self.shown.position_ms)
+            playhead = self.scale.to_px(self.state.position_ms)
             around_px = playhead if 0 <= playhead <= self.room_px else self.room_px / 2
-        self.set_scale(self.scale.zoomed(factor, around_px, width_px=self.room_px, duration_ms=self.shown.duration_ms))
+        self.set_scale(self.scale.zoomed(factor, around_px, width_px=self.room_px, duration_ms=self.state.duration_ms))
 
     def fit(self) -> None:
-        self.set_scale(whole_session(self.room_px, self.shown.duration_ms))
+        self.set_scale(whole_session(self.room_px, self.state.duration_ms))
 
     def scroll_across_to(self, start_ms: float) -> None:
         """Set the start of the visible part."""
@@ -180,8 +180,8 @@ class TimelineCanvas(QWidget):
 
     def scroll_to(self, y: int) -> None:
         y = min(max(0, y), max(0, self.rows_height_px - (self.height() - RULER_PX)))
-        if y != self.shown.scroll_y:
-            self.shown.scroll_y = y
+        if y != self.state.scroll_y:
+            self.state.scroll_y = y
             self._forget_everything()
         self.view_changed.emit()
 
@@ -190,10 +190,10 @@ class TimelineCanvas(QWidget):
         index = self.places.index_of(key)
         if index is None:
             return
-        top, bottom, room = self.shown.tops[index], self.shown.tops[index + 1], self.height() - RULER_PX
-        if top < self.shown.scroll_y:
+        top, bottom, room = self.state.tops[index], self.state.tops[index + 1], self.height() - RULER_PX
+        if top < self.state.scroll_y:
             self.scroll_to(top)
-        elif bottom > self.shown.scroll_y + room:
+        elif bottom > self.state.scroll_y + room:
             self.scroll_to(bottom - room)
 
     def show_interval(self, start_ms: float, end_ms: float) -> None:
@@ -217,12 +217,12 @@ class TimelineCanvas(QWidget):
     @property
     def active(self) -> Row | None:
         """The coder's active tier."""
-        index = self.places.index_of(self.shown.active)
+        index = self.places.index_of(self.state.active)
         return None if index is None else self.rows[index]
 
     def activate(self, key: str) -> None:
-        if key != self.shown.active:
-            self.shown.active = key
+        if key != self.state.active:
+            self.state.active = key
             self._forget_everything()
             self.selection_changed.emit()
 
@@ -242,7 +242,7 @@ class TimelineCanvas(QWidget):
             if row.own:
                 self.activate(row.key)
             if point.x() >= NAMES_PX - MENU_PX:
-                self.row_menu_wanted.emit(row.key, event.globalPosition().toPoint())
+                self.row_menu_requested.emit(row.key, event.globalPosition().toPoint())
             else:
                 self._over.drag = Drag("row", point, at_ms, hit.row, target=hit.row)
         elif hit.part == "row" and self.rows[hit.row].kind == "tier":
@@ -251,14 +251,14 @@ class TimelineCanvas(QWidget):
             self._press_tier(hit, point, at_ms)
         elif hit.part in ("ruler", "row", "below"):
             self._over.drag = Drag("seek", point, at_ms, moving=True)
-            self.seek_wanted.emit(self.places.bounded(at_ms))
+            self.seek_requested.emit(self.places.bounded(at_ms))
 
     def _press_tier(self, hit: Hit, point: QPointF, at_ms: float) -> None:
         item = hit.annotation
         if item is not None:
             self.select(item.annotation_id)
             if not self.rows[hit.row].own:
-                self.seek_wanted.emit(float(item.start_ms))
+                self.seek_requested.emit(float(item.start_ms))
                 return
             kind: DragKind = "start" if hit.edge == "start" else "end" if hit.edge == "end" else "move"
             self._over.drag = Drag(kind, point, at_ms, hit.row, item, item.start_ms, item.end_ms, target=hit.row)
@@ -269,7 +269,7 @@ class TimelineCanvas(QWidget):
             self._over.drag = Drag("create", point, at_ms, hit.row, None, start_ms, start_ms)
         else:
             self._over.drag = Drag("seek", point, at_ms, moving=True)
-            self.seek_wanted.emit(self.places.bounded(at_ms))
+            self.seek_requested.emit(self.places.bounded(at_ms))
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         point, drag = event.position(), self._over.drag
@@ -283,7 +283,7 @@ class TimelineCanvas(QWidget):
         at_ms = self.places.ms_at(point)
         match drag.kind:
             case "seek":
-                self.seek_wanted.emit(self.places.bounded(at_ms))
+                self.seek_requested.emit(self.places.bounded(at_ms))
             case "pan":
                 moved_px = point.x() - drag.origin.x()
                 self.set_scale(replace(self.scale, start_ms=drag.start_ms - moved_px / self.scale.px_per_ms))
@@ -315,15 +315,15 @@ class TimelineCanvas(QWidget):
             if drag.moving and drag.end_ms - drag.start_ms >= SHORTEST_MS:
                 tier = self.rows[drag.row].tier
                 if tier is not None:
-                    self.create_wanted.emit(tier.tier_id, round(drag.start_ms), round(drag.end_ms))
+                    self.create_requested.emit(tier.tier_id, round(drag.start_ms), round(drag.end_ms))
             elif not drag.moving:
-                self.seek_wanted.emit(self.places.bounded(self.places.ms_at(event.position())))
+                self.seek_requested.emit(self.places.bounded(self.places.ms_at(event.position())))
         elif drag.kind in ("move", "start", "end") and drag.moving and drag.annotation is not None:
             tier = self.rows[drag.target if drag.kind == "move" else drag.row].tier
             times = (round(drag.start_ms), round(drag.end_ms))
             item = drag.annotation
             if tier is not None and (*times, tier.tier_id) != (item.start_ms, item.end_ms, item.tier_id):
-                self.move_wanted.emit(item.annotation_id, *times, tier.tier_id)
+                self.move_requested.emit(item.annotation_id, *times, tier.tier_id)
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         hit = self.places.hit(event.position())
@@ -334,7 +334,7 @@ class TimelineCanvas(QWidget):
             self.row_opened.emit(self.rows[hit.row].key)
         elif hit.annotation is not None and self.rows[hit.row].own:
             self._over.drag = None
-            self.rename_wanted.emit(hit.annotation.annotation_id)
+            self.rename_requested.emit(hit.annotation.annotation_id)
         else:
             self.mousePressEvent(event)
 
@@ -347,10 +347,10 @@ class TimelineCanvas(QWidget):
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
         if event.reason() == QContextMenuEvent.Reason.Keyboard:
-            row, index = self.active, self.places.index_of(self.shown.active)
+            row, index = self.active, self.places.index_of(self.state.active)
             if row is not None and index is not None:
-                below = QPoint(NAMES_PX - MENU_PX, self.shown.row_top(index) + row.height_px)
-                self.row_menu_wanted.emit(row.key, self.mapToGlobal(below))
+                below = QPoint(NAMES_PX - MENU_PX, self.state.row_top(index) + row.height_px)
+                self.row_menu_requested.emit(row.key, self.mapToGlobal(below))
             return
         hit = self.places.hit(QPointF(event.pos()))
         if hit.row >= 0:
@@ -358,7 +358,7 @@ class TimelineCanvas(QWidget):
                 self.activate(self.rows[hit.row].key)
             if hit.annotation is not None:
                 self.select(hit.annotation.annotation_id)
-            self.row_menu_wanted.emit(self.rows[hit.row].key, event.globalPos())
+            self.row_menu_requested.emit(self.rows[hit.row].key, event.globalPos())
 
     def wheelEvent(self, event: QWheelEvent) -> None:
         pixels, turned = event.pixelDelta(), event.angleDelta()
@@ -371,7 +371,7 @@ class TimelineCanvas(QWidget):
         else:
             if across:
                 self._scroll_across(across)
-            self.scroll_to(round(self.shown.scroll_y - down))
+            self.scroll_to(round(self.state.scroll_y - down))
         event.accept()
 
     def _scroll_across(self, pixels: float) -> None:
@@ -417,10 +417,10 @@ class TimelineCanvas(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self.shown.width_px, self.shown.height_px = self.width(), self.height()
+        self.state.width_px, self.state.height_px = self.width(), self.height()
         self._forget_everything()
-        self.set_scale(whole_session(self.room_px, self.shown.duration_ms) if self._fits else self.scale)
-        self.scroll_to(self.shown.scroll_y)
+        self.set_scale(whole_session(self.room_px, self.state.duration_ms) if self._fits else self.scale)
+        self.scroll_to(self.state.scroll_y)
 
     def _on_picture_made(self, _camera: str, _at_ns: object) -> None:
         if any(row.kind == "pictures" for row in self.rows):
@@ -429,9 +429,9 @@ class TimelineCanvas(QWidget):
     def paintEvent(self, event: QPaintEvent) -> None:
         ratio = self.devicePixelRatioF()
         if self._layer is None:
-            self._layer = self._drawing.rows(self.shown, ratio)
+            self._layer = self._drawing.rows(self.state, ratio)
         if self._names is None:
-            self._names = self._drawing.names(self.shown, ratio)
+            self._names = self._drawing.names(self.state, ratio)
         painter = QPainter(self)
         for layer, left in ((self._layer, NAMES_PX), (self._names, 0)):
             area = event.rect() & QRect(left, 0, round(layer.width() / ratio), self.height())

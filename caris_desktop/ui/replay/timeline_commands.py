@@ -33,7 +33,7 @@ class TimelineCommands(QObject):
     ``view``: the whole timeline; ``canvas``: its painted part.
     """
 
-    timeline_wanted = Signal()  # open the drawer
+    timeline_requested = Signal()  # open the drawer
     open_changed = Signal()  # a label was begun or ended
 
     def __init__(self, theme: Theme, replay: ReplayControls, canvas: TimelineCanvas, view: QWidget) -> None:
@@ -48,10 +48,10 @@ class TimelineCommands(QObject):
         self.open: OpenInterval | None = None
         self._seeks = SeekThrottle(self)
         self._seeks.due.connect(self._on_seek_due)
-        canvas.seek_wanted.connect(self._on_seek_wanted)
-        canvas.create_wanted.connect(self._on_create_wanted)
-        canvas.move_wanted.connect(self._on_move_wanted)
-        canvas.rename_wanted.connect(self._rename)
+        canvas.seek_requested.connect(self._on_seek_requested)
+        canvas.create_requested.connect(self._on_create_requested)
+        canvas.move_requested.connect(self._on_move_requested)
+        canvas.rename_requested.connect(self._rename)
         canvas.view_changed.connect(self._bubble.hide)
 
     @property
@@ -79,7 +79,7 @@ class TimelineCommands(QObject):
 
     def focus_timeline(self) -> None:
         if not self._canvas.isVisible():
-            self.timeline_wanted.emit()
+            self.timeline_requested.emit()
         self._canvas.setFocus(Qt.FocusReason.ShortcutFocusReason)
 
     def undo(self) -> None:
@@ -117,7 +117,7 @@ class TimelineCommands(QObject):
         if active is None:
             return
         from_ms = self.position_ms if selected is None else selected.start_ms
-        found = self._canvas.shown.track_of(active).neighbour(from_ms, direction)
+        found = self._canvas.state.track_of(active).neighbour(from_ms, direction)
         if found is None:
             none = tr("No later annotation on {tier}.") if direction > 0 else tr("No earlier annotation on {tier}.")
             self.say(none.format(tier=active.name))
@@ -198,7 +198,7 @@ class TimelineCommands(QObject):
             return
         free = annotation_editing.free_interval(self.document, tier.tier_id, start_ms, start_ms + NEW_MS)
         end_ms = free[1] if free is not None and free[0] == start_ms else start_ms + NEW_MS
-        self._on_create_wanted(tier.tier_id, start_ms, end_ms)
+        self._on_create_requested(tier.tier_id, start_ms, end_ms)
 
     def split_at_playhead(self) -> None:
         item = self._chosen()
@@ -229,19 +229,19 @@ class TimelineCommands(QObject):
     def begin_at_playhead(self) -> None:
         item = self._chosen()
         if item is not None:
-            self._on_move_wanted(item.annotation_id, self.position_ms, item.end_ms, item.tier_id)
+            self._on_move_requested(item.annotation_id, self.position_ms, item.end_ms, item.tier_id)
 
     def end_at_playhead(self) -> None:
         item = self._chosen()
         if item is not None:
-            self._on_move_wanted(item.annotation_id, item.start_ms, self.position_ms, item.tier_id)
+            self._on_move_requested(item.annotation_id, item.start_ms, self.position_ms, item.tier_id)
 
     def nudge(self, direction: int) -> None:
         """Move the annotation a little later (1) or earlier (-1)."""
         item = self._chosen()
         if item is not None:
             by_ms = direction * NUDGE_MS
-            self._on_move_wanted(item.annotation_id, item.start_ms + by_ms, item.end_ms + by_ms, item.tier_id)
+            self._on_move_requested(item.annotation_id, item.start_ms + by_ms, item.end_ms + by_ms, item.tier_id)
 
     def give_up(self) -> None:
         """Esc: cancel the current operation. The window connects it to ``escape_pressed``."""
@@ -269,7 +269,7 @@ class TimelineCommands(QObject):
         if place is None:
             active = self._canvas.active
             index = None if active is None else self._canvas.places.index_of(active.key)
-            top = RULER_PX if index is None or active is None else self._canvas.shown.row_top(index)
+            top = RULER_PX if index is None or active is None else self._canvas.state.row_top(index)
             x = NAMES_PX + min(max(0.0, self._canvas.scale.to_px(self.position_ms)), self._canvas.room_px)
             place = QRectF(x, top, 2, 0 if active is None else active.height_px)
         self._bubble.say(words, place)
@@ -297,24 +297,24 @@ class TimelineCommands(QObject):
 
     def _is_own(self, item: Annotation) -> bool:
         """Whether a coder made the annotation; shows a refusal for a recorded one."""
-        own = any(tier.tier_id == item.tier_id for tier in self.document.tiers)
-        if not own:
+        found = any(tier.tier_id == item.tier_id for tier in self.document.tiers)
+        if not found:
             self.say(tr("This comes from the recording and cannot be changed. Code it on your own tier."), item)
-        return own
+        return found
 
-    def _on_create_wanted(self, tier_id: str, start_ms: int, end_ms: int) -> None:
+    def _on_create_requested(self, tier_id: str, start_ms: int, end_ms: int) -> None:
         try:
             tier = annotation_editing.tier_of(self.document, tier_id)
-        except AnnotationError as gone:
-            why = str(gone)
-            self.say(tr(why))
+        except AnnotationError as problem:
+            reason = str(problem)
+            self.say(tr(reason))
             return
         new = annotation_editing.next_annotation_id(self.document, tier.coder)
         if self.edit(lambda document: annotation_editing.add_annotation(document, tier_id, start_ms, end_ms)):
             self._canvas.select(new)
             self._rename(new)
 
-    def _on_move_wanted(self, annotation_id: str, start_ms: int, end_ms: int, tier_id: str) -> None:
+    def _on_move_requested(self, annotation_id: str, start_ms: int, end_ms: int, tier_id: str) -> None:
         item = self._canvas.selected
         self.edit(
             lambda document: annotation_editing.move_annotation(document, annotation_id, start_ms, end_ms, tier_id),
@@ -352,7 +352,7 @@ class TimelineCommands(QObject):
     def _on_card_closed(self) -> None:
         self._canvas.setFocus(Qt.FocusReason.OtherFocusReason)
 
-    def _on_seek_wanted(self, at_ms: float) -> None:
+    def _on_seek_requested(self, at_ms: float) -> None:
         self._seeks.want(self._replay.session.started_ns + round(at_ms * 1e6))
 
     def _on_seek_due(self, at_ns: int) -> None:
@@ -367,7 +367,7 @@ class TimelineCommands(QObject):
         self.say(words.format(label=taken.value, time=exact_text(taken.end_ms)), taken)
 
     def _own_track(self, tier_id: str) -> Track:
-        return self._canvas.shown.tracks.get(f"tier {tier_id}", Track(()))
+        return self._canvas.state.tracks.get(f"tier {tier_id}", Track(()))
 
 
 def _renaming(annotation_id: str, value: str) -> Callable[[AnnotationDocument], AnnotationDocument]:
@@ -487,10 +487,10 @@ class LabelCard(FloatingCard):
     def _fill(self, typed: str) -> None:
         self.list.clear()
         entries = self._entries or ()
-        wanted = typed.casefold().strip()
+        query = typed.casefold().strip()
         # Prefix matches first.
-        found = [item for item in enumerate(entries, start=1) if wanted in item[1].value.casefold()]
-        found.sort(key=lambda item: not item[1].value.casefold().startswith(wanted))
+        found = [item for item in enumerate(entries, start=1) if query in item[1].value.casefold()]
+        found.sort(key=lambda item: not item[1].value.casefold().startswith(query))
         for number, entry in found:
             key = f"{number}  " if number <= 9 else ""
             meaning = f"  ·  {entry.description}" if entry.description else ""
@@ -500,7 +500,7 @@ class LabelCard(FloatingCard):
             row.setSizeHint(QSize(200, _ROW_PX))
             self.list.addItem(row)
         values = [entry.value for _, entry in found]
-        self.list.setCurrentRow(values.index(self._before) if not wanted and self._before in values else 0)
+        self.list.setCurrentRow(values.index(self._before) if not query and self._before in values else 0)
         self.list.setFont(self._theme.font(tokens.STATUS_PX))
         self.list.setFixedHeight(_ROW_PX * min(_MOST_ROWS, max(1, len(entries))) + 4)
         self.list.setMinimumWidth(min(360, max(240, self.list.sizeHintForColumn(0) + 24)))

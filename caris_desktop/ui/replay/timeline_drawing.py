@@ -112,9 +112,9 @@ class TimelineDrawing:
         self._named = named
         self._labels: dict[tuple[str, int, bool], QStaticText] = {}
 
-    def color_of(self, shown: TimelineState, coder: str) -> QColor:
+    def color_of(self, state: TimelineState, coder: str) -> QColor:
         colors = self._theme.colors.coders
-        return QColor(colors[shown.coders.index(coder) % len(colors)] if coder in shown.coders else colors[0])
+        return QColor(colors[state.coders.index(coder) % len(colors)] if coder in state.coders else colors[0])
 
     def _empty(self, width_px: int, height_px: int, ratio: float, ground: str) -> QPixmap:
         layer = QPixmap(max(1, round(width_px * ratio)), max(1, round(height_px * ratio)))
@@ -124,27 +124,27 @@ class TimelineDrawing:
 
     # ---- row names
 
-    def names(self, shown: TimelineState, ratio: float) -> QPixmap:
+    def names(self, state: TimelineState, ratio: float) -> QPixmap:
         """Layer of row names, including the corner above."""
         theme = self._theme
-        layer = self._empty(NAMES_PX, shown.height_px, ratio, "panel")
+        layer = self._empty(NAMES_PX, state.height_px, ratio, "panel")
         painter = QPainter(layer)
-        painter.setClipRect(0, RULER_PX, NAMES_PX, shown.height_px - RULER_PX)
+        painter.setClipRect(0, RULER_PX, NAMES_PX, state.height_px - RULER_PX)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        for index in shown.visible_rows():
-            self._draw_name(painter, shown, index)
+        for index in state.visible_rows():
+            self._draw_name(painter, state, index)
         painter.setClipping(False)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
         painter.setPen(theme.color("line"))
-        painter.drawLine(NAMES_PX - 1, 0, NAMES_PX - 1, shown.height_px)
+        painter.drawLine(NAMES_PX - 1, 0, NAMES_PX - 1, state.height_px)
         painter.drawLine(0, RULER_PX - 1, NAMES_PX, RULER_PX - 1)
         painter.end()
         return layer
 
-    def _draw_name(self, painter: QPainter, shown: TimelineState, index: int) -> None:
-        theme, row, top = self._theme, shown.rows[index], shown.row_top(index)
+    def _draw_name(self, painter: QPainter, state: TimelineState, index: int) -> None:
+        theme, row, top = self._theme, state.rows[index], state.row_top(index)
         rect = QRectF(0, top, NAMES_PX - 1, row.height_px)
-        if row.key == shown.active:
+        if row.key == state.active:
             painter.fillRect(rect, theme.color("blue_soft"))
             painter.fillRect(QRectF(0, top, 3, row.height_px), theme.color("blue"))
         painter.fillRect(QRectF(0, rect.bottom() - 1, NAMES_PX, 1), theme.color("line"))
@@ -152,7 +152,7 @@ class TimelineDrawing:
         if row.own:
             letters = initials(row.coder)
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(self.color_of(shown, row.coder))
+            painter.setBrush(self.color_of(state, row.coder))
             painter.drawEllipse(chip)
             painter.setPen(theme.color("panel"))
             painter.setFont(theme.font(9 if len(letters) > 1 else 11, tokens.WEIGHT_SEMIBOLD))
@@ -167,7 +167,7 @@ class TimelineDrawing:
         painter.setPen(theme.color("text" if row.own else "dim"))
         painter.drawText(QRectF(left, top, room, row.height_px), _LEFT, name)
         used = metrics.horizontalAdvance(name) + 8
-        detail = _detail_of(shown, row)
+        detail = _detail_of(state, row)
         if detail and room - used > TEXT_FROM_PX:
             small = theme.font(tokens.KEY_CAP_PX)
             painter.setFont(small)
@@ -177,25 +177,25 @@ class TimelineDrawing:
 
     # ---- rows
 
-    def rows(self, shown: TimelineState, ratio: float) -> QPixmap:
+    def rows(self, state: TimelineState, ratio: float) -> QPixmap:
         """Layer of ruler and rows, without row names."""
-        theme, room = self._theme, shown.room_px
-        layer = self._empty(room, shown.height_px, ratio, "window")
+        theme, room = self._theme, state.room_px
+        layer = self._empty(room, state.height_px, ratio, "window")
         painter = QPainter(layer)
-        ticks = ruler_ticks(shown.scale, room)
-        xs = [round(shown.scale.to_px(tick.at_ms)) for tick in ticks]
+        ticks = ruler_ticks(state.scale, room)
+        xs = [round(state.scale.to_px(tick.at_ms)) for tick in ticks]
         painter.setPen(theme.color("line"))
         for tick, x in zip(ticks, xs, strict=True):
             if tick.label:
-                painter.drawLine(x, RULER_PX, x, shown.height_px)
-        wanted: list[Moment] = []
-        for index in shown.visible_rows():
-            self._draw_row(painter, shown, index, wanted)
-        if not shown.rows and shown.words:
-            place = QRect(0, RULER_PX, room, shown.height_px - RULER_PX)
+                painter.drawLine(x, RULER_PX, x, state.height_px)
+        moments: list[Moment] = []
+        for index in state.visible_rows():
+            self._draw_row(painter, state, index, moments)
+        if not state.rows and state.words:
+            place = QRect(0, RULER_PX, room, state.height_px - RULER_PX)
             painter.setFont(theme.font())
             painter.setPen(theme.color("dim"))
-            painter.drawText(place, int(Qt.AlignmentFlag.AlignCenter), shown.words)
+            painter.drawText(place, int(Qt.AlignmentFlag.AlignCenter), state.words)
         painter.fillRect(0, 0, room, RULER_PX, theme.color("panel"))
         painter.setFont(theme.font(tokens.KEY_CAP_PX))
         for tick, x in zip(ticks, xs, strict=True):
@@ -207,73 +207,75 @@ class TimelineDrawing:
         painter.setPen(theme.color("line"))
         painter.drawLine(0, RULER_PX - 1, room, RULER_PX - 1)
         painter.end()
-        self._thumbnails.want_shown(wanted)
+        self._thumbnails.want_shown(moments)
         return layer
 
-    def _draw_row(self, painter: QPainter, shown: TimelineState, index: int, wanted: list[Moment]) -> None:
-        row, top, theme = shown.rows[index], shown.row_top(index), self._theme
-        if row.key == shown.active:
-            painter.fillRect(QRect(0, top, shown.room_px, row.height_px), theme.color("panel"))
-        painter.fillRect(QRect(0, top + row.height_px - 1, shown.room_px, 1), theme.color("line"))
+    def _draw_row(self, painter: QPainter, state: TimelineState, index: int, moments: list[Moment]) -> None:
+        row, top, theme = state.rows[index], state.row_top(index), self._theme
+        if row.key == state.active:
+            painter.fillRect(QRect(0, top, state.room_px, row.height_px), theme.color("panel"))
+        painter.fillRect(QRect(0, top + row.height_px - 1, state.room_px, 1), theme.color("line"))
         match row.kind:
             case "pictures":
-                self._draw_pictures(painter, shown, row, top, wanted)
+                self._draw_pictures(painter, state, row, top, moments)
             case "sound":
-                self._draw_sound(painter, shown, row, top)
+                self._draw_sound(painter, state, row, top)
             case "speed":
-                self._draw_speed(painter, shown, row, top)
+                self._draw_speed(painter, state, row, top)
             case _:
-                self._draw_annotations(painter, shown, row, top)
+                self._draw_annotations(painter, state, row, top)
 
-    def _draw_pictures(self, painter: QPainter, shown: TimelineState, row: Row, top: int, wanted: list[Moment]) -> None:
+    def _draw_pictures(
+        self, painter: QPainter, state: TimelineState, row: Row, top: int, moments: list[Moment]
+    ) -> None:
         height = row.height_px - 5
         width = height * _PICTURE_SHAPE
-        step_ms = picture_step_ms(shown.scale.px_per_ms, width + 2)
-        first = int(shown.scale.start_ms // step_ms) * step_ms
+        step_ms = picture_step_ms(state.scale.px_per_ms, width + 2)
+        first = int(state.scale.start_ms // step_ms) * step_ms
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
         ground = self._theme.color("raised")
-        for at_ms in range(first, int(min(shown.scale.to_ms(shown.room_px), shown.duration_ms)) + 1, step_ms):
-            middle_ms = min(at_ms + step_ms // 2, int(shown.duration_ms))
-            moment = (row.source, shown.started_ns + middle_ms * 1_000_000)
-            place = QRectF(shown.scale.to_px(at_ms), top + 2, width, height)
+        for at_ms in range(first, int(min(state.scale.to_ms(state.room_px), state.duration_ms)) + 1, step_ms):
+            middle_ms = min(at_ms + step_ms // 2, int(state.duration_ms))
+            moment = (row.source, state.started_ns + middle_ms * 1_000_000)
+            place = QRectF(state.scale.to_px(at_ms), top + 2, width, height)
             picture = self._thumbnails.picture(*moment)
             if picture is None:
-                wanted.append(moment)
+                moments.append(moment)
             if picture is None or picture.isNull():
                 painter.fillRect(place, ground)
             else:
                 size = picture.size().toSizeF().scaled(place.size(), Qt.AspectRatioMode.KeepAspectRatio)
                 painter.drawImage(QRectF(place.topLeft(), size), picture)
 
-    def _draw_sound(self, painter: QPainter, shown: TimelineState, row: Row, top: int) -> None:
-        waves = () if shown.overview is None else shown.overview.waveforms
+    def _draw_sound(self, painter: QPainter, state: TimelineState, row: Row, top: int) -> None:
+        waves = () if state.overview is None else state.overview.waveforms
         wave = next((wave for wave in waves if wave.source == row.source), None)
         if wave is None:
             return
         columns = wave_columns(
             wave,
-            first_ns=shown.started_ns + round(shown.scale.start_ms * 1e6),
-            ns_per_px=1e6 / shown.scale.px_per_ms,
-            width_px=shown.room_px,
+            first_ns=state.started_ns + round(state.scale.start_ms * 1e6),
+            ns_per_px=1e6 / state.scale.px_per_ms,
+            width_px=state.room_px,
         )
-        half, loudest = (row.height_px - 7) / 2, shown.loudest[row.source]
+        half, loudest = (row.height_px - 7) / 2, state.loudest[row.source]
         tops, bottoms = half + 3 - columns[:, 1] / loudest * half, half + 3 - columns[:, 0] / loudest * half
         strokes = columns_image(tops, np.maximum(bottoms, tops + 1), row.height_px - 1, self._theme.color("green"))
         painter.drawImage(0, top, strokes)
 
-    def _draw_speed(self, painter: QPainter, shown: TimelineState, row: Row, top: int) -> None:
-        if shown.overview is None:
+    def _draw_speed(self, painter: QPainter, state: TimelineState, row: Row, top: int) -> None:
+        if state.overview is None:
             return
-        columns = speed_columns(shown.overview.speed, shown.scale, shown.room_px)
+        columns = speed_columns(state.overview.speed, state.scale, state.room_px)
         height = row.height_px - 1
-        tops = height - columns[:, 0] / shown.fastest_mps * (height - 4)
+        tops = height - columns[:, 0] / state.fastest_mps * (height - 4)
         ground = self._theme.color("blue")
         ground.setAlpha(120)
         painter.drawImage(0, top, columns_image(tops, np.full(len(columns), height, np.float32), height, ground))
         painter.drawImage(0, top, columns_image(tops - 1, tops + 0.6, height, self._theme.color("blue")))
 
-    def _draw_annotations(self, painter: QPainter, shown: TimelineState, row: Row, top: int) -> None:
-        track, scale, room = shown.track_of(row), shown.scale, shown.room_px
+    def _draw_annotations(self, painter: QPainter, state: TimelineState, row: Row, top: int) -> None:
+        track, scale, room = state.track_of(row), state.scale, state.room_px
         found = track.between(scale.start_ms, scale.to_ms(room))
         if not found:
             return
@@ -281,7 +283,7 @@ class TimelineDrawing:
         lefts = ((track.starts_ms[part] - scale.start_ms) * scale.px_per_ms).astype(np.int64)
         # A pixel of space separates adjacent boxes.
         rights = np.maximum(((track.ends_ms[part] - scale.start_ms) * scale.px_per_ms).astype(np.int64) - 1, lefts + 1)
-        line = self.color_of(shown, row.coder) if row.own else theme.color("line_strong")
+        line = self.color_of(state, row.coder) if row.own else theme.color("line_strong")
         ground = QColor(line) if row.own else theme.color("line")
         if row.own:
             ground.setAlpha(70)
@@ -376,14 +378,14 @@ def _image(pixels: NDArray[np.uint32]) -> QImage:
     return image.copy()
 
 
-def _detail_of(shown: TimelineState, row: Row) -> str:
+def _detail_of(state: TimelineState, row: Row) -> str:
     """Detail shown next to a row's name."""
     if row.own and row.tier is not None:
         same = row.tier.vocabulary.casefold() in ("", row.tier.name.casefold())
         return row.coder if same else f"{row.coder} · {vocabulary_title(row.tier.vocabulary)}"
     if row.kind != "speed":
         return ""
-    return tr("up to {speed} m/s").format(speed=f"{shown.fastest_mps:.1f}")
+    return tr("up to {speed} m/s").format(speed=f"{state.fastest_mps:.1f}")
 
 
 def _row_icon(row: Row) -> str:

@@ -104,9 +104,9 @@ def ruler_text(at_ms: int, step_ms: int = 1000) -> str:
 
 def exact_text(at_ms: float) -> str:
     """Time as 00:12.340, or 1:02:03.456 from an hour on."""
-    whole = round(at_ms)
-    sign, whole = ("-", -whole) if whole < 0 else ("", whole)
-    minutes, rest_ms = divmod(whole, 60_000)
+    rounded_ms = round(at_ms)
+    sign, rounded_ms = ("-", -rounded_ms) if rounded_ms < 0 else ("", rounded_ms)
+    minutes, rest_ms = divmod(rounded_ms, 60_000)
     hours, minutes = divmod(minutes, 60)
     text = f"{hours}:{minutes:02}" if hours else f"{minutes:02}"
     return f"{sign}{text}:{rest_ms // 1000:02}.{rest_ms % 1000:03}"
@@ -242,11 +242,11 @@ def arranged(rows: Iterable[Row], order: Sequence[str], hidden: Collection[str],
         if key not in keys:
             keys.insert(keys.index(before) + 1 if before in keys else 0, key)
         before = key
-    wanted = words.casefold().split()
+    query_words = words.casefold().split()
     return [
         row
         for row in (by_key[key] for key in keys)
-        if row.key not in hidden and all(word in f"{row.name} {row.coder}".casefold() for word in wanted)
+        if row.key not in hidden and all(word in f"{row.name} {row.coder}".casefold() for word in query_words)
     ]
 
 

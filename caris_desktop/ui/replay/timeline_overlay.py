@@ -34,10 +34,10 @@ class TimelineOverlay:
     """Paints over the static layers on each repaint. ``refused``: the drag cannot be dropped there."""
 
     def __init__(
-        self, theme: Theme, shown: TimelineState, geometry: TimelineGeometry, drawing: TimelineDrawing
+        self, theme: Theme, state: TimelineState, geometry: TimelineGeometry, drawing: TimelineDrawing
     ) -> None:
         self._theme = theme
-        self._shown = shown
+        self._state = state
         self._geometry = geometry
         self._drawing = drawing
         self.selected: Annotation | None = None
@@ -48,7 +48,7 @@ class TimelineOverlay:
 
     def paint(self, painter: QPainter) -> None:
         painter.save()
-        painter.setClipRect(QRect(NAMES_PX, RULER_PX, self._shown.room_px, self._shown.height_px - RULER_PX))
+        painter.setClipRect(QRect(NAMES_PX, RULER_PX, self._state.room_px, self._state.height_px - RULER_PX))
         self._paint_selection(painter)
         self._paint_open(painter)
         self._paint_drag(painter)
@@ -69,7 +69,7 @@ class TimelineOverlay:
         painter.setBrush(Qt.BrushStyle.NoBrush)
         painter.drawRoundedRect(rect.adjusted(0, 0, 0, -0.5), 3, 3)
         own = next(
-            (row.own for row in self._shown.rows if row.tier is not None and row.tier.tier_id == item.tier_id), False
+            (row.own for row in self._state.rows if row.tier is not None and row.tier.tier_id == item.tier_id), False
         )
         if own and rect.width() >= 24:
             painter.setPen(Qt.PenStyle.NoPen)
@@ -84,10 +84,10 @@ class TimelineOverlay:
         index = self._geometry.index_of(f"tier {stretch.tier_id}")
         if index is None:
             return
-        end_ms = max(self._shown.position_ms, stretch.start_ms + 2 / self._shown.scale.px_per_ms)
+        end_ms = max(self._state.position_ms, stretch.start_ms + 2 / self._state.scale.px_per_ms)
         rect = self._geometry.interval_rect(index, stretch.start_ms, end_ms)
         self._paint_ghost(
-            painter, rect, self._drawing.color_of(self._shown, self._shown.rows[index].coder), stretch.value
+            painter, rect, self._drawing.color_of(self._state, self._state.rows[index].coder), stretch.value
         )
 
     def _paint_drag(self, painter: QPainter) -> None:
@@ -99,7 +99,7 @@ class TimelineOverlay:
         color = (
             self._theme.color("amber")
             if self.refused
-            else self._drawing.color_of(self._shown, self._shown.rows[index].coder)
+            else self._drawing.color_of(self._state, self._state.rows[index].coder)
         )
         value = "" if drag.annotation is None else drag.annotation.value
         before = None if drag.annotation is None else self._geometry.rect_of(drag.annotation)
@@ -129,7 +129,7 @@ class TimelineOverlay:
         """Paint the times of a drag, above or below it."""
         font = self._theme.font(tokens.KEY_CAP_PX)
         width = QFontMetricsF(font).horizontalAdvance(text) + 14
-        left = min(max(NAMES_PX + 4.0, rect.left()), self._shown.width_px - width - 4)
+        left = min(max(NAMES_PX + 4.0, rect.left()), self._state.width_px - width - 4)
         top = rect.top() - 23 if rect.top() - 23 > RULER_PX else rect.bottom() + 4
         note = QRectF(left, top, width, 20)
         painter.setPen(QPen(self._theme.color("line_strong"), 1))
@@ -140,9 +140,9 @@ class TimelineOverlay:
         painter.drawText(note, int(Qt.AlignmentFlag.AlignCenter), text)
 
     def _paint_hovered_row(self, painter: QPainter) -> None:
-        if self.hover is None or self.hover.part != "names" or self.hover.row >= len(self._shown.rows):
+        if self.hover is None or self.hover.part != "names" or self.hover.row >= len(self._state.rows):
             return
-        row, top = self._shown.rows[self.hover.row], self._shown.row_top(self.hover.row)
+        row, top = self._state.rows[self.hover.row], self._state.row_top(self.hover.row)
         rect = QRectF(NAMES_PX - MENU_PX, top + row.height_px / 2 - 8, 16, 16)
         if top >= RULER_PX - row.height_px / 2:
             draw_icon(painter, rect, "dots-three", self._theme.color("text"))
@@ -151,8 +151,8 @@ class TimelineOverlay:
         drag = self.drag
         if drag is None or drag.kind != "row" or not drag.moving:
             return
-        y = RULER_PX + self._shown.tops[min(drag.target, len(self._shown.rows))] - self._shown.scroll_y
-        painter.fillRect(QRectF(0, y - 1.5, self._shown.width_px, 3), self._theme.color("blue"))
+        y = RULER_PX + self._state.tops[min(drag.target, len(self._state.rows))] - self._state.scroll_y
+        painter.fillRect(QRectF(0, y - 1.5, self._state.width_px, 3), self._theme.color("blue"))
 
     def _paint_position(self, painter: QPainter) -> None:
         """Paint the playhead's time in the corner, to the millisecond."""
@@ -161,19 +161,19 @@ class TimelineOverlay:
         painter.setPen(self._theme.color("dim"))
         place = QRectF(14, 0, NAMES_PX - 28, RULER_PX - 1)
         painter.drawText(
-            place, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), exact_text(self._shown.position_ms)
+            place, int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft), exact_text(self._state.position_ms)
         )
 
     def _paint_playhead(self, painter: QPainter) -> None:
-        x = self._shown.scale.to_px(self._shown.position_ms)
-        if not -6 <= x <= self._shown.room_px + 6:
+        x = self._state.scale.to_px(self._state.position_ms)
+        if not -6 <= x <= self._state.room_px + 6:
             return
-        painter.setClipRect(NAMES_PX - 6, 0, self._shown.room_px + 6, self._shown.height_px)
+        painter.setClipRect(NAMES_PX - 6, 0, self._state.room_px + 6, self._state.height_px)
         at = NAMES_PX + x
         color = self._theme.color("blue")
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(color)
-        painter.drawRect(QRectF(at - 0.75, RULER_PX - 9, 1.5, self._shown.height_px))
+        painter.drawRect(QRectF(at - 0.75, RULER_PX - 9, 1.5, self._state.height_px))
         top = RULER_PX - 15
         painter.drawPolygon(QPolygonF([
             QPointF(at - 6, top), QPointF(at + 6, top), QPointF(at + 6, top + 6), QPointF(at, top + 13),

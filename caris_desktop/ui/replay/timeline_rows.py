@@ -60,7 +60,7 @@ class TimelineRows(QObject):
         self.filter.setFixedWidth(136)
         self.filter.setFixedHeight(30)
         self.filter.textChanged.connect(lambda _text: self.changed.emit())
-        canvas.row_menu_wanted.connect(self.open_row_menu)
+        canvas.row_menu_requested.connect(self.open_row_menu)
         canvas.row_opened.connect(self._on_row_opened)
         canvas.row_moved.connect(self.move_row)
 
@@ -106,8 +106,8 @@ class TimelineRows(QObject):
         return refusal
 
     def open_agreement(self) -> None:
-        own = [tier for tier in self._acts.document.tiers if tier.coder]
-        if len(own) < 2:
+        own_tiers = [tier for tier in self._acts.document.tiers if tier.coder]
+        if len(own_tiers) < 2:
             self._acts.say(tr("Agreement compares two tiers. Add the other coder’s tier, or import it."))
             return
         AgreementDialog(self._theme, self._acts.document, self._view).open()
@@ -128,19 +128,19 @@ class TimelineRows(QObject):
 
     def move_row(self, key: str, position: int) -> None:
         """Move a visible row. The order of a coder's own tiers is saved with them."""
-        shown = moved_key([row.key for row in self._canvas.rows], key, position)
+        keys = moved_key([row.key for row in self._canvas.rows], key, position)
         everything = [row.key for row in arranged(self._every_row(), self._order, (), "")]
         # Hidden rows stay behind their predecessor.
-        order = list(shown)
+        order = list(keys)
         for index, other in enumerate(everything):
-            if other not in shown:
+            if other not in keys:
                 before = everything[index - 1] if index else ""
                 order.insert(order.index(before) + 1 if before in order else 0, other)
         self._order = order
-        own = [other.removeprefix("tier ") for other in order if other.startswith("tier ")]
+        tier_ids = [other.removeprefix("tier ") for other in order if other.startswith("tier ")]
         tier_id = key.removeprefix("tier ")
-        if tier_id in own and own != [tier.tier_id for tier in self._acts.document.tiers if tier.coder]:
-            self._acts.edit(lambda document: annotation_editing.move_tier(document, tier_id, own.index(tier_id)))
+        if tier_id in tier_ids and tier_ids != [tier.tier_id for tier in self._acts.document.tiers if tier.coder]:
+            self._acts.edit(lambda document: annotation_editing.move_tier(document, tier_id, tier_ids.index(tier_id)))
         self.changed.emit()
         self._canvas.show_row(key)
 
@@ -194,7 +194,7 @@ class TimelineRows(QObject):
         down.triggered.connect(self._row_mover(key, index + 1))
         menu.addAction(tr("Hide")).triggered.connect(lambda: self.set_row_shown(key, shown=False))
         if row.own and row.tier is not None:
-            count = len(self._canvas.shown.track_of(row).annotations)
+            count = len(self._canvas.state.track_of(row).annotations)
             menu.addSeparator()
             words = tr("Remove the tier with its %n annotations", "", count) if count else tr("Remove the tier")
             menu.addAction(words).triggered.connect(self._tier_remover(row.tier.tier_id))
@@ -262,7 +262,7 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
         self.setWindowTitle(tr("Import annotations"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._import_file = import_file
-        self._asked = 0
+        self._request_number = 0
         self.finished.connect(self._forget)
         heading = QLabel(tr("Choose the file and its coder"))
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
@@ -304,10 +304,10 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
         self._refusal.setObjectName("import_refusal")
         for label, role in ((hint, "dim"), (self._refusal, "amber")):
             theme.style_text(label, role, tokens.STATUS_PX)
-        take = ActionButton(theme, tr("Import"), icon="check", key="Enter", look="primary", height_px=40)
+        take = ActionButton(theme, tr("Import"), icon="check", key="Enter", role="primary", height_px=40)
         take.setObjectName("import_take")
         take.clicked.connect(self._on_import)
-        cancel = ActionButton(theme, tr("Cancel"), look="ghost", height_px=40)
+        cancel = ActionButton(theme, tr("Cancel"), role="ghost", height_px=40)
         cancel.clicked.connect(self.reject)
         buttons = QHBoxLayout()
         buttons.addWidget(cancel)
@@ -339,12 +339,12 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
         if not text:
             self._say(tr("Choose a file first."))
             return
-        self._asked += 1
-        asked = self._asked
+        self._request_number += 1
+        request_number = self._request_number
         self._say(tr("Reading the file."))
 
         def on_imported(refusal: str) -> None:
-            if asked != self._asked:
+            if request_number != self._request_number:
                 return  # cancelled, or another file was chosen meanwhile
             self._say(refusal)
             if not refusal:
@@ -353,7 +353,7 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
         self._import_file(Path(text).expanduser(), " ".join(self._coder.currentText().split()), on_imported)
 
     def _forget(self) -> None:
-        self._asked = -1
+        self._request_number = -1
 
     def _say(self, text: str) -> None:
         self._refusal.setText(text)

@@ -58,7 +58,7 @@ class TimelineView(QWidget):
 
     accessible_role = QAccessible.Role.Grouping
 
-    open_wanted = Signal(bool)
+    open_requested = Signal(bool)
 
     def __init__(self, theme: Theme, replay: ReplayControls, state: LiveState, actions: Actions) -> None:
         super().__init__()
@@ -77,7 +77,7 @@ class TimelineView(QWidget):
         self._description = ThrottledAccessibleDescription(self.canvas, self._accessible_text)
         self.acts = TimelineCommands(theme, replay, self.canvas, self)
         self.acts.open_changed.connect(self._on_selection_changed)
-        self.acts.timeline_wanted.connect(lambda: self.open_wanted.emit(True))
+        self.acts.timeline_requested.connect(lambda: self.open_requested.emit(True))
         actions.add_rows(TIMELINE_ACTIONS, self.acts)
         self.rows = TimelineRows(self, self.canvas, self.acts, theme=theme, replay=replay, state=state, actions=actions)
         self.rows.changed.connect(self._show_rows)
@@ -86,7 +86,7 @@ class TimelineView(QWidget):
         self._down = QScrollBar(Qt.Orientation.Vertical)
         self._down.valueChanged.connect(self.canvas.scroll_to)
         self.strip = CodingStrip(theme, actions)
-        self.strip.add_tier_wanted.connect(self.rows.open_tier_dialog)
+        self.strip.add_tier_requested.connect(self.rows.open_tier_dialog)
         self._header = self._make_header()
         middle = QGridLayout()
         middle.setContentsMargins(1, 0, 1, 0)
@@ -156,7 +156,7 @@ class TimelineView(QWidget):
             spec = actions.spec(action_id)
             if spec is None:
                 continue
-            button = ActionButton(theme, "", icon=spec.icon, look="ghost", height_px=30)
+            button = ActionButton(theme, "", icon=spec.icon, role="ghost", height_px=30)
             button.setObjectName(action_id)
             button.setAccessibleName(spec.text)
             button.setToolTip(f"{spec.text} ({actions.key_text(action_id)})")
@@ -165,7 +165,7 @@ class TimelineView(QWidget):
             self._in_header.append(button)
         self._drawer = ActionButton(theme, "", height_px=30, text_px=tokens.STATUS_PX + 1)
         self._drawer.setObjectName("timeline_drawer")
-        self._drawer.clicked.connect(lambda: self.open_wanted.emit(not self._opened))
+        self._drawer.clicked.connect(lambda: self.open_requested.emit(not self._opened))
         self._drawer.hide()
         row.addWidget(self._drawer)
         return header
@@ -178,11 +178,11 @@ class TimelineView(QWidget):
             show_part(widget, not shut)
         show_part(self._drawer, opened is not None)
         if opened:
-            self._drawer.set_label("", icon="caret-double-down", look="amber")
+            self._drawer.set_label("", icon="caret-double-down", role="amber")
             self._drawer.setToolTip(tr("Back to the picture and the panels"))
             self._drawer.setAccessibleName(tr("Back to the picture and the panels"))
         else:
-            self._drawer.set_label(tr("Open"), icon="caret-double-up", look="amber")
+            self._drawer.set_label(tr("Open"), icon="caret-double-up", role="amber")
             self._drawer.setToolTip(tr("Open the timeline over the panels: not enough room for both"))
             self._drawer.setAccessibleName(tr("Open the timeline"))
         if shut:
@@ -265,9 +265,9 @@ class TimelineView(QWidget):
         if not rows and all_rows(overview, self.document):
             words = self.rows.words()
         self.canvas.show_rows(rows, annotation_editing.coders_of(self.document), words=words)
-        own = [row for row in rows if row.own]
-        if self.canvas.active is None and own:
-            self.canvas.activate(own[0].key)
+        own_rows = [row for row in rows if row.own]
+        if self.canvas.active is None and own_rows:
+            self.canvas.activate(own_rows[0].key)
         self._on_selection_changed()
 
     def _on_playback_changed(self, playback: PlaybackStatus) -> None:
@@ -278,9 +278,9 @@ class TimelineView(QWidget):
 
     def _on_selection_changed(self) -> None:
         active = self.canvas.active
-        own = active is not None and active.own
-        vocabulary = self._vocabulary_of(active) if own else None
-        stretch = self._open_on(active) if own and active is not None else None
+        is_own = active is not None and active.own
+        vocabulary = self._vocabulary_of(active) if is_own else None
+        stretch = self._open_on(active) if is_own and active is not None else None
         tiers = sum(1 for tier in self.document.tiers if tier.coder)
         self.strip.show_tier(active, vocabulary, stretch, tiers=tiers)
         self._fact.setText(self._fact_text())
@@ -293,9 +293,9 @@ class TimelineView(QWidget):
         scale, overview = self.canvas.scale, self._replay.overview.value
         start_ms, end_ms = scale.start_ms, scale.start_ms + self.canvas.room_px / scale.px_per_ms
         total_ms = self.acts.duration_ms()
-        said = [
+        sentences = [
             tr("At {now} of {total}.").format(
-                now=exact_text(self.canvas.shown.position_ms), total=exact_text(total_ms)
+                now=exact_text(self.canvas.state.position_ms), total=exact_text(total_ms)
             ),
             tr("Shown from {start} to {end}.").format(
                 start=exact_text(max(0.0, start_ms)), end=exact_text(min(total_ms, end_ms))
@@ -303,8 +303,8 @@ class TimelineView(QWidget):
         ]
         if overview is not None:
             marks = sum(moment.kind == "mark" for moment in overview.moments)
-            said.append(tr("1 mark.") if marks == 1 else tr("%n marks.", "", marks))
-        return " ".join([*said, self._fact.text()]).strip()
+            sentences.append(tr("1 mark.") if marks == 1 else tr("%n marks.", "", marks))
+        return " ".join([*sentences, self._fact.text()]).strip()
 
     def _open_on(self, row: Row) -> OpenInterval | None:
         """Open interval on this row."""
@@ -334,10 +334,10 @@ class TimelineView(QWidget):
 
     def _on_view_changed(self) -> None:
         canvas, scale = self.canvas, self.canvas.scale
-        shown_ms, shown_px = canvas.room_px / scale.px_per_ms, canvas.height() - RULER_PX
+        visible_ms, visible_px = canvas.room_px / scale.px_per_ms, canvas.height() - RULER_PX
         for bar, maximum, page, value in (
-            (self._across, self.acts.duration_ms() - shown_ms, shown_ms, scale.start_ms),
-            (self._down, canvas.rows_height_px - shown_px, shown_px, canvas.scroll_y),
+            (self._across, self.acts.duration_ms() - visible_ms, visible_ms, scale.start_ms),
+            (self._down, canvas.rows_height_px - visible_px, visible_px, canvas.scroll_y),
         ):
             bar.blockSignals(True)
             bar.setRange(0, max(0, round(maximum)))
@@ -382,8 +382,8 @@ class TimelineView(QWidget):
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
         active = self.canvas.hasFocus()
-        whole = QRectF(self.rect())
-        draw_card(painter, self._theme, whole.adjusted(0, TITLE_HEIGHT_PX, 0, 0), top=False, active=active)
+        bounds = QRectF(self.rect())
+        draw_card(painter, self._theme, bounds.adjusted(0, TITLE_HEIGHT_PX, 0, 0), top=False, active=active)
         draw_card(painter, self._theme, QRectF(0, 0, self.width(), TITLE_HEIGHT_PX), top=True, active=active)
 
 
@@ -422,27 +422,27 @@ _LEAST_WORDS_PX, _MOST_WORDS_PX, _LABEL_PX, _GAP_PX = 72, 640, 112, 8
 class CodingStrip(QWidget):
     """Coding strip below the timeline: labels of the active tier with their keys, and commands.
 
-    Coding strip. ``add_tier_wanted``: no tier yet; all else runs actions of the table.
+    Coding strip. ``add_tier_requested``: no tier yet; all else runs actions of the table.
 
     In a narrow strip commands show icons only, and labels that do not fit are in a menu.
     """
 
-    add_tier_wanted = Signal()
+    add_tier_requested = Signal()
 
     def __init__(self, theme: Theme, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("coding_strip")
         self.setFixedHeight(40)
         self._theme = theme
-        self._shown: tuple[object, ...] | None = None
+        self._contents: tuple[object, ...] | None = None
         self._actions = actions
         self._present = 0
         self._narrow = False
         self._words = ElidedLabel()
         self._words.setObjectName("coding_words")
-        self._add = ActionButton(theme, tr("Add a tier"), icon="plus", look="primary", height_px=30)
+        self._add = ActionButton(theme, tr("Add a tier"), icon="plus", role="primary", height_px=30)
         self._add.setObjectName("coding_add_tier")
-        self._add.clicked.connect(self.add_tier_wanted)
+        self._add.clicked.connect(self.add_tier_requested)
         self._labels: list[ActionButton] = []
         for number in range(1, CODE_COUNT + 1):
             button = ActionButton(theme, "", key_first=True, height_px=30, text_px=tokens.STATUS_PX, may_shrink=True)
@@ -450,7 +450,7 @@ class CodingStrip(QWidget):
             button.setCheckable(True)
             button.bind(actions, f"code_{number}")
             self._labels.append(button)
-        self._more = ActionButton(theme, "", icon="caret-double-right", look="amber", height_px=30)
+        self._more = ActionButton(theme, "", icon="caret-double-right", role="amber", height_px=30)
         self._more.setObjectName("coding_more")
         self._more.setAccessibleName(tr("More labels"))
         self._more.setToolTip(tr("More labels: their keys also work"))
@@ -458,7 +458,7 @@ class CodingStrip(QWidget):
         self._more.hide()
         self._acts: list[ActionButton] = []
         for action_id, _icon, text in _ACTS:
-            button = ActionButton(theme, tr(text), look="ghost", height_px=30, text_px=tokens.STATUS_PX)
+            button = ActionButton(theme, tr(text), role="ghost", height_px=30, text_px=tokens.STATUS_PX)
             button.setObjectName(action_id)
             button.setToolTip(tr(text))
             button.bind(actions, action_id)
@@ -477,15 +477,15 @@ class CodingStrip(QWidget):
         self, row: Row | None, vocabulary: Vocabulary | None, stretch: OpenInterval | None, *, tiers: int
     ) -> None:
         """``row``: the active tier; ``tiers``: the number of tiers."""
-        shown = (row, vocabulary, stretch, tiers)
-        if shown == self._shown:
+        contents = (row, vocabulary, stretch, tiers)
+        if contents == self._contents:
             return
-        self._shown = shown
-        own = row is not None and row.own
-        entries = () if vocabulary is None or not own else vocabulary.entries
+        self._contents = contents
+        is_own = row is not None and row.own
+        entries = () if vocabulary is None or not is_own else vocabulary.entries
         if not tiers:
             words = tr("Nothing is coded in this session yet.")
-        elif row is None or not own:
+        elif row is None or not is_own:
             words = tr("All coders’ tiers are hidden.")
         elif stretch is not None:
             words = tr("{tier}: since {time}").format(tier=row.name, time=exact_text(stretch.start_ms)[:-2])
@@ -505,7 +505,7 @@ class CodingStrip(QWidget):
                 button.setToolTip(entry.description or tr("Press once to start at the playhead, again to end"))
         self._present = min(len(entries), len(self._labels))
         for button in self._acts:
-            show_part(button, own)
+            show_part(button, is_own)
         self._fit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -530,13 +530,13 @@ class CodingStrip(QWidget):
             taken.append(self._add.sizeHint().width())
         room_px = self.width() - 2 * _SIDE_PX - sum(taken) - _GAP_PX * (len(taken) + 1)
         each = [min(button.sizeHint().width(), _LABEL_PX) + _GAP_PX for button in self._labels[: self._present]]
-        shown = self._present
+        count = self._present
         if narrow and sum(each) > room_px:
             room_px -= self._more.sizeHint().width() + _GAP_PX
-            shown = max(1, sum(sum(each[: number + 1]) <= room_px for number in range(self._present)))
+            count = max(1, sum(sum(each[: number + 1]) <= room_px for number in range(self._present)))
         for number, button in enumerate(self._labels):
-            show_part(button, number < shown)
-        show_part(self._more, shown < self._present)
+            show_part(button, number < count)
+        show_part(self._more, count < self._present)
 
     def _open_more(self) -> None:
         menu = QMenu(self)

@@ -54,7 +54,7 @@ class ComparePage(QWidget):
         self.choice.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.choice.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
         self.choice.activated.connect(self._on_chosen)
-        self.said = QLabel(wordWrap=True)
+        self.summary = QLabel(wordWrap=True)
         self._list = layouts.vbox(spacing_px=6)
         holder = QWidget()
         holder.setMaximumWidth(_WIDEST_PX)
@@ -81,7 +81,7 @@ class ComparePage(QWidget):
         head.addStretch(1)
         layout = layouts.vbox(self, margins_px=(24, 16, 24, 16), spacing_px=12)
         layout.addLayout(head)
-        layout.addWidget(self.said)
+        layout.addWidget(self.summary)
         layout.addWidget(splitter, 1)
         self._editing.changed.connect(self._on_changed)
         context.theme.changed.connect(self._on_changed)
@@ -127,11 +127,11 @@ class ComparePage(QWidget):
             drop(self.rows.pop())
         document, found = self._editing.document, self.differences()
         theme = self._context.theme
-        said = tr("Both are identical.")
+        summary = tr("Both are identical.")
         if found:
-            said = tr("Differences: %n. Each line shows the value there → the value here.", "", len(found))
-        self.said.setText(said)
-        self.said.setFont(theme.font(tokens.BODY_PX))
+            summary = tr("Differences: %n. Each line shows the value there → the value here.", "", len(found))
+        self.summary.setText(summary)
+        self.summary.setFont(theme.font(tokens.BODY_PX))
         for difference in found:
             row = self._row(difference, " › ".join(document.words(difference.path)))
             self.rows.append(row)

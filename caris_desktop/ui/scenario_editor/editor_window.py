@@ -109,13 +109,13 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         self._title = ElidedLabel()
         self._state = ElidedLabel()
         self._state.setObjectName("editor_state")
-        self.undo_button = self._button("editor_undo", tr("Undo"), "arrow-u-up-left", self.undo, look="ghost")
-        self.redo_button = self._button("editor_redo", tr("Redo"), "arrow-u-up-right", self.redo, look="ghost")
+        self.undo_button = self._button("editor_undo", tr("Undo"), "arrow-u-up-left", self.undo, role="ghost")
+        self.redo_button = self._button("editor_redo", tr("Redo"), "arrow-u-up-right", self.redo, role="ghost")
         self.revert_button = self._button(
-            "editor_revert", tr("Revert to saved"), "clock-counter-clockwise", self.revert, look="ghost"
+            "editor_revert", tr("Revert to saved"), "clock-counter-clockwise", self.revert, role="ghost"
         )
         self.save_as_button = self._button("editor_save_as", tr("Save as…"), "copy", self.ask_for_name)
-        self.save_button = self._button("editor_save", tr("Save"), "floppy-disk", self.save, look="primary")
+        self.save_button = self._button("editor_save", tr("Save"), "floppy-disk", self.save, role="primary")
         self.save_button.set_key("Ctrl+S")
         self._name_row = QWidget()
         self.name = QLineEdit(placeholderText=tr("Title of the new scenario, for example “Second study”"))
@@ -125,7 +125,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         name_row = layouts.hbox(self._name_row, margins_px=(16, 0, 16, 8))
         name_row.addWidget(self.name, 1)
         name_row.addWidget(self._button("editor_name_save", tr("Save under this title"), "check", self.save_as))
-        name_row.addWidget(self._button("editor_name_cancel", tr("Cancel"), "x", self.leave_name, look="ghost"))
+        name_row.addWidget(self._button("editor_name_cancel", tr("Cancel"), "x", self.leave_name, role="ghost"))
         self._name_row.hide()
 
     def _button(self, name: str, text: str, icon_name: str, do: Callable[[], Any], **more: Any) -> ActionButton:
@@ -246,10 +246,10 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         count = len(document.mistakes)
         where = self._where()
         if count:
-            said = tr("Errors: %n · {where}", "", count).format(where=where)
+            state_text = tr("Errors: %n · {where}", "", count).format(where=where)
         else:
-            said = (tr("Not saved · {where}") if document.changed else tr("Saved · {where}")).format(where=where)
-        self._state.setText(said)
+            state_text = (tr("Not saved · {where}") if document.changed else tr("Saved · {where}")).format(where=where)
+        self._state.setText(state_text)
         self._theme.color_text(self._state, "red" if count else "amber" if document.changed else "dim")
         undo, redo = document.to_undo, document.to_redo
         self.undo_button.setEnabled(undo is not None)
@@ -324,11 +324,11 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         if mistake is None:
             self.notice.take_back("unreadable")
             return
-        said = tr("Line {line} of the text: {reason} The form shows the last valid state.").format(
+        notice = tr("Line {line} of the text: {reason} The form shows the last valid state.").format(
             line=mistake.line, reason=as_sentence(mistake.message)
         )
         self.notice.say(
-            "unreadable", said, "red",
+            "unreadable", notice, "red",
             (tr("Show the line"), lambda: self.show_mistake(0)), (tr("Undo typing"), self.undo),
         )  # fmt: skip
 
@@ -376,22 +376,22 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
 
     def report_not_read(self, problem: str) -> None:
         """Report that the file has become unreadable; the scenario in force is shown."""
-        said = tr(
+        notice = tr(
             "The file cannot be shown as a form: {problem} The editor shows the scenario currently in use; "
             "saving replaces the file."
         )
-        self.notice.say("meanwhile", said.format(problem=as_sentence(problem)), "amber")
+        self.notice.say("meanwhile", notice.format(problem=as_sentence(problem)), "amber")
 
     @property
     def unsaved(self) -> bool:
         self.text_page.flush()
         return self.document.changed
 
-    def ask_before_closing(self, said: str = "", then: Callable[[], None] | None = None) -> None:
+    def ask_before_closing(self, message: str = "", then: Callable[[], None] | None = None) -> None:
         """Ask about unsaved changes; ``then`` runs after closing, unless the wizard continues editing."""
         self.after_closing = then
         self.notice.say(
-            "closing", said or tr("Your changes are not saved."), "amber",
+            "closing", message or tr("Your changes are not saved."), "amber",
             (tr("Save"), self._save_and_close), (tr("Discard"), self._throw_away),
             (tr("Continue editing"), self._go_on),
         )  # fmt: skip
@@ -490,13 +490,15 @@ class KnownNames(QObject):
         state, data = self._state, self._editing.document.data
         if kind == "gestures":
             controls = data.get("controls")
-            own = [
+            scenario_names = [
                 value_at(each, ("id",))
                 for each in (controls if isinstance(controls, list) else ())
                 if value_at(each, ("kind",)) in _DONE_AT_ONCE
             ]
             robots = [control.id for control in state.controls.value if control.kind in _DONE_AT_ONCE]
-            found = tuple(dict.fromkeys(name for name in (NOD, LOOK, *own, *robots) if isinstance(name, str)))
+            found = tuple(
+                dict.fromkeys(name for name in (NOD, LOOK, *scenario_names, *robots) if isinstance(name, str))
+            )
             return Names(found, state.link.value.state == "connected")
         if kind == "expressions":
             return Names(
@@ -524,7 +526,7 @@ class Notice(QWidget):
         super().__init__()
         self.setObjectName("editor_notice")
         self._theme = theme
-        self._what = ""
+        self._topic = ""
         self._role = "blue"
         self.text = QLabel(wordWrap=True)
         self.text.setObjectName("editor_notice_text")
@@ -534,10 +536,10 @@ class Notice(QWidget):
         theme.changed.connect(self.update)
         self.hide()
 
-    def say(self, what: str, text: str, role: str, *answers: Answer) -> None:
-        if (what, text) == (self._what, self.text.text()) and self.isVisible():
+    def say(self, topic: str, text: str, role: str, *answers: Answer) -> None:
+        if (topic, text) == (self._topic, self.text.text()) and self.isVisible():
             return
-        self._what, self._role = what, role
+        self._topic, self._role = topic, role
         self.text.setText(text)
         self.setAccessibleName(text)
         for button in self.answers:
@@ -556,11 +558,11 @@ class Notice(QWidget):
         return button
 
     def _dismiss(self) -> None:
-        self.take_back(self._what)
+        self.take_back(self._topic)
 
-    def take_back(self, what: str) -> None:
-        if what == self._what:
-            self._what = ""
+    def take_back(self, topic: str) -> None:
+        if topic == self._topic:
+            self._topic = ""
             self.hide()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -632,8 +634,8 @@ class Saving(QObject):
         editor.document.pause()
         if editor.document.mistakes:
             self._close_when_saved = False
-            said = tr("Nothing was saved. Errors to correct first: %n", "", len(editor.document.mistakes))
-            editor.notice.say("refused", said, "red", (tr("Show the first"), lambda: editor.show_mistake(0)))
+            notice = tr("Nothing was saved. Errors to correct first: %n", "", len(editor.document.mistakes))
+            editor.notice.say("refused", notice, "red", (tr("Show the first"), lambda: editor.show_mistake(0)))
             editor.show_mistake(0)
             return
         sent = ScenarioDocument(editor.document.text, editor.document.path)
@@ -663,10 +665,10 @@ class Saving(QObject):
         editor.leave_name()
         editor.editing.emit_changes(reshaped=True)
         editor.compare_page.offer_again()
-        said = tr("Saved in {file}.")
+        notice = tr("Saved in {file}.")
         if self._title and self._console.state.recording.value.state in IN_SESSION:
-            said = tr("Saved in {file}. The recording continues with its current scenario; open this one afterwards.")
-        editor.notice.say("saved", said.format(file=saved.path), "green")
+            notice = tr("Saved in {file}. The recording continues with its current scenario; open this one afterwards.")
+        editor.notice.say("saved", notice.format(file=saved.path), "green")
         if self._close_when_saved and not editor.document.changed:
             editor.close()
         self._close_when_saved = False
@@ -680,11 +682,11 @@ class Saving(QObject):
             self._on_scenario_in_force(self._console.scenario)
         if saved.taken:
             editor.ask_for_name()
-            said = tr("“{file}” already contains a scenario and was not changed. Choose another title.")
-            editor.notice.say("name", said.format(file=saved.path.name), "amber")
+            notice = tr("“{file}” already contains a scenario and was not changed. Choose another title.")
+            editor.notice.say("name", notice.format(file=saved.path.name), "amber")
             return
-        said = tr("Not saved: {reason} Your changes are still here.").format(reason=saved.problem)
-        editor.notice.say("saving", said, "red", (tr("Save as…"), editor.ask_for_name))
+        notice = tr("Not saved: {reason} Your changes are still here.").format(reason=saved.problem)
+        editor.notice.say("saving", notice, "red", (tr("Save as…"), editor.ask_for_name))
 
     def _on_other_file(self, found: Opened | str | None) -> None:
         """Handle a conflict: the file has changed meanwhile and may be unreadable."""
@@ -695,20 +697,20 @@ class Saving(QObject):
             except ValueError as error:
                 reason = _error_text(error)
             else:
-                said = tr(
+                message = tr(
                     "Not saved yet: the file was changed elsewhere and has been reloaded. It includes your "
                         "own changes: %n. Check them on the right, then save again.", "", own_changes,
                 )  # fmt: skip
-                notice.say("meanwhile", said, "amber")
+                notice.say("meanwhile", message, "amber")
                 return
-        said = tr(
+        message = tr(
             "Not saved: the file was changed elsewhere and cannot be read: {reason} Your changes are still "
             "here. Save again once the file is valid, or choose:"
         ).format(reason=as_sentence(reason))
         answers = [(tr("Save as…"), self._editor.ask_for_name)]
         if isinstance(found, Opened):
             answers.insert(0, (tr("Overwrite"), partial(self._write_over, found)))
-        notice.say("saving", said, "red", *answers)
+        notice.say("saving", message, "red", *answers)
 
     def _write_over(self, broken: Opened) -> None:
         self._editor.notice.take_back("saving")
@@ -736,14 +738,14 @@ class Saving(QObject):
         except ValueError as error:
             notice.say("meanwhile", broken.format(reason=_error_text(error)), "red")
             return
-        said = tr("The file was changed elsewhere and has been reloaded.")
+        message = tr("The file was changed elsewhere and has been reloaded.")
         if own_changes:
-            said = tr(
+            message = tr(
                 "The file was changed elsewhere and has been reloaded. It includes your own changes: %n",
                 "",
                 own_changes,
             )
-        notice.say("meanwhile", said, "blue")
+        notice.say("meanwhile", message, "blue")
 
     def _rebase(self, found: Opened) -> int:
         """Rebase the edits onto the file's current contents; returns how many remain. Raises ValueError."""

@@ -68,7 +68,9 @@ def part_for(context: FormContext, path: KeyPath, key: Key) -> FormPart:
 class _Holder(FormPart):
     """Container with title, help and error message."""
 
-    def __init__(self, context: FormContext, path: KeyPath, form: ValueForm, key: Key | None, said: str = "") -> None:
+    def __init__(
+        self, context: FormContext, path: KeyPath, form: ValueForm, key: Key | None, help_text: str = ""
+    ) -> None:
         super().__init__(context, path)
         self.form = form
         self.key = key
@@ -79,7 +81,7 @@ class _Holder(FormPart):
         self.parts: list[FormPart] = []
         self.column = layouts.vbox(self, margins_px=0, spacing_px=12)
         self.title_label = QLabel(self.title)
-        self.help_label = QLabel(readable(said))
+        self.help_label = QLabel(readable(help_text))
         self.mistake_label = QLabel()
         self.mistake_label.setObjectName("mistake")
         for label in (self.help_label, self.mistake_label):
@@ -92,7 +94,7 @@ class _Holder(FormPart):
         # A label shown before it has its font would lose the font in the window.
         if not self.title or headed:
             self.title_label.hide()
-        if not said or headed:
+        if not help_text or headed:
             self.help_label.hide()
         self.mistake_label.hide()
         context.theme.changed.connect(self.style_texts)
@@ -205,7 +207,7 @@ class OneOfGroups(_Holder):
     def __init__(self, context: FormContext, path: KeyPath, form: ValueForm, key: Key | None = None) -> None:
         super().__init__(context, path, form, key, said_of(form) if key is not None else "")
         self._groups = groups_of(form.kind)
-        self._shown: Group | None = None
+        self._visible_group: Group | None = None
         self._kind = DropDown(context.theme, "", self.context.spoken(tr("Kind")))
         self._kind.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
         self._kind.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
@@ -221,8 +223,8 @@ class OneOfGroups(_Holder):
 
     def refresh(self) -> None:
         group = group_at(self.form, self.value)
-        if group is not self._shown:
-            self._shown = group
+        if group is not self._visible_group:
+            self._visible_group = group
             while self.parts:
                 drop(self.parts.pop())
             part = GroupPart(self.context, self.path, self.form, group=group)
@@ -399,7 +401,7 @@ class EntryRow(FormPart):
         self._head.addWidget(holder, 0, Qt.AlignmentFlag.AlignBottom)
 
     def _make_card_head(self) -> None:
-        self._fold = ActionButton(self.context.theme, icon="caret-right", look="ghost", may_shrink=True, semibold=True)
+        self._fold = ActionButton(self.context.theme, icon="caret-right", role="ghost", may_shrink=True, semibold=True)
         self._fold.clicked.connect(self._on_fold)
         self._head.addWidget(self._fold, 1)
         self._head.addStretch(1)
@@ -426,7 +428,7 @@ class EntryRow(FormPart):
         say.without_title()
         self._add_field(say, 1)
         self._unfold = ActionButton(
-            self.context.theme, tr("More"), icon="caret-right", look="ghost", height_px=32, text_px=tokens.STATUS_PX,
+            self.context.theme, tr("More"), icon="caret-right", role="ghost", height_px=32, text_px=tokens.STATUS_PX,
             may_shrink=True,
         )  # fmt: skip
         self._unfold.setFixedWidth(_MORE_PX)
@@ -448,7 +450,7 @@ class EntryRow(FormPart):
             ("arrow-down", tr("Move down: {what}"), lambda: self._holder.move_entry(self._index, 1)),
             ("x", tr("Remove: {what}"), lambda: self._holder.remove_entry(self._index)),
         ):
-            button = ActionButton(self.context.theme, icon=icon, look="ghost", height_px=30)
+            button = ActionButton(self.context.theme, icon=icon, role="ghost", height_px=30)
             button.setAccessibleName(words.format(what=name))
             button.setToolTip(words.format(what=name))
             button.clicked.connect(do)
@@ -473,29 +475,29 @@ class EntryRow(FormPart):
         if self._robot_button is not None:
             self._robot_button.refresh()
 
-    def _show_mistakes(self, said: str) -> None:
+    def _show_mistakes(self, message: str) -> None:
         if self._mistake is None:
-            if not said:
+            if not message:
                 return
             self._mistake = QLabel(wordWrap=True)
             self._mistake.setObjectName("mistake")
             self._column.addWidget(self._mistake)
             self._style()
-        self._mistake.setText(said)
-        self._mistake.setVisible(bool(said))
+        self._mistake.setText(message)
+        self._mistake.setVisible(bool(message))
 
     def _refresh_card(self, data: Any) -> None:
         name = card_name(data) or tr("Entry {number}").format(number=self._index + 1)
         wrong = len(self.context.editing.mistakes_within(self.path))
-        shown = tr("{name} · errors: %n", "", wrong).format(name=name) if wrong else name
-        self._fold.set_label(shown, icon="caret-down" if self._open else "caret-right")
-        self._fold.setAccessibleName(self.context.spoken(shown))
+        label = tr("{name} · errors: %n", "", wrong).format(name=name) if wrong else name
+        self._fold.set_label(label, icon="caret-down" if self._open else "caret-right")
+        self._fold.setAccessibleName(self.context.spoken(label))
         if self._body is not None:
             self._body.refresh()
 
     def _refresh_more(self, data: Any) -> None:
-        said = [value_at(data, (key.name,)) for key in self._others]
-        there = " · ".join(value for value in said if isinstance(value, str) and value)
+        values = [value_at(data, (key.name,)) for key in self._others]
+        there = " · ".join(value for value in values if isinstance(value, str) and value)
         words, caret = (tr("Less"), "caret-down") if self._open else (there or tr("More"), "caret-right")
         self._unfold.set_label(words, icon=caret)
         self._unfold.setAccessibleName(self.context.spoken(words))
@@ -602,8 +604,8 @@ def key_of_entry(data: Any, path: KeyPath) -> str:
         case ("recording", "labels", int(index)):
             return _KEYS.get(f"label_{index + 1}", "")
         case ("gestures", int(index)):
-            own = _keys_in(value_at(data, path)).get("key")
-            return str(own) if own else _KEYS.get(f"gesture_{index + 1}", "")
+            key = _keys_in(value_at(data, path)).get("key")
+            return str(key) if key else _KEYS.get(f"gesture_{index + 1}", "")
         case ("places", int(index)):
             return _KEYS.get(f"place_{index + 1}", "")
     return ""

@@ -59,8 +59,8 @@ def _mistakes(document: ScenarioDocument, colors: Colors) -> str:
     count = len(document.mistakes)
     parts = [_heading(tr("Errors to correct before saving: %n", "", count), colors, "red")]
     for number, mistake in enumerate(document.mistakes):
-        said = tr("Line {line}: {message}").format(line=mistake.line, message=mistake.message)
-        link = f'<a href="mistake:{number}" style="color:{colors.red}">{escape(said)}</a>'
+        message = tr("Line {line}: {message}").format(line=mistake.line, message=mistake.message)
+        link = f'<a href="mistake:{number}" style="color:{colors.red}">{escape(message)}</a>'
         parts.append(_line(link, colors, "red"))
     return "".join(parts)
 
@@ -77,8 +77,8 @@ def _valued(document: ScenarioDocument, name: str) -> Any:
     """Parsed value of a key, regardless of errors elsewhere; if it has an error itself, the last valid value."""
     (key,) = (key for key in keys_of(Scenario) if key.name == name)
     if not any(mistake.path[:1] == (name,) for mistake in document.mistakes):
-        said = document.value((name,))
-        return key.default if said is ABSENT else value_from(key.form, said)
+        value = document.value((name,))
+        return key.default if value is ABSENT else value_from(key.form, value)
     return getattr(document.scenario, key.attribute) if document.scenario is not None else key.default
 
 
@@ -96,11 +96,11 @@ def _phrases(document: ScenarioDocument, colors: Colors) -> str:
             )
         rows = []
         for key, phrase in zip(keys, group.phrases, strict=False):
-            own = f" {_cap(phrase.key, colors)}" if phrase.key else ""
+            key_html = f" {_cap(phrase.key, colors)}" if phrase.key else ""
             remark = _reported_taken(phrase.key, taken, colors)
             rows.append(
                 f'<tr><td style="padding:3px 8px 3px 0">{_cap(key, colors)}</td>'
-                f'<td style="padding:3px 0">{escape(phrase.say)}{own}{remark}</td></tr>'
+                f'<td style="padding:3px 0">{escape(phrase.say)}{key_html}{remark}</td></tr>'
             )
         parts.append(f"<table>{''.join(rows)}</table>")
     filler = _valued(document, "filler")
@@ -204,8 +204,8 @@ def _recording(document: ScenarioDocument, colors: Colors) -> str:
 def _assistant(document: ScenarioDocument, colors: Colors) -> str:
     permissions = _valued(document, "permissions")
     if not permissions.assistant:
-        said = tr("This scenario does not allow the assistant, so none of this is used.")
-        return _heading(said, colors, "amber")
+        template = tr("This scenario does not allow the assistant, so none of this is used.")
+        return _heading(template, colors, "amber")
     settings, levels = _valued(document, "assistant"), _valued(document, "assistance")
     parts = [_heading(tr("Instructions to the model before a question"), colors)]
     texts = [("", settings.system_prompt)]
@@ -227,8 +227,8 @@ def _assistant(document: ScenarioDocument, colors: Colors) -> str:
     parts.append(_heading(tr("Automation"), colors))
     for words in _LEVELS:
         countdown_s, late_s = f"{levels.countdown_s:g}", f"{levels.filler_after_s:g}"
-        said = tr(_LEVELS[words][getattr(levels, words)])
-        parts.append(_line(escape(said.format(countdown_s=countdown_s, late_s=late_s)), colors))
+        template = tr(_LEVELS[words][getattr(levels, words)])
+        parts.append(_line(escape(template.format(countdown_s=countdown_s, late_s=late_s)), colors))
     return "".join(parts)
 
 
@@ -267,9 +267,9 @@ def _allowed(document: ScenarioDocument, colors: Colors) -> str:
     if not off:
         parts.append(_line(escape(tr("Everything is allowed.")), colors, "dim"))
     for name in off:
-        said = [each.words for each in consequences(name) if each.sort != "act"]
+        effects = [each.words for each in consequences(name) if each.sort != "act"]
         words = tr("{permission}: {what}").format(
-            permission=titles[name], what=", ".join(said) or tr("no key or panel")
+            permission=titles[name], what=", ".join(effects) or tr("no key or panel")
         )
         parts.append(_line(escape(words), colors, "dim"))
     return "".join(parts)
@@ -300,15 +300,15 @@ def _found(permission: str) -> Iterator[Consequence]:
     for panel in PANELS.values():
         if panel.permission == permission:
             yield Consequence("panel", panel.title)
-    asked_by_key = set()
+    keyed_intents = set()
     for spec in ACTIONS:
         intent = _intent_of(spec)
         needed = INTENTS[intent].permissions if intent is not None else ()
         if spec.permission == permission or permission in needed:
-            asked_by_key.add(intent)
+            keyed_intents.add(intent)
             yield Consequence("key", spec.text, spec.keys[0] if spec.keys else "")
     for intent, line in INTENTS.items():
-        if permission in line.permissions and intent not in asked_by_key:
+        if permission in line.permissions and intent not in keyed_intents:
             yield Consequence("act", line.words)
 
 

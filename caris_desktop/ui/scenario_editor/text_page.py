@@ -21,13 +21,13 @@ def changed_lines(before: str, after: str) -> tuple[set[int], set[int]]:
     """Changed or new lines of ``after``, and lines that follow a deletion; counted from 0."""
     matcher = difflib.SequenceMatcher(None, before.splitlines(), after.splitlines(), autojunk=False)
     changed: set[int] = set()
-    gone: set[int] = set()
-    for what, _from, _to, start, end in matcher.get_opcodes():
-        if what in ("replace", "insert"):
+    deletions: set[int] = set()
+    for tag, _from, _to, start, end in matcher.get_opcodes():
+        if tag in ("replace", "insert"):
             changed.update(range(start, end))
-        elif what == "delete":
-            gone.add(start)
-    return changed, gone
+        elif tag == "delete":
+            deletions.add(start)
+    return changed, deletions
 
 
 class TextPage(QWidget):
@@ -89,9 +89,9 @@ class TextPage(QWidget):
         if not self.isVisible():
             return
         document = self._editing.document
-        changed, gone = changed_lines(document.saved_text, document.text)
+        changed, deletions = changed_lines(document.saved_text, document.text)
         wrong = {mistake.line - 1: mistake.message for mistake in document.mistakes}
-        self.editor.mark(changed, gone, wrong)
+        self.editor.mark(changed, deletions, wrong)
 
     def show_line(self, line: int) -> None:
         """Scroll to a line, counted from 1."""
@@ -108,7 +108,7 @@ class CodeEditor(Lines):
     def __init__(self, context: FormContext, *, read_only: bool = False) -> None:
         super().__init__(context)
         self._changed: set[int] = set()
-        self._gone: set[int] = set()
+        self._deletions: set[int] = set()
         self._wrong: dict[int, str] = {}
         self.setReadOnly(read_only)
         self.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
@@ -132,8 +132,8 @@ class CodeEditor(Lines):
         self.setTextCursor(QTextCursor(self.document().findBlockByNumber(min(line, self.blockCount() - 1))))
         self.verticalScrollBar().setValue(scrolled)
 
-    def mark(self, changed: set[int], gone: set[int], wrong: dict[int, str]) -> None:
-        self._changed, self._gone, self._wrong = changed, gone, wrong
+    def mark(self, changed: set[int], deletions: set[int], wrong: dict[int, str]) -> None:
+        self._changed, self._deletions, self._wrong = changed, deletions, wrong
         theme = self._context.theme
         selections = []
         for line, role in (*((line, "green_soft") for line in changed), *((line, "red_soft") for line in wrong)):
@@ -183,7 +183,7 @@ class CodeEditor(Lines):
         painter.setPen(QColor(theme.color(role)))
         painter.drawText(rect.adjusted(4, 0, 0, 0), Qt.AlignmentFlag.AlignLeft, sign)
         painter.drawText(rect.adjusted(0, 0, -8, 0), Qt.AlignmentFlag.AlignRight, str(line + 1))
-        if line in self._gone:
+        if line in self._deletions:
             painter.setPen(theme.color("amber"))
             painter.drawLine(rect.topLeft(), rect.topRight())
 

@@ -159,22 +159,22 @@ class Field(FormPart):
         if not self.compact and (changed or self._back is not None):
             self._show_back(changed)
 
-    def _show_mistakes(self, said: str) -> None:
+    def _show_mistakes(self, message: str) -> None:
         if self._mistake_label is None:
-            if not said:
+            if not message:
                 return
             self._mistake_label = self._words("")
             self._mistake_label.setObjectName("mistake")
             self._style()
-        if said != self._mistake_label.text():
-            self._mistake_label.setText(said)
+        if message != self._mistake_label.text():
+            self._mistake_label.setText(message)
             # A screen reader reads the error at the field, not only on leaving it.
-            self.control.setAccessibleDescription(f"{said} {self.help}".strip())
-        self._mistake_label.setVisible(bool(said))
+            self.control.setAccessibleDescription(f"{message} {self.help}".strip())
+        self._mistake_label.setVisible(bool(message))
 
     def _show_back(self, changed: bool) -> None:
         if self._back is None:
-            back = ActionButton(self.context.theme, icon="arrow-counter-clockwise", look="ghost", height_px=22)
+            back = ActionButton(self.context.theme, icon="arrow-counter-clockwise", role="ghost", height_px=22)
             as_saved = tr("{title}: restore the saved value").format(title=self.title or tr("Entry"))
             back.setAccessibleName(self.context.spoken(as_saved))
             back.setToolTip(tr("Restore the saved value"))
@@ -228,15 +228,15 @@ class TextField(Field):
             self._known.setTextInteractionFlags(Qt.TextInteractionFlag.LinksAccessibleByMouse)
             self._known.linkActivated.connect(self._on_known)
         value = self.line.text()
-        said = tr("Available: {names}")
+        template = tr("Available: {names}")
         missing = known.all_of_them and value not in ("", *known.names)
         if missing:
-            said = tr("Unknown: {name}. Available: {names}")
+            template = tr("Unknown: {name}. Available: {names}")
         theme = self.context.theme
         link = f'<a href="{{0}}" style="color:{theme.color("blue").name()}; text-decoration:none">{{0}}</a>'
         names = " · ".join(link.format(escape(name)) for name in known.names)
-        self._known.setText(escape(said).format(name=escape(value), names=names))
-        spoken = said.format(name=value, names=", ".join(known.names))
+        self._known.setText(escape(template).format(name=escape(value), names=names))
+        spoken = template.format(name=value, names=", ".join(known.names))
         self._known.setAccessibleName(self.context.spoken(spoken))
         wrong = "" if self._mistake_label is None else self._mistake_label.text()
         self.control.setAccessibleDescription(" ".join(part for part in (wrong, self.help, spoken) if part))

@@ -94,7 +94,7 @@ class KeyCell(QAbstractButton):
 class ShortcutRow(QWidget):
     """Row of the sheet. ``wanted(KeyCell)`` asks for another key, ``put_back`` for the default ones."""
 
-    wanted = Signal(object)
+    cell_clicked = Signal(object)
     put_back = Signal()
 
     def __init__(self, theme: Theme, spec: ActionSpec) -> None:
@@ -102,7 +102,7 @@ class ShortcutRow(QWidget):
         self.spec = spec
         self._words = ElidedLabel()
         self.cells: dict[Column, KeyCell] = {column: KeyCell(theme, column) for column in COLUMNS}
-        self._back = ActionButton(theme, "", icon="arrow-counter-clockwise", look="ghost", height_px=_CELL_PX)
+        self._back = ActionButton(theme, "", icon="arrow-counter-clockwise", role="ghost", height_px=_CELL_PX)
         self._back.clicked.connect(self.put_back)
         self._back_room = QWidget()
         self._back_room.setFixedWidth(_PUT_BACK_PX)
@@ -112,7 +112,7 @@ class ShortcutRow(QWidget):
         line.addWidget(self._words, 1)
         for cell in self.cells.values():
             line.addWidget(cell)
-            cell.clicked.connect(lambda _checked=False, asked=cell: self.wanted.emit(asked))
+            cell.clicked.connect(lambda _checked=False, cell=cell: self.cell_clicked.emit(cell))
         line.addWidget(self._back_room)
 
     def show_spec(self, spec: ActionSpec, text: str, actions: Actions, keys: WizardKeys) -> None:
@@ -202,7 +202,7 @@ class ShortcutSheet(Overlay):
         self._actions = actions
         self._keys = keys
         self._hold = hold
-        self._asked: _Asked | None = None
+        self._request: _Asked | None = None
         self._rows: dict[str, ShortcutRow] = {}
         self._groups: list[ShortcutGroup] = []
         self._columns = QHBoxLayout()
@@ -231,13 +231,13 @@ class ShortcutSheet(Overlay):
         self._scroll = QScrollArea(widgetResizable=True)
         self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self._says = self._line("shortcut_says")
-        self._says.setFont(theme.font(tokens.BODY_PX))
+        self._message_label = self._line("shortcut_says")
+        self._message_label.setFont(theme.font(tokens.BODY_PX))
         self._reassign = self._button("shortcut_reassign", tr("Reassign"), self._on_reassign)
         self._remove = self._button("shortcut_remove", tr("No key"), self._on_remove)
         self._leave = self._button("shortcut_leave", tr("Cancel"), self.stop_asking)
         below = layouts.hbox(spacing_px=8)
-        below.addWidget(self._says, 1)
+        below.addWidget(self._message_label, 1)
         for button in (self._reassign, self._remove, self._leave):
             below.addWidget(button)
         column = layouts.vbox(self.card, margins_px=(24, 18, 20, 16), spacing_px=8)
@@ -261,7 +261,7 @@ class ShortcutSheet(Overlay):
 
     def step_back(self) -> None:
         """Esc: cancel a key choice first, then close the sheet."""
-        if self._asked is not None:
+        if self._request is not None:
             self.stop_asking()
         else:
             self.close_overlay()
@@ -280,7 +280,7 @@ class ShortcutSheet(Overlay):
         return self._window.height()  # all there is; Overlay keeps a margin
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        if self._asked is None:
+        if self._request is None:
             super().mousePressEvent(event)
         else:
             self.stop_asking()
@@ -323,8 +323,8 @@ class ShortcutSheet(Overlay):
         for spec in specs:
             row = self._rows[spec.id] = ShortcutRow(self._theme, spec)
             row.show_spec(bound.get(spec.id, spec), spec.text, self._actions, self._keys)
-            row.wanted.connect(lambda cell, wanted=row: self.ask_for(wanted, cell))
-            row.put_back.connect(lambda wanted=row: self._keys.reset(wanted.spec))
+            row.cell_clicked.connect(lambda cell, row=row: self.ask_for(row, cell))
+            row.put_back.connect(lambda row=row: self._keys.reset(row.spec))
             rows.append(row)
         group = ShortcutGroup(self._theme, tr(name), rows)
         self._groups.append(group)
@@ -390,7 +390,7 @@ class ShortcutSheet(Overlay):
     def ask_for(self, row: ShortcutRow, cell: KeyCell) -> None:
         """Wait for the new key of this row."""
         self.stop_asking()
-        self._asked = _Asked(row, cell)
+        self._request = _Asked(row, cell)
         cell.set_asks(True)
         self._say(
             tr("Press the new key for “{act}”. Esc leaves the key unchanged.").format(act=row.spec.text),
@@ -400,29 +400,29 @@ class ShortcutSheet(Overlay):
         self._hold.captures = self._on_pressed
 
     def stop_asking(self) -> None:
-        if self._asked is not None:
-            self._asked.cell.set_asks(False)
-            self._asked = None
+        if self._request is not None:
+            self._request.cell.set_asks(False)
+            self._request = None
         self._hold.captures = None
         self._say(
             tr("Click a key to change it. “Driving” applies while Drive, Video or Map has the focus."), waits=False
         )
 
     def _on_pressed(self, pressed: PressedKey) -> None:
-        asked = self._asked
-        if asked is None:
+        request = self._request
+        if request is None:
             return
-        spec, column, key = asked.row.spec, asked.cell.column, pressed.key
-        if asked.keys is not None and key == "Return":
+        spec, column, key = request.row.spec, request.cell.column, pressed.key
+        if request.keys is not None and key == "Return":
             self._on_reassign()
             return
-        asked.keys = None
+        request.keys = None
         if spec.by_position and key.removeprefix("Alt+").count("+") == 0:
             key = pressed.position or key.removeprefix("Alt+")
         rows = self._actions.all_specs
-        why = refusal(spec, column, key, rows, position=pressed.position) if key else tr("That key has no name.")
-        if why:
-            self._say(tr("{why} Press another key.").format(why=why), wrong=True)
+        reason = refusal(spec, column, key, rows, position=pressed.position) if key else tr("That key has no name.")
+        if reason:
+            self._say(tr("{why} Press another key.").format(why=reason), wrong=True)
             return
         keys = changed(spec, column, key)
         others = {other.id: other for _key, other in owners(rows, spec, keys)}
@@ -430,7 +430,7 @@ class ShortcutSheet(Overlay):
         if safe:
             self._say(tr("This key stops the robot. Press another key."), wrong=True)
         elif others:
-            asked.keys = keys
+            request.keys = keys
             names = tr(", ", "between names of acts").join(f"“{other.text}”" for other in others.values())
             cap = self._actions.caps(spec, [key])[0]
             self._say(
@@ -441,12 +441,12 @@ class ShortcutSheet(Overlay):
             self._choose(spec, keys)
 
     def _on_reassign(self) -> None:
-        if self._asked is not None and self._asked.keys is not None:
-            self._choose(self._asked.row.spec, self._asked.keys)
+        if self._request is not None and self._request.keys is not None:
+            self._choose(self._request.row.spec, self._request.keys)
 
     def _on_remove(self) -> None:
-        if self._asked is not None:
-            spec, column = self._asked.row.spec, self._asked.cell.column
+        if self._request is not None:
+            spec, column = self._request.row.spec, self._request.cell.column
             emptied = {"keys": (), "driving_keys": ()} if spec.by_position else {column: ()}
             self._choose(spec, Keys(**({"keys": spec.keys, "driving_keys": spec.driving_keys} | emptied)))
 
@@ -463,8 +463,8 @@ class ShortcutSheet(Overlay):
     def _say(
         self, text: str, *, waits: bool = True, wrong: bool = False, reassign: bool = False, remove: bool = False
     ) -> None:
-        self._says.setText(text)
-        self._theme.color_text(self._says, "amber" if wrong else "text" if waits else "dim")
+        self._message_label.setText(text)
+        self._theme.color_text(self._message_label, "amber" if wrong else "text" if waits else "dim")
         self._reassign.setVisible(reassign)
         self._reassign.set_key("Enter" if reassign else "")
         self._remove.setVisible(remove)

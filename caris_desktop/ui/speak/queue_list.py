@@ -58,7 +58,7 @@ class QueueList(QWidget):
 
     def show_waiting(self, waiting: tuple[UtteranceChanged, ...]) -> None:
         """Update the rows for ``waiting``, which have unique ids."""
-        shown = list(self._rows)
+        row_ids = list(self._rows)
         before, focused = self._rows, focused_widget()
         had_focus = focused is not None and (focused is self or self.isAncestorOf(focused))
         self._rows = {}
@@ -79,20 +79,20 @@ class QueueList(QWidget):
             row.show()  # shown now, so that it can be focused
             spoken = text_formatting.with_names(utterance.text, lambda person_id: name_of(self._console, person_id))
             row.show_utterance(number, len(waiting), spoken, utterance)
-        self._choose(self._chosen if self._chosen in self._rows else self._nearest(shown))
+        self._choose(self._chosen if self._chosen in self._rows else self._nearest(row_ids))
         self.setVisible(bool(waiting))
         if had_focus and not waiting:
             self.emptied.emit()
 
-    def _nearest(self, shown: list[str]) -> str:
+    def _nearest(self, row_ids: list[str]) -> str:
         """Replacement for a removed selected row: the next one, else the previous one."""
-        at = shown.index(self._chosen) if self._chosen in shown else 0
-        near = (*shown[at + 1 :], *reversed(shown[:at]), *self._rows)
+        at = row_ids.index(self._chosen) if self._chosen in row_ids else 0
+        near = (*row_ids[at + 1 :], *reversed(row_ids[:at]), *self._rows)
         return next((each for each in near if each in self._rows), "")
 
     def _new_row(self, utterance_id: str) -> "_QueueRow":
         row = _QueueRow(self._theme, self._actions.key_text("focus_queue"))
-        row.wanted.connect(lambda act: self._act_on(utterance_id, act))
+        row.action_requested.connect(lambda act: self._act_on(utterance_id, act))
         row.written.connect(lambda text: self._change(utterance_id, text))
         row.pressed.connect(lambda: self._choose(utterance_id))
         row.given_up.connect(lambda: self.setFocus(Qt.FocusReason.OtherFocusReason))
@@ -175,7 +175,7 @@ def _spelled(event: QKeyEvent) -> str:
 class _QueueRow(QWidget):
     """Row with number, text and buttons."""
 
-    wanted = Signal(str)
+    action_requested = Signal(str)
     written = Signal(str)
     given_up = Signal()
     pressed = Signal()
@@ -207,12 +207,12 @@ class _QueueRow(QWidget):
             ("queued_earlier", "arrow-up", tr("Move earlier")), ("queued_later", "arrow-down", tr("Move later")),
             ("queued_edit", "pencil-simple", tr("Edit the text")), ("queued_cancel", "x", tr("Remove from queue")),
         ):  # fmt: skip
-            button = ActionButton(theme, icon=icon, look="ghost", height_px=26)
+            button = ActionButton(theme, icon=icon, role="ghost", height_px=26)
             button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             button.setObjectName(act)
             button.setToolTip(tip)
             button.setAccessibleName(tip)
-            button.clicked.connect(lambda _checked=False, act=act: self.wanted.emit(act))
+            button.clicked.connect(lambda _checked=False, act=act: self.action_requested.emit(act))
             row.addWidget(button)
             if act in ("queued_earlier", "queued_later"):
                 self._movers.append(button)
@@ -264,7 +264,7 @@ class _QueueRow(QWidget):
         event.ignore()
 
     def mouseDoubleClickEvent(self, _event: QMouseEvent) -> None:
-        self.wanted.emit("queued_edit")
+        self.action_requested.emit("queued_edit")
 
     def _style(self) -> None:
         for label in (self._number, self.label):

@@ -46,7 +46,9 @@ def voice_choices(voice: VoiceStatus) -> list[list[VoiceLine]]:
     groups.append(
         [
             choice(text, text=text, chosen=name in (voice.name, voice.used), name=name, language=language)
-            for text, name, language in ((f"{_title(name)} · {own}", name, own) for name, own in voice.choices)
+            for text, name, language in (
+                (f"{_title(name)} · {voice_name}", name, voice_name) for name, voice_name in voice.choices
+            )
         ]
     )
     groups.append(

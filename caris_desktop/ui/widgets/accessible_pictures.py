@@ -41,22 +41,22 @@ def video_description(view: FrameView, names: Iterable[str]) -> str:
 
 def map_description(view: MapView, lidar: str = "") -> str:
     """Robot position and goal, the ``lidar`` text, people, places and label texts. Metres in the map."""
-    shown, said = view.shown, list[str]()
-    if shown.pose is not None:
+    state, sentences = view.map_state, list[str]()
+    if state.pose is not None:
         # Rounded to half a metre: small changes are noise to a listener.
-        at = {"x": round(shown.pose.x_m * 2) / 2, "y": round(shown.pose.y_m * 2) / 2}
-        said.append(tr("The robot is at {x:.1f} m, {y:.1f} m").format(**at))
+        at = {"x": round(state.pose.x_m * 2) / 2, "y": round(state.pose.y_m * 2) / 2}
+        sentences.append(tr("The robot is at {x:.1f} m, {y:.1f} m").format(**at))
     else:
-        said.append(tr("The robot's position is unknown"))
-    if shown.goal is not None:
-        said.append(tr("The robot is going to {place}").format(place=shown.goal.place or tr("a point")))
+        sentences.append(tr("The robot's position is unknown"))
+    if state.goal is not None:
+        sentences.append(tr("The robot is going to {place}").format(place=state.goal.place or tr("a point")))
     if lidar:
-        said.append(lidar)
-    if shown.people:
-        said.append(tr("People: {names}").format(names=", ".join(name for _place, name, _named in shown.people)))
-    if shown.places:
-        said.append(tr("Places: {names}").format(names=", ".join(place.name for place in shown.places)))
-    return _sentences((*said, *_chips(shown.chips)))
+        sentences.append(lidar)
+    if state.people:
+        sentences.append(tr("People: {names}").format(names=", ".join(name for _place, name, _named in state.people)))
+    if state.places:
+        sentences.append(tr("Places: {names}").format(names=", ".join(place.name for place in state.places)))
+    return _sentences((*sentences, *_chips(state.chips)))
 
 
 def _chips(chips: Iterable[tuple[str, str]]) -> list[str]:

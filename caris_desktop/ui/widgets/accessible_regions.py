@@ -56,15 +56,15 @@ class AccessibleRegions(QObject):
     def refresh(self) -> None:
         """Update the controls to the visible regions."""
         room = self._painted.rect()
-        seen = [spot for spot in self._spots() if spot.rect.intersects(room)] if self._painted.isVisible() else []
-        while len(self._controls) < len(seen):
+        visible = [spot for spot in self._spots() if spot.rect.intersects(room)] if self._painted.isVisible() else []
+        while len(self._controls) < len(visible):
             control = _Control(self._over)
             control.clicked.connect(self._on_clicked)
             self._controls.append(control)
         origin = self._painted.mapTo(self._over, QPoint())
         for number, control in enumerate(self._controls):
-            if number < len(seen):
-                spot = seen[number]
+            if number < len(visible):
+                spot = visible[number]
                 control.show_spot(spot, spot.rect.intersected(room).translated(origin))
             elif not control.isHidden():
                 control.hide()

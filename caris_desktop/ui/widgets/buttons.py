@@ -34,7 +34,7 @@ class ActionButton(QAbstractButton):
         *,
         icon: str = "",
         key: str = "",
-        look: ButtonRole = "plain",
+        role: ButtonRole = "plain",
         key_first: bool = False,
         height_px: int = tokens.CONTROL_HEIGHT_PX,
         text_px: int = tokens.BODY_PX,
@@ -51,7 +51,7 @@ class ActionButton(QAbstractButton):
         self._badge: Badge = ""
         self._key = key
         self._key_shown = True
-        self._look: ButtonRole = look
+        self._role: ButtonRole = role
         self._key_first = key_first
         self._height_px = height_px
         self._text_px = text_px
@@ -59,7 +59,7 @@ class ActionButton(QAbstractButton):
         self._may_shrink = may_shrink
         self._may_lose_words = may_lose_words
         self._semibold = semibold
-        self._weight = self._weight_for(look)
+        self._weight = self._weight_for(role)
         self._widths: dict[Hashable, int] = {}
         self.setText(text)
         self.setAccessibleName(text)
@@ -101,20 +101,20 @@ class ActionButton(QAbstractButton):
             self.update()
 
     def set_label(
-        self, text: str, *, icon: str | None = None, dot: str | None = None, look: ButtonRole | None = None
+        self, text: str, *, icon: str | None = None, dot: str | None = None, role: ButtonRole | None = None
     ) -> None:
         """Set text and look; ``dot``: colour role of a dot in place of the icon."""
-        label = (text, self._icon_name if icon is None else icon, dot, self._look if look is None else look)
-        if label == (self.text(), self._icon_name, self._dot, self._look):
+        label = (text, self._icon_name if icon is None else icon, dot, self._role if role is None else role)
+        if label == (self.text(), self._icon_name, self._dot, self._role):
             return
         self.setText(text)
         self.setAccessibleName(text)
         self._dot = dot
         if icon is not None:
             self._icon_name = icon
-        if look is not None:
-            self._look = look
-            self._weight = self._weight_for(look)
+        if role is not None:
+            self._role = role
+            self._weight = self._weight_for(role)
         self.updateGeometry()
         self.update()
 
@@ -128,8 +128,8 @@ class ActionButton(QAbstractButton):
     def badge(self) -> Badge:
         return self._badge
 
-    def _weight_for(self, look: ButtonRole) -> int:
-        bold = self._semibold or look in ("danger", "primary", "outline_danger")
+    def _weight_for(self, role: ButtonRole) -> int:
+        bold = self._semibold or role in ("danger", "primary", "outline_danger")
         return tokens.WEIGHT_SEMIBOLD if bold else tokens.WEIGHT_NORMAL
 
     def bind(self, actions: Actions, action_id: str) -> None:
@@ -191,17 +191,17 @@ class ActionButton(QAbstractButton):
         """Background, outline and text colour, and the role of a key cap on a coloured background."""
         theme, hover = self._theme, self.underMouse() and self.isEnabled()
         down = self.isDown()
-        if self._look == "danger":
+        if self._role == "danger":
             return theme.color("red_hover" if hover or down else "red_fill"), None, theme.color("on_red"), "on_red"
-        if self._look == "primary" and self.isEnabled():
+        if self._role == "primary" and self.isEnabled():
             ground = theme.color("blue")
             return (ground.darker(112) if down else ground), None, theme.color("on_blue"), "on_blue"
-        if self._look == "outline_danger":
+        if self._role == "outline_danger":
             return theme.color("red_soft"), theme.color("red"), theme.color("text"), ""
-        if self._look == "amber":
+        if self._role == "amber":
             return theme.color("amber_soft"), theme.color("amber"), theme.color("text"), ""
         ink = theme.color("text" if self.isEnabled() else "dim")
-        if self._look == "ghost":
+        if self._role == "ghost":
             return (theme.color("raised") if hover or self.isChecked() else None), None, ink, ""
         if self.isChecked():
             return theme.color("blue_soft"), theme.color("blue"), ink, ""
@@ -276,13 +276,13 @@ class ActionButton(QAbstractButton):
             painter.setPen(ink)
             metrics = QFontMetricsF(font)
             room = right_end - left - after
-            shown = metrics.elidedText(text, Qt.TextElideMode.ElideRight, room + 1)
+            elided = metrics.elidedText(text, Qt.TextElideMode.ElideRight, room + 1)
             painter.drawText(
                 QRectF(left, 0, room + 2, self.height()),
                 int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft),
-                shown,
+                elided,
             )
-            left += min(room, metrics.horizontalAdvance(shown)) + 8
+            left += min(room, metrics.horizontalAdvance(elided)) + 8
         if cap and not self._key_first:
             draw_key_cap(painter, theme, self._cap, left, center, on=on)
             left += cap + 8

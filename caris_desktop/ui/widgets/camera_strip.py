@@ -86,7 +86,7 @@ class SmallPicture(QAbstractButton):
         self._image: QImage | None = None
         self._frame: FrameRef | None = None
         self._taken_s = -math.inf
-        self._said = ""
+        self._description = ""
         self._painted = PixmapCache()
         theme.changed.connect(self._on_theme_changed)
         self._stream = panel.state.frame_of(camera)
@@ -118,10 +118,10 @@ class SmallPicture(QAbstractButton):
 
     def refresh(self) -> None:
         """Update the text, which changes with time (4 Hz)."""
-        said = " ".join(self.words())
-        if said != self._said:
-            self._said = said
-            self.setAccessibleDescription(said)
+        description = " ".join(self.words())
+        if description != self._description:
+            self._description = description
+            self.setAccessibleDescription(description)
             self.update()
 
     def forget(self) -> None:
@@ -156,30 +156,30 @@ class SmallPicture(QAbstractButton):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
-        theme, whole = self._theme, QRectF(self.rect())
-        painter.fillRect(whole, theme.color("video_ground"))
+        theme, bounds = self._theme, QRectF(self.rect())
+        painter.fillRect(bounds, theme.color("video_ground"))
         age, instead = self.words()
         if self._image is not None:
-            picture = self._picture_rect(whole, self._image)
+            picture = self._picture_rect(bounds, self._image)
             painter.setOpacity(0.4 if age else 1.0)
             painter.drawImage(picture, self._image)
             painter.setOpacity(1.0)
             if not age:
                 self._paint_detections(painter, picture)
         elif instead:
-            self._paint_words(painter, whole, instead)
+            self._paint_words(painter, bounds, instead)
         band = _BANDS[self._stream.freshness]
-        painter.fillRect(QRectF(0, whole.bottom() - _BAND_PX, whole.width(), _BAND_PX), theme.color(band))
+        painter.fillRect(QRectF(0, bounds.bottom() - _BAND_PX, bounds.width(), _BAND_PX), theme.color(band))
         name = text_formatting.camera_title(self.camera)
         self._paint_name(painter, f"{name} · {age}" if age else name, warns=bool(age or instead))
         edge = "blue" if self.underMouse() else "line"
         painter.setPen(QPen(theme.color(edge), 2 if self.underMouse() else 1))
-        painter.drawRect(whole.adjusted(0.5, 0.5, -0.5, -0.5))
+        painter.drawRect(bounds.adjusted(0.5, 0.5, -0.5, -0.5))
 
-    def _picture_rect(self, whole: QRectF, image: QImage) -> QRectF:
-        scale = min(whole.width() / image.width(), whole.height() / image.height())
+    def _picture_rect(self, bounds: QRectF, image: QImage) -> QRectF:
+        scale = min(bounds.width() / image.width(), bounds.height() / image.height())
         width, height = image.width() * scale, image.height() * scale
-        return QRectF(whole.center().x() - width / 2, whole.center().y() - height / 2, width, height)
+        return QRectF(bounds.center().x() - width / 2, bounds.center().y() - height / 2, width, height)
 
     def _paint_detections(self, painter: QPainter, picture: QRectF) -> None:
         people, frame = self._panel.state.people_of(self.camera).value, self._frame
@@ -194,18 +194,18 @@ class SmallPicture(QAbstractButton):
                 QRectF(left, top, box.width_px * scale_x, box.height_px * scale_y).intersected(picture).toRect()
             )
 
-    def _paint_words(self, painter: QPainter, whole: QRectF, text: str) -> None:
-        theme, small = self._theme, whole.width() < _LITTLE_ROOM_PX
+    def _paint_words(self, painter: QPainter, bounds: QRectF, text: str) -> None:
+        theme, small = self._theme, bounds.width() < _LITTLE_ROOM_PX
         if not small:
             draw_icon(
-                painter, QRectF(whole.center().x() - 11, whole.center().y() - 34, 22, 22), "video-camera-slash",
+                painter, QRectF(bounds.center().x() - 11, bounds.center().y() - 34, 22, 22), "video-camera-slash",
                 theme.color("video_dim"),
             )  # fmt: skip
         painter.setPen(theme.color("video_text"))
         painter.setFont(theme.font(tokens.STATUS_PX))
-        top = 26 if small else whole.center().y() - 8
+        top = 26 if small else bounds.center().y() - 8
         painter.drawText(
-            QRectF(6, top, whole.width() - 12, whole.height() - top - _BAND_PX),
+            QRectF(6, top, bounds.width() - 12, bounds.height() - top - _BAND_PX),
             int(Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignTop | Qt.TextFlag.TextWordWrap), text,
         )  # fmt: skip
 
@@ -262,9 +262,9 @@ class CameraStrip(QWidget):
     def show_cameras(self, cameras: tuple[str, ...], on_show: str) -> None:
         """Set the cameras; the main one is left out."""
         for camera in [known for known in self._pictures if known not in cameras]:
-            gone = self._pictures.pop(camera)
-            gone.hide()
-            gone.deleteLater()
+            dropped = self._pictures.pop(camera)
+            dropped.hide()
+            dropped.deleteLater()
         for camera in cameras:
             if camera not in self._pictures:
                 self._pictures[camera] = picture = SmallPicture(self._theme, self._panel, camera, self)
@@ -298,12 +298,12 @@ class CameraStrip(QWidget):
         self.update()
 
     def _arrange(self) -> None:
-        size, shown = self._place.picture, self.pictures
+        size, pictures = self._place.picture, self.pictures
         right = self._place.side == "right"
         step = QSize(0, size.height() + _GAP_PX) if right else QSize(size.width() + _GAP_PX, 0)
-        length = len(shown) * (step.height() if right else step.width()) - _GAP_PX
+        length = len(pictures) * (step.height() if right else step.width()) - _GAP_PX
         lead = max(_GAP_PX, ((self.height() if right else self.width()) - length) // 2)
-        for number, picture in enumerate(shown):
+        for number, picture in enumerate(pictures):
             along = lead + number * (step.height() if right else step.width())
             picture.setGeometry(*((_GAP_PX, along) if right else (along, _GAP_PX)), size.width(), size.height())
 

@@ -35,8 +35,8 @@ class CheckBox(QCheckBox):
         return QSize(round(TEXT_LEFT_PX + width + 4), max(BOX_PX + 6, self.fontMetrics().height() + 4))
 
     def minimumSizeHint(self) -> QSize:
-        whole = self.sizeHint()
-        return QSize(min(whole.width(), _LEAST_WRAPPED_PX), whole.height()) if self._wraps else whole
+        size = self.sizeHint()
+        return QSize(min(size.width(), _LEAST_WRAPPED_PX), size.height()) if self._wraps else size
 
     def heightForWidth(self, width: int) -> int:
         if not self._wraps:

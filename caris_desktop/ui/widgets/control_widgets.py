@@ -100,7 +100,7 @@ class _ButtonFace(ControlWidget):
 
     def show_state(self, state: str) -> None:
         self._button.set_label(
-            self.control.title, icon=_STATE_ICONS.get(state, ""), look="amber" if state == "failed" else "plain"
+            self.control.title, icon=_STATE_ICONS.get(state, ""), role="amber" if state == "failed" else "plain"
         )
 
 
@@ -109,8 +109,8 @@ class _ToggleFace(ControlWidget):
         super().__init__(theme, control)
         self._use = use
         self._reported: bool | None = None
-        self._asked: bool | None = None
-        self._asked_at_s = float("-inf")
+        self._requested: bool | None = None
+        self._requested_at_s = float("-inf")
         self._switch = Switch(theme, control.title)
         self._switch.setObjectName(f"control_{control.id}_switch")
         self._switch.clicked.connect(self._on_clicked)
@@ -121,16 +121,16 @@ class _ToggleFace(ControlWidget):
         self._refresh()
 
     def _shown(self) -> bool | None:
-        asked_lately = time.monotonic() - self._asked_at_s < _SETTLE_S
-        if self._asked is not None and (asked_lately or self.control.reading is None):
-            return self._asked
+        recently_set = time.monotonic() - self._requested_at_s < _SETTLE_S
+        if self._requested is not None and (recently_set or self.control.reading is None):
+            return self._requested
         return self._reported
 
     def _on_clicked(self) -> None:
-        wanted = not self._shown()
-        self._asked, self._asked_at_s = wanted, time.monotonic()
+        on = not self._shown()
+        self._requested, self._requested_at_s = on, time.monotonic()
         self._settle.start()
-        self._use(wanted)
+        self._use(on)
         self._refresh()
 
     def show_reading(self, value: ControlValue | None) -> None:
@@ -143,13 +143,13 @@ class _ToggleFace(ControlWidget):
             self.forget_choice()
 
     def forget_choice(self) -> None:
-        self._asked = None
+        self._requested = None
         self._refresh()
 
     def _refresh(self) -> None:
-        shown = self._shown()
-        self.value_text = tr("unknown") if shown is None else tr("on") if shown else tr("off")
-        self._switch.show_value(shown)
+        value = self._shown()
+        self.value_text = tr("unknown") if value is None else tr("on") if value else tr("off")
+        self._switch.show_value(value)
 
 
 def _word_width(metrics: QFontMetrics) -> int:
@@ -217,8 +217,8 @@ class Switch(QAbstractButton):
         painter.setPen(theme.color("text" if self.isEnabled() else "dim"))
         word_width = _word_width(self.fontMetrics())
         text = QRectF(54, 0, self.width() - 54 - word_width - 20, self.height())
-        shown = self.fontMetrics().elidedText(self._title, Qt.TextElideMode.ElideRight, int(text.width()) + 1)
-        painter.drawText(text, int(Qt.AlignmentFlag.AlignVCenter), shown)
+        elided = self.fontMetrics().elidedText(self._title, Qt.TextElideMode.ElideRight, int(text.width()) + 1)
+        painter.drawText(text, int(Qt.AlignmentFlag.AlignVCenter), elided)
         painter.setPen(theme.color("amber" if self._state == "failed" else "dim"))
         painter.drawText(
             QRectF(self.width() - word_width - 12, 0, word_width + 4, self.height()),
@@ -307,18 +307,18 @@ class _SliderFace(_TitledFace):
     def _follow(self) -> None:
         """Follow the reported value, unless the wizard has just moved the slider."""
         lately = time.monotonic() - self._last_use_s < _SETTLE_S or self._slider.isSliderDown()
-        shown = self._set if lately or self._reported is None else self._reported
-        if shown is not None and not lately:
+        value = self._set if lately or self._reported is None else self._reported
+        if value is not None and not lately:
             control = self.control
-            share = (shown - control.lowest) / (control.highest - control.lowest or 1.0)
+            share = (value - control.lowest) / (control.highest - control.lowest or 1.0)
             with QSignalBlocker(self._slider):
                 self._slider.setValue(round(min(1.0, max(0.0, share)) * self._steps))
             self._sent = self._set = None if self._reported is not None else self._set
         self._refresh()
 
     def _refresh(self) -> None:
-        shown = self._set if self._set is not None else self._reported
-        self.value_text = tr("not set yet") if shown is None else value_words(self.control, shown)
+        value = self._set if self._set is not None else self._reported
+        self.value_text = tr("not set yet") if value is None else value_words(self.control, value)
         self._value.setText(self.value_text)
 
 
@@ -447,8 +447,8 @@ class _ReadoutFace(ControlWidget):
 
     def show_reading(self, value: ControlValue | None) -> None:
         self.value_text = "" if value is None else value_words(self.control, value)
-        shown = self.value_text or tr("no value yet")
-        self._value.setText(shown if len(shown) <= 40 else shown[:39] + "…")
+        text = self.value_text or tr("no value yet")
+        self._value.setText(text if len(text) <= 40 else text[:39] + "…")
         self.tip = "" if value is None else f"{self.control.title}: {value}"
         self.setToolTip(self.tip)
         self._style()

@@ -82,14 +82,14 @@ class ChoiceCard(FloatingCard):
         self._line.setVisible(bool(line))
         for number, (name, text, icon, act) in enumerate(choices):
             button = ActionButton(
-                self._theme, text, icon=icon, look="primary" if number == 0 else "plain", height_px=30,
+                self._theme, text, icon=icon, role="primary" if number == 0 else "plain", height_px=30,
                 text_px=tokens.BODY_PX if number < per_row else tokens.STATUS_PX,
             )  # fmt: skip
             button.setObjectName(name)
             button.clicked.connect(self._closing(act))
             (self._first if number < per_row else self._second).addWidget(button)
             self._buttons.append(button)
-        close = ActionButton(self._theme, "", icon="x", look="ghost", height_px=30)
+        close = ActionButton(self._theme, "", icon="x", role="ghost", height_px=30)
         close.setAccessibleName(tr("Close"))
         close.setObjectName(f"{self.objectName()}_close")
         close.clicked.connect(self.hide)
@@ -118,9 +118,9 @@ class NameCard(FloatingCard):
         self.field.setMinimumWidth(150)
         self.field.setMaxLength(60)
         self._line = QLabel()
-        self._save = ActionButton(theme, tr("Save"), icon="check", look="primary", height_px=30)
+        self._save = ActionButton(theme, tr("Save"), icon="check", role="primary", height_px=30)
         self._save.setObjectName(f"{name}_save")
-        close = ActionButton(theme, "", icon="x", look="ghost", height_px=30)
+        close = ActionButton(theme, "", icon="x", role="ghost", height_px=30)
         close.setAccessibleName(tr("Close"))
         close.clicked.connect(self.hide)
         column = layouts.vbox(self, margins_px=8, spacing_px=6)

@@ -282,21 +282,21 @@ class FrameView(QWidget):
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        whole, ground = QRectF(self.rect()), self._theme.color("video_ground")
+        bounds, ground = QRectF(self.rect()), self._theme.color("video_ground")
         if self._image is None or self._freshness in ("lost", "none"):
-            painter.fillRect(whole, ground)
+            painter.fillRect(bounds, ground)
             self._paint_words(painter)
         else:
             picture = self.picture_rect()
             if self._freshness == "stale":
-                painter.fillRect(whole, ground)
+                painter.fillRect(bounds, ground)
                 painter.setOpacity(0.4)
             else:
                 for beside in (
-                    QRectF(whole.left(), whole.top(), whole.width(), picture.top() - whole.top()),
-                    QRectF(whole.left(), picture.bottom(), whole.width(), whole.bottom() - picture.bottom()),
-                    QRectF(whole.left(), picture.top(), picture.left() - whole.left(), picture.height()),
-                    QRectF(picture.right(), picture.top(), whole.right() - picture.right(), picture.height()),
+                    QRectF(bounds.left(), bounds.top(), bounds.width(), picture.top() - bounds.top()),
+                    QRectF(bounds.left(), picture.bottom(), bounds.width(), bounds.bottom() - picture.bottom()),
+                    QRectF(bounds.left(), picture.top(), picture.left() - bounds.left(), picture.height()),
+                    QRectF(picture.right(), picture.top(), bounds.right() - picture.right(), picture.height()),
                 ):
                     painter.fillRect(beside, ground)
             painter.drawImage(picture, self._image)

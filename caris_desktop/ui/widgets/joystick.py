@@ -66,7 +66,7 @@ class Joystick(QWidget):
             return tr("Off")
         forward, left, turn = self._wish.base
         pan, tilt = self._wish.head
-        asked = (
+        shares = (
             (forward, QT_TR_NOOP("{percent} % forward"), QT_TR_NOOP("{percent} % backward")),
             (left, QT_TR_NOOP("{percent} % sideways to the left"), QT_TR_NOOP("{percent} % sideways to the right")),
             (turn, QT_TR_NOOP("turning left at {percent} %"), QT_TR_NOOP("turning right at {percent} %")),
@@ -75,7 +75,7 @@ class Joystick(QWidget):
         )  # fmt: skip
         parts = [
             tr(one if share > 0 else other).format(percent=f"{abs(share) * 100:.0f}")
-            for share, one, other in asked
+            for share, one, other in shares
             if share
         ]
         return ", ".join(parts) or tr("At rest")

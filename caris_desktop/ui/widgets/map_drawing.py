@@ -91,14 +91,14 @@ class MapState:
 
 
 class MapDrawing:
-    """Paints ``shown`` over the grid; ``place_rects`` then has the clickable rectangle of each place."""
+    """Paints ``map_state`` over the grid; ``place_rects`` then has the clickable rectangle of each place."""
 
     def __init__(self, theme: Theme, view: QWidget, viewport: MapViewport, grid: GridLayer) -> None:
         self._theme = theme
         self._view = view
         self._viewport = viewport
         self._grid = grid
-        self.shown = MapState()
+        self.map_state = MapState()
         self.painted = PixmapCache()
         self.place_rects: dict[str, QRectF] = {}
 
@@ -109,8 +109,8 @@ class MapDrawing:
         people = self._people_rects()
         self._paint_places(painter, people)
         self._paint_people(painter, people)
-        if self.shown.pose is not None and self.shown.pose_freshness != "none":
-            self._paint_robot(painter, self.shown.pose)
+        if self.map_state.pose is not None and self.map_state.pose_freshness != "none":
+            self._paint_robot(painter, self.map_state.pose)
         if self._grid.newest is None:
             self._paint_waiting(painter)
         self._paint_aim(painter)
@@ -121,79 +121,79 @@ class MapDrawing:
         painter.setFont(self._theme.font())
         painter.setPen(self._theme.color("dim"))
         where = QRectF(self._view.rect())
-        if self.shown.pose is not None:
+        if self.map_state.pose is not None:
             where = QRectF(0, where.height() - 40, where.width(), 30)
-        painter.drawText(where, Qt.AlignmentFlag.AlignCenter, self.shown.waiting)
+        painter.drawText(where, Qt.AlignmentFlag.AlignCenter, self.map_state.waiting)
 
     def _paint_trail(self, painter: QPainter) -> None:
-        if not self.shown.show_trail or len(self.shown.trail) < 2:
+        if not self.map_state.show_trail or len(self.map_state.trail) < 2:
             return
         to_view = self._viewport.transform()
         color = self._theme.color("blue")
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
-        for strength, points_m in self.shown.trail.pieces():
+        for strength, points_m in self.map_state.trail.pieces():
             color.setAlpha(round(30 + 110 * strength))
             painter.setPen(QPen(color, 2))
             painter.drawPolyline(polygon(thinned(points_m.astype(np.float32), 160), to_view))
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
 
     def _paint_scan(self, painter: QPainter) -> None:
-        points_m = self.shown.scan_points_m
-        if points_m is None or self.shown.scan_freshness not in ("fresh", "stale"):
+        points_m = self.map_state.scan_points_m
+        if points_m is None or self.map_state.scan_freshness not in ("fresh", "stale"):
             return
         to_view = self._viewport.transform()
         matrix = np.array([[to_view.m11(), to_view.m12()], [to_view.m21(), to_view.m22()]])
         points_px = points_m @ matrix + (to_view.dx(), to_view.dy())
         dots = distinct_dots(points_px, self._view.width(), self._view.height())
-        dot = self.painted.picture(painter, QSizeF(3, 3), ("dot", self.shown.scan_freshness), self._paint_dot)
+        dot = self.painted.picture(painter, QSizeF(3, 3), ("dot", self.map_state.scan_freshness), self._paint_dot)
         # Copying dots takes less than a third of the time of drawPoints with a pen of this width.
         for x, y in dots.tolist():
             painter.drawPixmap(x - 1, y - 1, dot)
 
     def _paint_dot(self, onto: QPainter) -> None:
         color = self._theme.color("blue")
-        color.setAlpha(230 if self.shown.scan_freshness == "fresh" else 80)
+        color.setAlpha(230 if self.map_state.scan_freshness == "fresh" else 80)
         onto.setPen(Qt.PenStyle.NoPen)
         onto.setBrush(color)
         onto.drawEllipse(QRectF(0, 0, 3, 3))
 
     def _paint_goal(self, painter: QPainter) -> None:
-        if self.shown.goal is None:
+        if self.map_state.goal is None:
             return
-        goal, color = self.shown.goal.target_in_map, self._theme.color("green")
+        goal, color = self.map_state.goal.target_in_map, self._theme.color("green")
         target = self._viewport.to_view(goal.x_m, goal.y_m)
         painter.setBrush(Qt.BrushStyle.NoBrush)
-        if self.shown.path_m is not None:
+        if self.map_state.path_m is not None:
             painter.setPen(QPen(color, 2.5, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
-            painter.drawPolyline(polygon(self.shown.path_m, self._viewport.transform()))
-        elif self.shown.pose is not None:
+            painter.drawPolyline(polygon(self.map_state.path_m, self._viewport.transform()))
+        elif self.map_state.pose is not None:
             # Dashed straight line to the goal until the robot reports its path.
             pen = QPen(color, 2.5)
             pen.setDashPattern([4, 3])
             painter.setPen(pen)
-            painter.drawLine(self._viewport.to_view(self.shown.pose.x_m, self.shown.pose.y_m), target)
+            painter.drawLine(self._viewport.to_view(self.map_state.pose.x_m, self.map_state.pose.y_m), target)
         draw_arrow(painter, target, goal.heading_rad + self._viewport.turn_rad, color=color, length_px=30)
 
     def _paint_places(self, painter: QPainter, people: _PeopleRects) -> None:
         font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM)
         metrics = QFontMetricsF(font)
         self.place_rects.clear()
-        places = {place.name: place.pose_in_map for place in self.shown.places}
+        places = {place.name: place.pose_in_map for place in self.map_state.places}
         marks = {name: self._viewport.to_view(pose.x_m, pose.y_m) for name, pose in places.items()}
         taken = [QRectF(at.x() - 9, at.y() - 9, 18, 18) for at in marks.values()]
         taken += self._robot_rect()
         # People move, and take precedence over permanent items.
         for mark, label in people:
             taken += [mark] if label is None else [mark, label]
-        goal_place = self.shown.goal.place if self.shown.goal is not None else None
+        goal_place = self.map_state.goal.place if self.map_state.goal is not None else None
         # Goal and hovered place are labelled first; a place without room keeps its flag.
-        order = sorted(marks, key=lambda name: (name != goal_place, name != self.shown.hovered))
+        order = sorted(marks, key=lambda name: (name != goal_place, name != self.map_state.hovered))
         for name in order:
             at, width = marks[name], metrics.horizontalAdvance(name) + 12
             going = name == goal_place
             hit = QRectF(at.x() - 11, at.y() - 11, 22, 22)
             label = self._free_room(at, width, taken, _BESIDE_A_FLAG)
-            if label is None and (going or name == self.shown.hovered):
+            if label is None and (going or name == self.map_state.hovered):
                 label = QRectF(
                     min(max(4.0, at.x() - width / 2), self._view.width() - width - 4), at.y() - 32, width, 20
                 )
@@ -216,14 +216,14 @@ class MapDrawing:
         """Paint a name on a translucent background, cached per text."""
 
         def paint(onto: QPainter) -> None:
-            whole, ground = QRectF(QPointF(0, 0), label.size()), self._theme.color("panel")
+            bounds, ground = QRectF(QPointF(0, 0), label.size()), self._theme.color("panel")
             ground.setAlpha(220)
             onto.setPen(Qt.PenStyle.NoPen)
             onto.setBrush(ground)
-            onto.drawRoundedRect(whole, 5, 5)
+            onto.drawRoundedRect(bounds, 5, 5)
             onto.setFont(self._theme.font(tokens.STATUS_PX, weight))
             onto.setPen(self._theme.color(color))
-            onto.drawText(whole, Qt.AlignmentFlag.AlignCenter, name)
+            onto.drawText(bounds, Qt.AlignmentFlag.AlignCenter, name)
 
         self.painted.draw(painter, label.topLeft(), label.size(), ("label", name, color, weight), paint)
 
@@ -240,20 +240,20 @@ class MapDrawing:
 
     def _robot_rect(self) -> list[QRectF]:
         """Rectangle of the robot's marker, if there is a pose."""
-        if self.shown.pose is None:
+        if self.map_state.pose is None:
             return []
-        robot = self._viewport.to_view(self.shown.pose.x_m, self.shown.pose.y_m)
+        robot = self._viewport.to_view(self.map_state.pose.x_m, self.map_state.pose.y_m)
         return [QRectF(robot.x() - 13, robot.y() - 38, 26, 44)]
 
     def _people_rects(self) -> _PeopleRects:
         """Marks and labels of people; in a crowd some have no room for a label."""
-        if self.shown.people_freshness not in ("fresh", "stale"):
+        if self.map_state.people_freshness not in ("fresh", "stale"):
             return []
         metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
-        places = [self._viewport.to_view(person.x_m, person.y_m) for person, _, _ in self.shown.people]
+        places = [self._viewport.to_view(person.x_m, person.y_m) for person, _, _ in self.map_state.people]
         marks = [QRectF(at.x() - 7, at.y() - 7, 14, 14) for at in places]
         taken, labels = [*self._robot_rect(), *marks], []
-        for (_person, name, _named), at in zip(self.shown.people, places, strict=True):
+        for (_person, name, _named), at in zip(self.map_state.people, places, strict=True):
             label = self._free_room(at, metrics.horizontalAdvance(name) + 10, taken, _BESIDE_A_PERSON)
             labels.append(label)
             taken += [label] if label is not None else []
@@ -263,27 +263,27 @@ class MapDrawing:
         if not rects:
             return
         painter.save()
-        if self.shown.people_freshness == "stale":
+        if self.map_state.people_freshness == "stale":
             painter.setOpacity(0.45)
-        for (person, name, named), (_, label) in zip(self.shown.people, rects, strict=True):
+        for (person, name, named), (_, label) in zip(self.map_state.people, rects, strict=True):
             at = self._viewport.to_view(person.x_m, person.y_m)
-            meant = bool(self.shown.meant) and person.person_id == self.shown.meant
+            meant = bool(self.map_state.meant) and person.person_id == self.map_state.meant
             # Rounded to px: position uncertainty varies slightly with each detection.
             ring = max(9, round(person.spread_m * self._viewport.scale))
             if ring > _KEPT_RING_PX:
-                self._paint_person(at, ring, painter, named=named, meant=meant)
+                self._paint_person(at, ring, painter, named=named, selected=meant)
             else:
                 reach = max(ring, 10) + 2
                 self.painted.draw(
                     painter, at - QPointF(reach, reach), QSizeF(2 * reach, 2 * reach), ("person", ring, named, meant),
-                    partial(self._paint_person, QPointF(reach, reach), ring, named=named, meant=meant),
+                    partial(self._paint_person, QPointF(reach, reach), ring, named=named, selected=meant),
                 )  # fmt: skip
             if label is not None:
                 role = "green" if named else "text"
                 self._paint_label(painter, label, name, color=role, weight=tokens.WEIGHT_SEMIBOLD)
         painter.restore()
 
-    def _paint_person(self, at: QPointF, ring: int, onto: QPainter, *, named: bool, meant: bool) -> None:
+    def _paint_person(self, at: QPointF, ring: int, onto: QPainter, *, named: bool, selected: bool) -> None:
         """Paint a person with a dashed ring of uncertainty; filled if named, as in the People panel."""
         color = self._theme.color("green" if named else "text")
         pen = QPen(color, 1.5)
@@ -291,7 +291,7 @@ class MapDrawing:
         onto.setPen(pen)
         onto.setBrush(Qt.BrushStyle.NoBrush)
         onto.drawEllipse(at, ring, ring)
-        if meant:
+        if selected:
             onto.setPen(QPen(self._theme.color("text"), 2.5))
             onto.drawEllipse(at, 10, 10)
         onto.setPen(QPen(self._theme.color("panel") if named else color, 1.5))
@@ -300,21 +300,21 @@ class MapDrawing:
 
     def _paint_robot(self, painter: QPainter, pose: Pose2D) -> None:
         tip = self._viewport.to_view(pose.x_m, pose.y_m)
-        stale = self.shown.pose_freshness in ("stale", "lost")
-        doubtful = stale or self.shown.unconfirmed
-        color = self._theme.color("dim" if stale else "amber" if self.shown.unconfirmed else "blue")
-        if self.shown.outline_m:
-            outline = polygon(outline_in_map(self.shown.outline_m, pose), self._viewport.transform())
+        stale = self.map_state.pose_freshness in ("stale", "lost")
+        doubtful = stale or self.map_state.unconfirmed
+        color = self._theme.color("dim" if stale else "amber" if self.map_state.unconfirmed else "blue")
+        if self.map_state.outline_m:
+            outline = polygon(outline_in_map(self.map_state.outline_m, pose), self._viewport.transform())
             ground = self._theme.color("blue")
             ground.setAlpha(0 if doubtful else 40)
             pen = QPen(color, 1.5, Qt.PenStyle.DashLine if doubtful else Qt.PenStyle.SolidLine)
             painter.setPen(pen)
             painter.setBrush(ground)
             painter.drawPolygon(outline)
-        state, distance_m = self.shown.guard
+        state, distance_m = self.map_state.guard
         if not stale and state in ("slowing", "blocked") and distance_m is not None:
             # Remaining clearance around the footprint, in any direction of motion.
-            reach_m = max((math.hypot(x, y) for x, y in self.shown.outline_m), default=0.25) + distance_m
+            reach_m = max((math.hypot(x, y) for x, y in self.map_state.outline_m), default=0.25) + distance_m
             radius = reach_m * self._viewport.scale
             role = "red" if state == "blocked" else "amber"
             painter.setPen(QPen(self._theme.color(role), 2, Qt.PenStyle.DotLine))
@@ -326,21 +326,21 @@ class MapDrawing:
         )  # fmt: skip
 
     def _paint_aim(self, painter: QPainter) -> None:
-        shown, aim = self.shown, self.shown.aim
-        if shown.tool == "look":
-            if shown.mark is not None:
-                refused = bool(self._grid.refusal_at(shown.mark))
+        state, aim = self.map_state, self.map_state.aim
+        if state.tool == "look":
+            if state.mark is not None:
+                refused = bool(self._grid.refusal_at(state.mark))
                 painter.setPen(QPen(self._theme.color("amber" if refused else "green"), 2.5))
                 painter.setBrush(Qt.BrushStyle.NoBrush)
-                painter.drawEllipse(self._viewport.to_view(shown.mark.x(), shown.mark.y()), 9, 9)
+                painter.drawEllipse(self._viewport.to_view(state.mark.x(), state.mark.y()), 9, 9)
             return
-        at = None if shown.pointer is None else self._viewport.to_map(shown.pointer)
+        at = None if state.pointer is None else self._viewport.to_map(state.pointer)
         if aim is not None:
             at = aim.at
         if at is None:
             return
         heading_rad = aim.heading_rad if aim is not None else None
-        role = "amber" if self._grid.refusal_at(at) else "green" if shown.tool == "goal" else "blue"
+        role = "amber" if self._grid.refusal_at(at) else "green" if state.tool == "goal" else "blue"
         color = self._theme.color(role)
         point = self._viewport.to_view(at.x(), at.y())
         if heading_rad is not None:
@@ -353,7 +353,7 @@ class MapDrawing:
         painter.drawEllipse(point, 9, 9)
 
     def _paint_scale_bar(self, painter: QPainter) -> None:
-        if self._grid.newest is None and self.shown.pose is None:
+        if self._grid.newest is None and self.map_state.pose is None:
             return
         metres = next((length for length in (0.5, 1, 2, 5, 10, 20, 50) if length * self._viewport.scale >= 44), 100)
         right, bottom = self._view.width() - 14.0, self._view.height() - 12.0
@@ -366,7 +366,7 @@ class MapDrawing:
         painter.drawText(
             QRectF(left - 40, bottom - 20, right - left + 80, 16), Qt.AlignmentFlag.AlignCenter, f"{metres:g} m"
         )
-        if self.shown.rotate:
+        if self.map_state.rotate:
             north = self._viewport.turn_rad + math.pi / 2
             at = QPointF(self._view.width() - 30.0, bottom - 50)
             out = QPointF(math.cos(north), -math.sin(north))
@@ -382,12 +382,12 @@ class MapDrawing:
         painter.setFont(font)
         top = 8.0
         left_room = 48.0  # space of the tool buttons
-        for text, role in self.shown.chips:
+        for text, role in self.map_state.chips:
             self._paint_chip(painter, metrics, text, role, left_room=left_room, top=top)
             top += 28
-        if self.shown.hint:
+        if self.map_state.hint:
             self._paint_chip(
-                painter, metrics, self.shown.hint, "hint", left_room=left_room, top=self._view.height() - 34.0
+                painter, metrics, self.map_state.hint, "hint", left_room=left_room, top=self._view.height() - 34.0
             )
 
     def _paint_chip(
@@ -395,10 +395,10 @@ class MapDrawing:
     ) -> None:
         icon = _CHIP_ICONS.get(role, "")
         extra = 38.0 if icon else 20.0
-        shown = metrics.elidedText(
+        elided = metrics.elidedText(
             text, Qt.TextElideMode.ElideRight, max(40.0, self._view.width() - left_room - 12 - extra)
         )
-        width = metrics.horizontalAdvance(shown) + extra
+        width = metrics.horizontalAdvance(elided) + extra
         middle = left_room + (self._view.width() - left_room - 12) / 2
         chip = QRectF(middle - width / 2, top, width, 24)
         color = self._theme.color(_CHIP_COLORS.get(role, "text"))
@@ -409,4 +409,4 @@ class MapDrawing:
             draw_icon(painter, QRectF(chip.left() + 9, chip.top() + 4, 16, 16), icon, color)
             chip.adjust(18, 0, 0, 0)
         painter.setPen(color)
-        painter.drawText(chip, Qt.AlignmentFlag.AlignCenter, shown)
+        painter.drawText(chip, Qt.AlignmentFlag.AlignCenter, elided)

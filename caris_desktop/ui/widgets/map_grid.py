@@ -22,7 +22,7 @@ _SMOOTH_AREA_PX = 700_000
 
 
 class GridLayer(QObject):
-    """Grid layer. ``newest``: latest grid received; ``shown``: the painted one, rendered as ``raster``."""
+    """Grid layer. ``newest``: latest grid received; ``displayed_grid``: the painted one, rendered as ``raster``."""
 
     rendered = Signal(bool)  # whether it is the first one
 
@@ -30,7 +30,7 @@ class GridLayer(QObject):
         super().__init__(parent)
         self._theme = theme
         self.newest: OccupancyGrid | None = None
-        self.shown: OccupancyGrid | None = None
+        self.displayed_grid: OccupancyGrid | None = None
         self.raster: GridRaster | None = None
         self.slowest_band_ms = 0.0
         self._rendering: GridRaster | None = None  # being rendered or updated
@@ -41,7 +41,7 @@ class GridLayer(QObject):
     def show(self, grid: OccupancyGrid | None) -> None:
         self.newest = grid
         if grid is None:
-            self.raster = self._rendering = self.shown = self._picture = None
+            self.raster = self._rendering = self.displayed_grid = self._picture = None
         elif self._rendering is None:
             self._begin(grid)
         # Otherwise the newest grid is rendered after the current one.
@@ -98,7 +98,7 @@ class GridLayer(QObject):
         self._rendering = None
         first = self.raster is None
         self.raster = rendering
-        self.shown = rendering.grid
+        self.displayed_grid = rendering.grid
         if rendering.rows_changed:
             self._version += 1
         self.rendered.emit(first)
@@ -135,11 +135,11 @@ class GridLayer(QObject):
             smooth = small and cell_m * viewport.scale < 3.0
             onto.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, smooth)
             # Qt draws indexed images at a quarter of the speed; the visible part has few cells.
-            seen = to_view.inverted()[0].mapRect(QRectF(view.rect())).toAlignedRect().adjusted(-1, -1, 1, 1)
-            seen = seen.intersected(raster.images[level].rect())
-            if not seen.isEmpty():
-                cells = raster.images[level].copy(seen).convertToFormat(QImage.Format.Format_RGB32)
-                onto.drawImage(QPointF(seen.topLeft()), cells)
+            visible = to_view.inverted()[0].mapRect(QRectF(view.rect())).toAlignedRect().adjusted(-1, -1, 1, 1)
+            visible = visible.intersected(raster.images[level].rect())
+            if not visible.isEmpty():
+                cells = raster.images[level].copy(visible).convertToFormat(QImage.Format.Format_RGB32)
+                onto.drawImage(QPointF(visible.topLeft()), cells)
             onto.end()
             self._key = key
         painter.drawImage(QPointF(0, 0), self._picture)

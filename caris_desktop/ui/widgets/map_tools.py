@@ -82,7 +82,7 @@ class MapTools(QObject):
         """Toggle the goal tool; False if there is none."""
         if not self.may_go or self._tools["goal"].isHidden():
             return False
-        self.take("look" if self._view.shown.tool == "goal" else "goal")
+        self.take("look" if self._view.map_state.tool == "goal" else "goal")
         return True
 
     def _make_tools(self) -> dict[Tool, ActionButton]:
@@ -122,20 +122,20 @@ class MapTools(QObject):
             tool = "look"
         self._view.set_tool(tool, at=at)
         self._view.setFocus(Qt.FocusReason.OtherFocusReason)
-        self._on_tool_changed(self._view.shown.tool)
+        self._on_tool_changed(self._view.map_state.tool)
 
     def _on_tool_changed(self, tool: str) -> None:
         for name, button in self._tools.items():
             button.setChecked(name == tool)
         if tool == "look":
             self._view.show_hint("")
-        elif self._view.shown.aim is not None and self._view.shown.aim.anchored:
+        elif self._view.map_state.aim is not None and self._view.map_state.aim.anchored:
             self._view.show_hint(tr("Click the direction to face · Esc cancels"))
         elif self._moving is not None:
             where = tr("Press at the new position of {place}, drag to set the heading · Esc cancels")
             self._view.show_hint(where.format(place=self._moving))
         else:
-            self._view.show_hint(tr(_HINTS[self._view.shown.tool]))
+            self._view.show_hint(tr(_HINTS[self._view.map_state.tool]))
 
     def _on_escape(self) -> None:
         self._moving = None
@@ -173,7 +173,7 @@ class MapTools(QObject):
         pose = self.pose_now()
         line = refusal
         if not refusal and pose is not None:
-            speed, _as_drive_says = text_formatting.goal_speed(self._state.robot.value, self._state.drive.value)
+            speed, _by_speed_setting = text_formatting.goal_speed(self._state.robot.value, self._state.drive.value)
             distance_m = math.dist((at.x(), at.y()), (pose.x_m, pose.y_m))
             away = tr("{distance:.1f} m from the robot").format(distance=distance_m)
             line = " · ".join(part for part in (away, speed if self.can_navigate() else "") if part)
@@ -256,17 +256,17 @@ class MapTools(QObject):
         self._name.ask(middle, line, verb=tr("Save") if saving else tr("Load"))
 
     def _on_named(self, name: str) -> None:
-        what, pose = self._naming
-        if what == "place" and pose is not None:
+        purpose, pose = self._naming
+        if purpose == "place" and pose is not None:
             taken = {place.name.casefold() for place in self._state.places.value}
             if name.casefold() in taken:
                 another = tr("{place} is already on the map: choose another name").format(place=name)
                 self._ask_place_name(pose, another, name)
                 return
             self._console.do(intents.SavePlace(name, pose))
-        elif what == "save_map":
+        elif purpose == "save_map":
             self._console.do(intents.SaveMap(name))
-        elif what == "load_map":
+        elif purpose == "load_map":
             self._console.do(intents.LoadMap(name))
         self._view.setFocus(Qt.FocusReason.OtherFocusReason)
 

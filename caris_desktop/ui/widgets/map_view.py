@@ -62,8 +62,8 @@ class MapView(QWidget):
         self.grid = GridLayer(theme, self)
         self.viewport = MapViewport(self)
         self._drawing = MapDrawing(theme, self, self.viewport, self.grid)
-        self.shown = self._drawing.shown
-        self.shown.places = places
+        self.map_state = self._drawing.map_state
+        self.map_state.places = places
         self._fitted = False
         self._viewed_by_hand = False
         self.follow = False
@@ -103,91 +103,91 @@ class MapView(QWidget):
         self.update()
 
     def show_pose(self, pose: RobotPose | None) -> None:
-        self.shown.pose = None if pose is None else pose.pose_in_map
-        if self.shown.pose is not None:
-            self.shown.trail.add(self.shown.pose)
-            if self._press is None and self._pan_from is None and self.shown.aim is None:
-                self._follow_pose(self.shown.pose)
+        self.map_state.pose = None if pose is None else pose.pose_in_map
+        if self.map_state.pose is not None:
+            self.map_state.trail.add(self.map_state.pose)
+            if self._press is None and self._pan_from is None and self.map_state.aim is None:
+                self._follow_pose(self.map_state.pose)
         self._update_soon()
 
     def show_scan(self, scan: LaserScan | None) -> None:
         # Scan points are placed with the pose at scan time, so that they do not swim with later poses.
-        here = self.shown.pose
-        self.shown.scan_points_m = None if scan is None or here is None else scan_points_in_map(scan, here)
+        here = self.map_state.pose
+        self.map_state.scan_points_m = None if scan is None or here is None else scan_points_in_map(scan, here)
         self._update_soon()
 
     def show_path(self, points_in_map: NDArray[np.float32] | None) -> None:
-        self.shown.path_m = None if points_in_map is None or len(points_in_map) < 2 else thinned(points_in_map)
+        self.map_state.path_m = None if points_in_map is None or len(points_in_map) < 2 else thinned(points_in_map)
         self._update_soon()
 
     def show_people(
-        self, people: tuple[tuple[PersonPlace, str, bool], ...], freshness: str, *, meant: str = ""
+        self, people: tuple[tuple[PersonPlace, str, bool], ...], freshness: str, *, selected: str = ""
     ) -> None:
         """Set positions and labels of people, and whether each is a given name.
 
-        ``meant``: id of the selected person.
+        ``selected``: id of the selected person.
         """
-        self.shown.people, self.shown.people_freshness, self.shown.meant = people, freshness, meant
+        self.map_state.people, self.map_state.people_freshness, self.map_state.meant = people, freshness, selected
         self._update_soon()
 
     def show_robot(self, outline_m: tuple[tuple[float, float], ...]) -> None:
-        self.shown.outline_m = outline_m
+        self.map_state.outline_m = outline_m
         self.update()
 
     def show_guard(self, state: str, distance_m: float | None) -> None:
-        if (state, distance_m) != self.shown.guard:
-            self.shown.guard = (state, distance_m)
+        if (state, distance_m) != self.map_state.guard:
+            self.map_state.guard = (state, distance_m)
             self._update_soon()
 
     def show_places(self, places: tuple[Place, ...]) -> None:
-        self.shown.places = places
+        self.map_state.places = places
         self.update()
 
     def show_goal(self, goal: GoalChanged | None) -> None:
-        self.shown.goal = goal
+        self.map_state.goal = goal
         self._update_soon()
 
     def show_chips(self, chips: list[tuple[str, str]]) -> None:
         """Set lines of (text, role) at the upper edge; roles: warning, good, bad, hint."""
-        if chips != self.shown.chips:
-            self.shown.chips = chips
+        if chips != self.map_state.chips:
+            self.map_state.chips = chips
             self.update()
 
     @property
     def chips(self) -> list[tuple[str, str]]:
-        return self.shown.chips
+        return self.map_state.chips
 
     def show_mark(self, at: QPointF | None) -> None:
         """Set the marker of the point that a popup asks about."""
-        if at != self.shown.mark:
-            self.shown.mark = at
+        if at != self.map_state.mark:
+            self.map_state.mark = at
             self.update()
 
     def show_hint(self, hint: str) -> None:
-        if hint != self.shown.hint:
-            self.shown.hint = hint
+        if hint != self.map_state.hint:
+            self.map_state.hint = hint
             self.update()
 
     @property
     def hint(self) -> str:
-        return self.shown.hint
+        return self.map_state.hint
 
     def show_waiting(self, words: str) -> None:
-        if words != self.shown.waiting:
-            self.shown.waiting = words
+        if words != self.map_state.waiting:
+            self.map_state.waiting = words
             self.update()
 
     def show_freshness(self, *, pose: str, scan: str) -> None:
-        if (pose, scan) != (self.shown.pose_freshness, self.shown.scan_freshness):
-            self.shown.pose_freshness, self.shown.scan_freshness = pose, scan
+        if (pose, scan) != (self.map_state.pose_freshness, self.map_state.scan_freshness):
+            self.map_state.pose_freshness, self.map_state.scan_freshness = pose, scan
             self.update()
 
     def clear_trail(self) -> None:
-        self.shown.trail.clear()
+        self.map_state.trail.clear()
         self.update()
 
     def set_trail_shown(self, shown: bool) -> None:
-        self.shown.show_trail = shown
+        self.map_state.show_trail = shown
         self.update()
 
     def _update_soon(self) -> None:
@@ -201,16 +201,16 @@ class MapView(QWidget):
             self.follow = follow
             if follow:
                 self.viewport.come_near()
-                if self.shown.pose is not None:
-                    self.viewport.center = QPointF(self.shown.pose.x_m, self.shown.pose.y_m)
+                if self.map_state.pose is not None:
+                    self.viewport.center = QPointF(self.map_state.pose.x_m, self.map_state.pose.y_m)
             self.follow_changed.emit(follow)
             self.update()
 
     def set_rotate(self, rotate: bool) -> None:
         """Rotate the map with the robot's heading up, or north up."""
-        pose = self.shown.pose
-        if rotate != self.shown.rotate:
-            self.shown.rotate = rotate
+        pose = self.map_state.pose
+        if rotate != self.map_state.rotate:
+            self.map_state.rotate = rotate
             self.viewport.turn_up(pose.heading_rad if rotate and pose is not None else None)
             self.rotate_changed.emit(rotate)
             self.moved.emit()
@@ -219,16 +219,16 @@ class MapView(QWidget):
     def _follow_pose(self, pose: Pose2D) -> None:
         if self.follow:
             self.viewport.center = QPointF(pose.x_m, pose.y_m)
-        if self.shown.rotate:
+        if self.map_state.rotate:
             self.viewport.turn_up(pose.heading_rad)
-        if self.follow or self.shown.rotate:
+        if self.follow or self.map_state.rotate:
             self.moved.emit()
 
     def fit(self) -> None:
         """Fit the known part of the map, the places and the robot."""
-        poses = [place.pose_in_map for place in self.shown.places]
-        if self.shown.pose is not None:
-            poses.append(self.shown.pose)
+        poses = [place.pose_in_map for place in self.map_state.places]
+        if self.map_state.pose is not None:
+            poses.append(self.map_state.pose)
         bounds = QRectF()
         if poses:
             bounds = self._bounds_of(poses).adjusted(-1.2, -1.2, 1.2, 1.2)
@@ -255,7 +255,7 @@ class MapView(QWidget):
 
     def place_position(self, name: str) -> QPoint | None:
         """Position of a place in the widget."""
-        place = next((place for place in self.shown.places if place.name == name), None)
+        place = next((place for place in self.map_state.places if place.name == name), None)
         return None if place is None else self.to_view(place.pose_in_map.x_m, place.pose_in_map.y_m).toPoint()
 
     def to_view(self, x_m: float, y_m: float) -> QPointF:
@@ -275,9 +275,9 @@ class MapView(QWidget):
 
     def set_tool(self, tool: Tool, *, at: QPointF | None = None) -> None:
         """Select a tool. With ``at`` the point is set, and the next click sets the heading."""
-        changed = tool != self.shown.tool
-        self.shown.tool = tool
-        self.shown.aim = Aim(at, None, anchored=True) if tool != "look" and at is not None else None
+        changed = tool != self.map_state.tool
+        self.map_state.tool = tool
+        self.map_state.aim = Aim(at, None, anchored=True) if tool != "look" and at is not None else None
         self._press = None
         self.setCursor(Qt.CursorShape.ArrowCursor if tool == "look" else Qt.CursorShape.CrossCursor)
         if changed or at is not None:
@@ -287,7 +287,7 @@ class MapView(QWidget):
     def give_up(self) -> None:
         """Esc: cancel the current operation."""
         self._press = self._pan_from = None
-        if self.shown.tool != "look":
+        if self.map_state.tool != "look":
             self.set_tool("look")
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -314,21 +314,21 @@ class MapView(QWidget):
             case Qt.Key.Key_F:
                 self.set_follow(not self.follow)
             case Qt.Key.Key_R:
-                self.set_rotate(not self.shown.rotate)
+                self.set_rotate(not self.map_state.rotate)
             case _:
                 super().keyPressEvent(event)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.setFocus(Qt.FocusReason.MouseFocusReason)
         point, button = event.position(), event.button()
-        if button == Qt.MouseButton.LeftButton and self.shown.tool != "look":
+        if button == Qt.MouseButton.LeftButton and self.map_state.tool != "look":
             self._press = point
-            if self.shown.aim is None or not self.shown.aim.anchored:
-                self.shown.aim = Aim(self.to_map(point), None, anchored=False)
+            if self.map_state.aim is None or not self.map_state.aim.anchored:
+                self.map_state.aim = Aim(self.to_map(point), None, anchored=False)
             else:
                 self._turn_aim_to(point)
             self.update()
-        elif button == Qt.MouseButton.RightButton and self.shown.tool != "look":
+        elif button == Qt.MouseButton.RightButton and self.map_state.tool != "look":
             self.give_up()
         elif self._pan_from is None:
             self._pan_from, self._pan_button, self._dragged = point, button, False
@@ -336,7 +336,7 @@ class MapView(QWidget):
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         point = event.position()
-        self.shown.pointer = point
+        self.map_state.pointer = point
         if self._pan_from is not None:
             moved = point - self._pan_from
             if self._dragged or moved.manhattanLength() > _DRAG_PX:
@@ -349,23 +349,23 @@ class MapView(QWidget):
                 self.moved.emit()
                 self.update()
             return
-        if self.shown.tool != "look":
-            if self.shown.aim is not None and (self._press is not None or self.shown.aim.anchored):
+        if self.map_state.tool != "look":
+            if self.map_state.aim is not None and (self._press is not None or self.map_state.aim.anchored):
                 self._turn_aim_to(point)
             self.update()
             return
         over = self._place_at(point)
         self.setCursor(Qt.CursorShape.ArrowCursor if over is None else Qt.CursorShape.PointingHandCursor)
-        if over != self.shown.hovered:
-            self.shown.hovered = over
+        if over != self.map_state.hovered:
+            self.map_state.hovered = over
             self.update()
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         point = event.position()
         if self._pan_from is not None and event.button() == self._pan_button:
             dragged, self._pan_from = self._dragged, None
-            self.setCursor(Qt.CursorShape.ArrowCursor if self.shown.tool == "look" else Qt.CursorShape.CrossCursor)
-            if not dragged and self.shown.tool == "look" and self._pan_button != Qt.MouseButton.MiddleButton:
+            self.setCursor(Qt.CursorShape.ArrowCursor if self.map_state.tool == "look" else Qt.CursorShape.CrossCursor)
+            if not dragged and self.map_state.tool == "look" and self._pan_button != Qt.MouseButton.MiddleButton:
                 name = self._place_at(point)
                 if name is not None:
                     self.place_clicked.emit(name, point)
@@ -376,27 +376,27 @@ class MapView(QWidget):
         event.accept()
 
     def leaveEvent(self, event: object) -> None:
-        self.shown.pointer = None
+        self.map_state.pointer = None
         self.update()
 
     def _turn_aim_to(self, point: QPointF) -> None:
-        aim = self.shown.aim
+        aim = self.map_state.aim
         if aim is None:
             return
         away = point - self.to_view(aim.at.x(), aim.at.y())
         heading_rad = None
         if math.hypot(away.x(), away.y()) >= _AIM_PX:
             heading_rad = wrap_angle(math.atan2(-away.y(), away.x()) - self.viewport.turn_rad)
-        self.shown.aim = Aim(aim.at, heading_rad, aim.anchored)
+        self.map_state.aim = Aim(aim.at, heading_rad, aim.anchored)
 
     def _finish_aim(self) -> None:
-        aim, tool = self.shown.aim, self.shown.tool
+        aim, tool = self.map_state.aim, self.map_state.tool
         self._press = None
         if aim is None:
             return
         if self.grid.refusal_at(aim.at):
             # The tool stays active for another try.
-            self.shown.aim = None
+            self.map_state.aim = None
             self.show_hint(self.grid.refusal_at(aim.at))
             return
         heading_rad = aim.heading_rad if aim.heading_rad is not None else self.heading_towards(aim.at)
@@ -405,10 +405,10 @@ class MapView(QWidget):
 
     def heading_towards(self, at: QPointF) -> float:
         """Direction from the robot to a point; the robot's heading if it is already there."""
-        if self.shown.pose is None:
+        if self.map_state.pose is None:
             return 0.0
-        right, up = at.x() - self.shown.pose.x_m, at.y() - self.shown.pose.y_m
-        return math.atan2(up, right) if math.hypot(right, up) > 0.1 else self.shown.pose.heading_rad
+        right, up = at.x() - self.map_state.pose.x_m, at.y() - self.map_state.pose.y_m
+        return math.atan2(up, right) if math.hypot(right, up) > 0.1 else self.map_state.pose.heading_rad
 
     def _place_at(self, point: QPointF) -> str | None:
         return next((name for name, rect in self._drawing.place_rects.items() if rect.contains(point)), None)

@@ -80,7 +80,7 @@ class Bench:
             TurnTaking(SilenceOfPeople(), SilenceBounds()),
             Loud(),
             canceller=self.canceller,
-            own_words=self.own_words,
+            robot_speech=self.own_words,
             turn_over=lambda _sound: turn_over,
             tell=self.told.append,
         )

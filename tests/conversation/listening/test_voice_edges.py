@@ -70,7 +70,7 @@ def _heard(
     told: list[object] = []
     ear = SpeechSegmenter(
         ROBOT_MICROPHONE, TurnTaking(SilenceOfPeople(), SilenceBounds()), VoiceActivity(), canceller=Plain(),
-        own_words=own, turn_over=lambda _sound: 1.0, tell=told.append,
+        robot_speech=own, turn_over=lambda _sound: 1.0, tell=told.append,
     )  # fmt: skip
     for at in range(0, len(samples), 1600):
         chunk = AudioChunk(_BEGAN_NS + at * 10**9 // RATE_HZ, ROBOT_MICROPHONE, RATE_HZ, samples[at : at + 1600, None])

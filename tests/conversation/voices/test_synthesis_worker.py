@@ -16,7 +16,7 @@ class SlowVoice:
 
     name = "espeak:slow"
     rate_hz = 1000
-    least_heard = 1
+    least_audible = 1
 
     def __init__(self) -> None:
         self.begun: list[str] = []

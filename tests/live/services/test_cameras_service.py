@@ -73,7 +73,7 @@ class Bench:
             parent=self.owner,
         )
 
-    def start(self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], heard: object) -> Child:
+    def start(self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], on_message: object) -> Child:
         self.children.append(Child(body, ended))
         return self.children[-1]
 

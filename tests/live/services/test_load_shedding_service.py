@@ -97,7 +97,7 @@ def test_a_starved_detector_is_load_but_takes_nothing_of_what_ranks_before_boxes
     machine = Machine()
     assert machine.run(2.5, detection_ms=900.0) == 1
     assert machine.run(60.0, detection_ms=900.0) == 2
-    assert STEPS[2].look_every_s > 0.0 and (STEPS[2].panels_every_s, STEPS[2].picture_every_s) == (0.0, 0.0)
+    assert STEPS[2].detection_interval_s > 0.0 and (STEPS[2].panels_every_s, STEPS[2].picture_every_s) == (0.0, 0.0)
     assert machine.run(60.0, late_ms=60.0, detection_ms=900.0) == LAST
     assert machine.run(60.0, detection_ms=400.0) == 2, "what others took comes back, boxes are neither late nor in time"
     assert machine.run(60.0) == 0
@@ -120,7 +120,8 @@ def test_where_people_have_to_be_covered_everything_pays_for_a_starved_detector(
 
 def test_small_pictures_pay_first_then_people_then_panels_and_the_picture_last() -> None:
     looks, panels, pictures = (
-        [getattr(step, what) > 0.0 for step in STEPS] for what in ("look_every_s", "panels_every_s", "picture_every_s")
+        [getattr(step, what) > 0.0 for step in STEPS]
+        for what in ("detection_interval_s", "panels_every_s", "picture_every_s")
     )
     assert looks == [False, False, True, True, True]
     assert panels == [False, False, False, True, True]
@@ -132,10 +133,10 @@ def test_small_pictures_pay_first_then_people_then_panels_and_the_picture_last()
 def test_the_words_say_what_is_given_up(steps: tuple[Step, ...]) -> None:
     assert len(steps) == len(STEPS)
     for number, (step, before) in enumerate(zip(steps[1:], steps, strict=False), start=1):
-        assert step.look_every_s >= before.look_every_s
+        assert step.detection_interval_s >= before.detection_interval_s
         assert step.panels_every_s >= before.panels_every_s
         assert step.picture_every_s >= before.picture_every_s
-        assert ("people" in step.detail) == (step.look_every_s > 0.0), step
+        assert ("people" in step.detail) == (step.detection_interval_s > 0.0), step
         assert ("panels" in step.detail) == (step.panels_every_s > 0.0), step
         assert ("video and" in step.detail) == (step.picture_every_s > 0.0), step
         assert ("thumbnails" in step.detail) == (number == 1), step
@@ -211,14 +212,14 @@ def test_what_is_given_up_is_done_and_told(qapp: QApplication) -> None:
     assert (governed.people.every_s, governed.passes[-1]) == (0.0, (0.0, 0.0))
     assert governed.state.load.value == LoadStatus(1, "thumbnails less often"), "English, as the record has it"
     governed.run(3.0, late_ms=60.0)
-    assert governed.people.every_s == STEPS[2].look_every_s > 0.0
+    assert governed.people.every_s == STEPS[2].detection_interval_s > 0.0
     assert governed.state.load.value == LoadStatus(2, "people detection less often")
     governed.run(3.0, late_ms=60.0)
     assert governed.passes[-1] == (STEPS[3].panels_every_s, 0.0)
     governed.run(60.0, late_ms=60.0)
     last = STEPS[-1]
     assert (governed.people.every_s, governed.passes[-1]) == (
-        last.look_every_s, (last.panels_every_s, last.picture_every_s)
+        last.detection_interval_s, (last.panels_every_s, last.picture_every_s)
     )  # fmt: skip
     governed.run(60.0)
     assert (governed.people.every_s, governed.passes[-1]) == (0.0, (0.0, 0.0))
@@ -276,8 +277,8 @@ def test_an_answer_of_a_model_on_this_computer_comes_before_boxes(
 ) -> None:
     governed = Governed(asyncio_thread)
     for endpoint, every_s in (
-        (EMBEDDED, STEPS[3].look_every_s),
-        (OLLAMA_HERE, STEPS[3].look_every_s),
+        (EMBEDDED, STEPS[3].detection_interval_s),
+        (OLLAMA_HERE, STEPS[3].detection_interval_s),
         (ELSEWHERE, 0.0),
     ):
         governed.models.use(endpoint, shown_as="Small", local_only=False)
@@ -300,9 +301,9 @@ def test_the_last_words_of_a_participant_come_before_boxes(qapp: QApplication) -
         governed.state.take(hearing)
         return governed.people.every_s
 
-    assert hear(pause) == STEPS[3].look_every_s > 0.0
+    assert hear(pause) == STEPS[3].detection_interval_s > 0.0
     assert hear(replace(pause, speaking=True, silent_since_ns=None)) == 0.0, "whose mouth moves is looked at"
-    assert hear(pause) == STEPS[3].look_every_s
+    assert hear(pause) == STEPS[3].detection_interval_s
     assert hear(replace(pause, utterance_id="")) == 0.0, "the turn is over"
     assert hear(replace(pause, speaker="robot")) == 0.0
     assert hear(pause) > 0.0
@@ -317,7 +318,7 @@ def test_the_last_words_of_a_participant_come_before_boxes(qapp: QApplication) -
 def test_the_panels_of_another_scenario_come_before_boxes(qapp: QApplication) -> None:
     governed = Governed()
     governed.governor.use_scenario(find_scenario("tour-guide"))
-    assert governed.people.every_s == STEPS[3].look_every_s > 0.0
+    assert governed.people.every_s == STEPS[3].detection_interval_s > 0.0
     governed.run(1.0, late_ms=0.0)
     assert (governed.people.every_s, governed.state.load.value) == (0.0, LoadStatus())
 

@@ -110,7 +110,7 @@ class Bench:
 
     def hear(self, message: object) -> None:
         """Deliver a message of the newest process."""
-        self.children.told[-1]["heard"](message)
+        self.children.told[-1]["on_message"](message)
 
     def begin(self) -> None:
         self.begun += 1

@@ -73,8 +73,8 @@ class FakeChildren:
     def call_in_gui(self, take: Callable[[Any], None], value: Any) -> None:
         take(value)
 
-    def pass_on(self, heard: Callable[[Any], None], value: Any, _raw: bytes) -> None:
-        heard(value)
+    def pass_on(self, on_message: Callable[[Any], None], value: Any, _raw: bytes) -> None:
+        on_message(value)
 
 
 class FakeMicrophones:
@@ -218,8 +218,8 @@ def test_what_plays_it_here_is_started_once_it_is_known_that_it_will_be_needed(b
 
 
 def test_the_robots_own_voice_gives_way(bench: Bench) -> None:
-    said = UtteranceChanged(1, "u1", "robot", "Hello", "typed", "started")
-    bench.state.speech.set(SpeechStatus(ready=True, now=said))
+    utterance = UtteranceChanged(1, "u1", "robot", "Hello", "typed", "started")
+    bench.state.speech.set(SpeechStatus(ready=True, now=utterance))
     bench.do(PushToTalk(on=True, actor=OTHER))
     assert bench.speech.silenced == [OTHER]
 

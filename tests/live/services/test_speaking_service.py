@@ -230,7 +230,7 @@ def test_what_is_never_said_has_no_gesture(desk: Desk) -> None:
 def test_each_filler_takes_the_next_one(desk: Desk) -> None:
     said = []
     for _ in range(4):
-        said.append(SCENARIO.next_filler(desk.state.fillers_said.value))
+        said.append(SCENARIO.next_filler(desk.state.fillers_spoken.value))
         desk.ask(intents.Say(said[-1], "filler"))
     assert said == ["Hm.", "Well.", "Let me see.", "Hm."]
 
@@ -239,4 +239,4 @@ def test_what_was_typed_is_remembered_as_it_was_typed(desk: Desk) -> None:
     desk.state.persons.set((LUIS,))
     desk.say("Hello, {name}!")
     desk.ask(intents.Say("A phrase", "phrase"))
-    assert desk.state.said_before.value == ("Hello, {name}!",)
+    assert desk.state.speech_history.value == ("Hello, {name}!",)

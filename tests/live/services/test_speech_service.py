@@ -91,7 +91,10 @@ class Bench:
 
     def new_link(self) -> ChildProcess:
         return self.children.start(
-            ProcessSpec("control", voice), ended=lambda _child: None, heard=self.speech.on_heard, reads=self.speech.read
+            ProcessSpec("control", voice),
+            ended=lambda _child: None,
+            on_message=self.speech.on_heard,
+            reads=self.speech.read,
         )
 
     def send(self, command: RobotCommand) -> bool:

@@ -67,7 +67,7 @@ def test_files_of_any_make_are_read_and_rewritten(tmp_path: Path, options: dict[
     seen: list[bytes] = []
     target = DiskFile(tmp_path / "again.mcap")
     with path.open("rb") as file:
-        rewrite(file, mcap_chunks.scan(file), target, added=None, look_at=seen.append)
+        rewrite(file, mcap_chunks.scan(file), target, added=None, on_chunk=seen.append)
     target.close()
     assert len(seen) > 0
     with target.path.open("rb") as file:
@@ -102,7 +102,7 @@ def test_messages_whose_channel_was_lost_are_left_out_of_a_rewritten_file(tmp_pa
     path.write_bytes(content)
     target = DiskFile(tmp_path / "again.mcap")
     with path.open("rb") as file:
-        rewrite(file, mcap_chunks.scan(file), target, added=None, look_at=lambda _content: None)
+        rewrite(file, mcap_chunks.scan(file), target, added=None, on_chunk=lambda _content: None)
     target.close()
     with target.path.open("rb") as file:
         topics = {channel.topic for _, channel, _ in make_reader(file, validate_crcs=True).iter_messages()}

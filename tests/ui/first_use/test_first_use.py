@@ -85,7 +85,7 @@ def test_only_what_the_scenario_needs_is_set_up() -> None:
 
 def test_the_simulated_robot_is_one_key_away(qtbot: QtBot, page: SetUpPage) -> None:
     asked: list[bool] = []
-    page.simulated_wanted.connect(lambda: asked.append(True))
+    page.simulated_requested.connect(lambda: asked.append(True))
     focused = page.window().focusWidget()
     assert focused is not None and focused.accessibleName() == "Try it with the simulated robot"
     qtbot.keyClick(focused, Qt.Key.Key_Space)
@@ -327,7 +327,7 @@ def test_the_hint_goes_with_the_first_metre(
     assert settings.values[DRIVEN_KEY] == "yes"
     assert "first metre" in hint.text
     wanted: list[bool] = []
-    hint.practise_wanted.connect(lambda: wanted.append(True))
+    hint.practise_requested.connect(lambda: wanted.append(True))
     click(qtbot, find(hint, "drive_hint_practise"))
     assert wanted == [True] and not hint.isVisible()
     window.first_use.begin(with_simulated_robot=True)

@@ -77,7 +77,7 @@ def test_another_scenario_is_made_of_the_arrangement_by_the_menu_and_its_title(
     assert console.named("SaveLayout") == [intents.SaveLayout(layout_text(tree), "usual", "My tour")]
     qtbot.waitUntil(lambda: window.findChild(TitleDialog) is None)
     # No question after closing the dialog.
-    window.layout_keeper.title_wanted.emit()
+    window.layout_keeper.title_requested.emit()
     dialog = window.findChild(TitleDialog)
     QTest.keyClicks(dialog.findChild(QLineEdit, "layout_title_field"), "Other")
     click(qtbot, dialog.findChild(QDialogButtonBox).button(QDialogButtonBox.StandardButton.Cancel))

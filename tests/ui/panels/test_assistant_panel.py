@@ -154,10 +154,10 @@ def test_the_model_is_one_drop_down_and_a_refusal_puts_it_back(
 def test_the_model_can_be_chosen_however_low_the_panel_is(panel: AssistantPanel, console: FakeConsole) -> None:
     asked(console, ANSWERED)
     assert panel.height() < 210 and panel._answer.isVisible() and not panel.setup_bar.model.isVisible()
-    panel.with_what.setFocus(Qt.FocusReason.TabFocusReason)
-    QTest.keyClick(panel.with_what, Qt.Key.Key_Space)
+    panel.setup_button.setFocus(Qt.FocusReason.TabFocusReason)
+    QTest.keyClick(panel.setup_button, Qt.Key.Key_Space)
     assert panel.setup_bar.model.isVisible() and not panel._answer.isVisible()
-    QTest.keyClick(panel.with_what, Qt.Key.Key_Space)
+    QTest.keyClick(panel.setup_button, Qt.Key.Key_Space)
     assert panel._answer.isVisible()
 
 

@@ -105,7 +105,7 @@ def test_a_click_in_a_replay_goes_to_the_moment(qtbot: QtBot, panel: NotesPanel,
     state.notes.set((FinalMark("m-1", "Laughs", "mark", 5_000_000_000, None, "at the arm", 6_000_000_000),))
     assert shown(panel) == ["Laughs: at the arm"]
     assert not panel.field.isVisible()
-    with qtbot.waitSignal(panel.moment_wanted) as wanted:
+    with qtbot.waitSignal(panel.moment_requested) as wanted:
         choose(panel, 0)
     assert wanted.args == [5_000_000_000]
 

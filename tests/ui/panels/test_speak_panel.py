@@ -229,7 +229,7 @@ def test_the_filler_key_shows_and_says_the_next_one(grouped: tuple[MainWindow, F
     window, console = grouped
     shown = []
     for said in range(3):
-        console.state.fillers_said.set(said)
+        console.state.fillers_spoken.set(said)
         shown.append(find(window, "filler").property("text"))
         QTest.keyClick(find(window, "video_view"), Qt.Key.Key_F9)
     assert shown == ["Hmm, good question.", "Well …", "Let me see."]

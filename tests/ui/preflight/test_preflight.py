@@ -182,7 +182,7 @@ def test_what_is_not_ready_is_asked_about_once(dialog: Dialog) -> None:
 def test_a_question_that_is_answered_meanwhile_is_asked_no_more(dialog: Dialog, console: FakeConsole) -> None:
     dialog.start()
     console.state.preflight.set(READY)
-    assert not dialog.dialog._asked.isVisible()
+    assert not dialog.dialog._question.isVisible()
     dialog.start()
     assert dialog.begun == [(TrialDetails(participant="P1"), False)]
 

@@ -302,7 +302,7 @@ def test_fields_are_taken_over_from_what_it_is_compared_with(editor: ScenarioEdi
     page = editor.compare_page
     editor.show_page(page)
     assert page.choice.itemText(0) == "Saved version"
-    assert page.said.text().startswith("Differences: 2.")
+    assert page.summary.text().startswith("Differences: 2.")
     assert "-title: Small   # and good\n+title: Large   # and good" in page.diff.toPlainText()
     take = [row.findChild(QWidget, "take_value") for row in page.rows]
     assert [each.accessibleName() for each in take if each] == [
@@ -458,7 +458,7 @@ def test_what_is_compared_with_is_what_was_saved_last(editor: ScenarioEditor, co
     editor.save_button.click()
     acknowledge(console)
     assert editor.compare_page.rows == []
-    assert editor.compare_page.said.text() == "Both are identical."
+    assert editor.compare_page.summary.text() == "Both are identical."
 
 
 def test_what_is_not_saved_is_asked_about_before_it_goes(
