@@ -60,8 +60,8 @@ def told(call: ast.Call, failures: set[str]) -> tuple[str, ast.expr] | None:
 
 def may_be_empty(advice: ast.expr) -> bool:
     match advice:
-        case ast.Constant(value=said):
-            return not said
+        case ast.Constant(value=value):
+            return not value
         case ast.IfExp(body=one, orelse=other):
             return may_be_empty(one) or may_be_empty(other)
         case ast.BoolOp(values=several):

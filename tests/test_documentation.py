@@ -79,8 +79,8 @@ def test_the_drawing_shows_the_packages_and_imports_that_there_are() -> None:
     for name in packages:
         imports = sorted(other for importing, other in between if importing == name)
         box = words.partition(f'<g id="{name}">')[2].partition("</g>")[0]
-        said = re.findall(r"Imports: ([\w, ]+)", box)
-        assert said == ([", ".join(imports)] if imports else []), "run: python docs/architecture_drawing.py"
+        imports_in_box = re.findall(r"Imports: ([\w, ]+)", box)
+        assert imports_in_box == ([", ".join(imports)] if imports else []), "run: python docs/architecture_drawing.py"
 
 
 def test_every_dependency_is_in_the_table_of_licences() -> None:

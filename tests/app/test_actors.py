@@ -199,8 +199,10 @@ def tell(story: Story) -> None:
     ask(intents.RemovePlace("Here"), events.PlacesChanged)
 
     ask(intents.Say("Hello, how are you today?", "typed"), events.UtteranceChanged, state="finished")
-    said = state.transcript.value[-1].utterance_id
-    ask(intents.CorrectUtterance(said, tags=("greeting",)), events.UtteranceCorrected, utterance_id=said)
+    utterance_id = state.transcript.value[-1].utterance_id
+    ask(
+        intents.CorrectUtterance(utterance_id, tags=("greeting",)), events.UtteranceCorrected, utterance_id=utterance_id
+    )
     do(intents.Say("I would like to show you around.", "typed"), events.UtteranceChanged, state="started")
     for text in ("This is not said.", "Nor is this."):
         do(intents.Say(text, "typed"), events.UtteranceChanged, state="requested", text=text)

@@ -160,11 +160,11 @@ def test_others_are_served_over_tls_and_the_token_goes_to_the_right_one_alone(
             address = f"https://127.0.0.1:{port}/video.mjpg#token-env=CAMERA_TOKEN"
             with closing(open_camera(parse_camera(f"{address}&certificate-sha256={fingerprint}"))) as camera:
                 assert camera.read() is not None
-            for confirmed, said in (
+            for confirmed, message in (
                 ("", "is not trusted"),
                 (f"&certificate-sha256={wrong}", "does not match the fingerprint"),
             ):
-                with pytest.raises(CameraError, match=said) as refused:
+                with pytest.raises(CameraError, match=message) as refused:
                     open_camera(parse_camera(f"{address}{confirmed}"))
                 assert bool(confirmed) or fingerprint in refused.value.advice
             with pytest.raises(CameraError):

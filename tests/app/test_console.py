@@ -75,8 +75,8 @@ def asked(qtbot: QtBot, tmp_path: Path) -> Iterator[Asked]:
 
 @pytest.mark.logs(r"live\.bus: ", r"live\.recorder_feed: ")
 def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_next(qtbot: QtBot, asked: Asked) -> None:
-    said = UtteranceChanged(clock.now_ns(), "u-1", "participant", "I sleep badly.", "heard", "finished")
-    asked.console._bus.publish(said)
+    utterance = UtteranceChanged(clock.now_ns(), "u-1", "participant", "I sleep badly.", "heard", "finished")
+    asked.console._bus.publish(utterance)
     qtbot.waitUntil(lambda: bool(asked.console.state.transcript.value))
     assert "I sleep badly." in asked.ask(qtbot, "What now?")
     asked.console.do(intents.StartRecording(TrialDetails(participant="P2"), anyway=True))
@@ -88,8 +88,8 @@ def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_n
 def test_whoever_asks_no_recording_begins_without_the_required_checks(qtbot: QtBot, asked: Asked, actor: Actor) -> None:
     """Requests of the gamepad and the palette are those of this wizard."""
     console, told = asked.console, list[Problem]()
-    said = UtteranceChanged(clock.now_ns(), "u-1", "participant", "I sleep badly.", "heard", "finished")
-    console._bus.publish(said)
+    utterance = UtteranceChanged(clock.now_ns(), "u-1", "participant", "I sleep badly.", "heard", "finished")
+    console._bus.publish(utterance)
     qtbot.waitUntil(lambda: bool(console.state.transcript.value))
     console.state.event_happened.connect(lambda event: told.append(event) if isinstance(event, Problem) else None)
     start = intents.StartRecording(TrialDetails(participant="P2"), actor=actor)

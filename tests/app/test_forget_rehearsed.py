@@ -86,14 +86,16 @@ def test_no_byte_of_who_was_forgotten_is_left_after_a_rehearsal(tmp_path: Path) 
         (person,) = (each for each in store.everybody() if each.about.name == NAME)
         portrait = store.portrait(person.person_id) or b""
         looks = [row.tobytes() for each in store.embeddings(person_id=person.person_id) for row in each.vectors]
-    said = [one.text for one in spoken(open_session(folder)) if one.speaker == "participant" and len(one.text) > 12]
+    sentences = [
+        one.text for one in spoken(open_session(folder)) if one.speaker == "participant" and len(one.text) > 12
+    ]
     canaries = {
         "name": [part.encode(code) for part in (NAME, *NAME.split()) for code in ("utf-8", "utf-16-le", "utf-16-be")],
         "portrait": []
         if portrait is None
         else [portrait[at : at + 32] for at in range(len(portrait) // 3, len(portrait) - 32, 200)],
         "looks": [look[:32] for look in looks],
-        "sentence": [text.encode() for text in said],
+        "sentence": [text.encode() for text in sentences],
         "voice": _voice(folder),
     }
     found = {what: len(pieces) for what, pieces in canaries.items()}

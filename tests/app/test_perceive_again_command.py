@@ -49,8 +49,8 @@ def perceive_again(capsys: pytest.CaptureFixture[str], recording: Path, *words: 
     parser = argparse.ArgumentParser()
     perceive_again_command.add_arguments(parser)
     status = perceive_again_command.run(parser.parse_args([str(recording), *words]))
-    said = capsys.readouterr()
-    return status, said.out, said.err
+    printed = capsys.readouterr()
+    return status, printed.out, printed.err
 
 
 def people_in(layer: Path) -> list[People]:
@@ -74,11 +74,11 @@ def contents(folder: Path) -> dict[str, str]:
 def test_a_layer_is_made_beside_the_recording_and_never_twice(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
     session = street / "sessions" / "one"
     before = contents(session)
-    status, said, told = perceive_again(capsys, street, "--model", str(INT8_WEIGHTS), "--name", "better")
+    status, printed, told = perceive_again(capsys, street, "--model", str(INT8_WEIGHTS), "--name", "better")
     assert status == 0, told
     layer = session / "derived" / "better"
     about = json.loads((layer / "layer.json").read_text(encoding="utf-8"))
-    assert json.loads(said) == about
+    assert json.loads(printed) == about
     people = people_in(layer)
     assert about["cameras"]["front"]["pictures"] == len(people) > 6
     assert [each.frame_sequence for each in people] == list(range(len(people)))
@@ -88,8 +88,8 @@ def test_a_layer_is_made_beside_the_recording_and_never_twice(street: Path, caps
     assert contents(session) == before
     assert verify_manifest(session) == []
 
-    status, said, told = perceive_again(capsys, session, "--model", str(INT8_WEIGHTS), "--name", "better")
-    assert (status, said) == (1, "")
+    status, printed, told = perceive_again(capsys, session, "--model", str(INT8_WEIGHTS), "--name", "better")
+    assert (status, printed) == (1, "")
     assert "a layer better already exists" in told
     assert people_in(layer) == people
 
@@ -116,9 +116,9 @@ def test_poses_are_in_the_layer_where_the_model_knows_them(
 
 @needs_int8_weights
 def test_looking_back_fills_what_was_missed(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status, said, told = perceive_again(capsys, street, "--model", str(INT8_WEIGHTS), "--offline-quality")
+    status, printed, told = perceive_again(capsys, street, "--model", str(INT8_WEIGHTS), "--offline-quality")
     assert status == 0, told
-    name = json.loads(said)["layer"]
+    name = json.loads(printed)["layer"]
     assert name == "yolov8n_int8-own-offline"
     people = people_in(street / "sessions" / "one" / "derived" / name)
     filled = people[5].boxes

@@ -81,8 +81,8 @@ def test_the_tour_leaves_a_whole_session(tour: Path) -> None:
     driven = [message["twist"]["forward_mps"] for message in messages["/event/command_sent"]]
     assert max(driven) > 0.1 and driven[-1] == 0
     assert any(message["boxes"] for message in messages["/people"])
-    said = Counter(message["origin"] for message in messages["/event/utterance_changed"])
-    assert {"phrase", "typed", "assistant"} <= set(said)
+    by_origin = Counter(message["origin"] for message in messages["/event/utterance_changed"])
+    assert {"phrase", "typed", "assistant"} <= set(by_origin)
     (exchange,) = (each for each in messages["/event/llm_exchange"] if each["purpose"] == "question")
     assert exchange["outcome"] == "answered" and exchange["answer"]
     goals = [message["state"] for message in messages["/event/goal_changed"]]
@@ -149,10 +149,10 @@ def test_what_was_said_how_it_was_answered_and_what_became_of_suggestions_is_who
 def _is_whole_conversation(session: Path, said: tuple[str, ...]) -> None:
     messages = _messages(session)
     utterances = messages["/event/utterance_changed"]
-    heard = [each for each in utterances if each["speaker"] == "participant" and each["state"] == "finished"]
-    assert heard
-    wrong = jiwer.wer(_plain(" ".join(said)), _plain(" ".join(each["text"] for each in heard)))
-    assert wrong <= 0.3 or _tells_of_lost_sound(messages), heard
+    turns = [each for each in utterances if each["speaker"] == "participant" and each["state"] == "finished"]
+    assert turns
+    wrong = jiwer.wer(_plain(" ".join(said)), _plain(" ".join(each["text"] for each in turns)))
+    assert wrong <= 0.3 or _tells_of_lost_sound(messages), turns
     began = {each["utterance_id"]: each for each in utterances if each["state"] == "started"}
     ended = Counter(
         each["utterance_id"] for each in utterances if each["state"] in ("finished", "interrupted", "failed")
@@ -171,7 +171,7 @@ def _is_whole_conversation(session: Path, said: tuple[str, ...]) -> None:
     )
     assert fates == Counter(each["suggestion_id"] for each in displayed), "exactly one fate"
     texts = (session / "speech.txt").read_text("utf-8")
-    assert all(f"participant: {each['text']}" in texts for each in heard)
+    assert all(f"participant: {each['text']}" in texts for each in turns)
 
 
 def _tells_of_lost_sound(messages: dict[str, list[dict[str, Any]]]) -> bool:

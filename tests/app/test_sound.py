@@ -62,11 +62,13 @@ def test_the_participant_is_recorded_and_the_wizard_is_heard_by_the_robot(
         study=composition.open_study(tmp_path / "study"),
         microphone=composition.microphones(lambda _role: "", lambda _role, _name: None),
     )
-    said: list[UtteranceChanged] = []
+    utterances: list[UtteranceChanged] = []
     with SimulatedRobot("--empty") as robot:
         console = Console(parts, scenario)
         state = console.state
-        state.event_happened.connect(lambda event: said.append(event) if isinstance(event, UtteranceChanged) else None)
+        state.event_happened.connect(
+            lambda event: utterances.append(event) if isinstance(event, UtteranceChanged) else None
+        )
         try:
             console.connect_robot(composition.robot_connection("simulated", address=robot.address))
             console.start()
@@ -80,7 +82,7 @@ def test_the_participant_is_recorded_and_the_wizard_is_heard_by_the_robot(
             assert console.do(intents.PushToTalk(on=True)) == ""
             _until(lambda: robot.state()["sound"]["own_voice_s"] > 0.5, "the wizard at the robot's loudspeaker")
             assert console.do(intents.PushToTalk(on=False)) == ""
-            _until(lambda: [one.state for one in said] == ["requested", "started", "finished"], "its end")
+            _until(lambda: [one.state for one in utterances] == ["requested", "started", "finished"], "its end")
             assert console.do(intents.StopRecording()) == ""
             _until(lambda: state.recording.value.state == "idle", "the end of the recording")
             assert state.microphone.value.state == "off", "nothing needs it any more"

@@ -50,8 +50,8 @@ def track(capsys: pytest.CaptureFixture[str], video: Path, out: Path, *words: st
     parser = argparse.ArgumentParser()
     track_command.add_arguments(parser)
     status = track_command.run(parser.parse_args([str(video), "--out", str(out), *words]))
-    said = capsys.readouterr()
-    return status, said.out, said.err
+    printed = capsys.readouterr()
+    return status, printed.out, printed.err
 
 
 def scored(result: Path, tmp_path: Path, keep: dict[int, int] | None = None) -> dict[str, float]:
@@ -76,9 +76,9 @@ def test_a_street_is_followed_better_than_by_the_library(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
 ) -> None:
     result = tmp_path / "result.txt"
-    status, said, told = track(capsys, TUD_CAMPUS_VIDEO, result, "--model", str(INT8_WEIGHTS), *words)
+    status, printed, told = track(capsys, TUD_CAMPUS_VIDEO, result, "--model", str(INT8_WEIGHTS), *words)
     assert status == 0, told
-    report: dict[str, Any] = json.loads(said)
+    report: dict[str, Any] = json.loads(printed)
     assert report["frames"] == 71
     assert report["fps"] == pytest.approx(report["frames"] / report["seconds"], rel=0.01)
     assert "100%" in told
@@ -123,9 +123,9 @@ def scored_after(
 @needs_int8_weights
 def test_nobody_in_a_video_is_an_empty_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = tmp_path / "result.txt"
-    status, said, told = track(capsys, grey_video(tmp_path / "grey.mp4"), result, "--model", str(INT8_WEIGHTS))
+    status, printed, told = track(capsys, grey_video(tmp_path / "grey.mp4"), result, "--model", str(INT8_WEIGHTS))
     assert (status, result.read_text(encoding="ascii")) == (0, ""), told
-    assert json.loads(said)["people"] == 0
+    assert json.loads(printed)["people"] == 0
 
 
 @needs_int8_weights
@@ -139,10 +139,10 @@ def test_a_torn_picture_is_passed_over_and_the_others_keep_their_numbers(
     content[middle : middle + 3000] = b"\x55" * 3000
     torn, result = tmp_path / "torn.mp4", tmp_path / "result.txt"
     torn.write_bytes(content)
-    status, said, told = track(capsys, torn, result, "--model", str(INT8_WEIGHTS), "--no-looks")
+    status, printed, told = track(capsys, torn, result, "--model", str(INT8_WEIGHTS), "--no-looks")
     assert status == 0, told
     assert "Damaged frames in torn.mp4, skipped: 1." in told
-    assert json.loads(said)["frames"] == 70
+    assert json.loads(printed)["frames"] == 70
     assert np.loadtxt(result, delimiter=",")[:, 0].max() == 71
 
 
@@ -179,8 +179,8 @@ def test_what_is_wrong_is_one_sentence_and_nothing_is_written(
     (tmp_path / "short.onnx").write_bytes(b"\x08\x08\x12\x07py")
     monkeypatch.chdir(tmp_path)
     video, result, words, sentence = WRONG[what]
-    status, said, told = track(capsys, Path(video), Path(result), *words)
-    assert (status, said) == (1, "")
+    status, printed, told = track(capsys, Path(video), Path(result), *words)
+    assert (status, printed) == (1, "")
     assert sentence in told
     assert len(told.strip().splitlines()) == 1, told
     assert not (tmp_path / "result.txt").exists()

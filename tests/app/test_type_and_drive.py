@@ -165,10 +165,10 @@ def _typing_and_driving(tour: Tour, *, forward: Callable[[bool], None], left: Ca
                 commands.append(json.loads(message.data))
             elif channel.topic == "/event/utterance_changed":
                 utterances.append(json.loads(message.data))
-    said = next(event for event in utterances if event["origin"] == "typed" and event["state"] == "requested")
-    assert said["text"] == TEXT, "every character, and no other"
+    typed = next(event for event in utterances if event["origin"] == "typed" and event["state"] == "requested")
+    assert typed["text"] == TEXT, "every character, and no other"
     moving = [command for command in commands if any(command["twist"].values())]
-    while_typing = [c for c in moving if times["typing"] < c["stamp_ns"] < said["stamp_ns"]]
+    while_typing = [c for c in moving if times["typing"] < c["stamp_ns"] < typed["stamp_ns"]]
     assert len(while_typing) > 40, "commands and utterance on one clock"
     assert {bool(command["twist"]["turn_radps"]) for command in while_typing} == {True, False}
 

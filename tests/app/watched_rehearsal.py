@@ -41,5 +41,5 @@ class WatchedRehearsal(rehearsal.Rehearsal):
 if __name__ == "__main__":
     WatchedRehearsal.samples_path = Path(sys.argv[1])
     rehearsal.Rehearsal = WatchedRehearsal  # type: ignore[misc]
-    rehearsal.SAYS = {name: said[: int(sys.argv[2])] for name, said in rehearsal.SAYS.items()}
+    rehearsal.SAYS = {name: text[: int(sys.argv[2])] for name, text in rehearsal.SAYS.items()}
     sys.exit(run(["rehearse", *sys.argv[3:]]))

@@ -120,7 +120,7 @@ def measure(seconds: float, *, burners: int) -> dict[str, object]:
         }
     marks.stop()
     report = load.load()
-    bare_said = json.loads(bare.communicate(timeout=60)[0])
+    bare_report = json.loads(bare.communicate(timeout=60)[0])
     foreign.end()
     load.close()
     return {
@@ -130,8 +130,8 @@ def measure(seconds: float, *, burners: int) -> dict[str, object]:
         "drives": driver.drives,
         "ended_by_the_console": driver.ended[ENDED_BY_THE_CONSOLE],
         "ended": dict(driver.ended),
-        "bare_process_stalls_over_150_ms": bare_said["over_150_ms"],
-        "bare_process_ms": bare_said,
+        "bare_process_stalls_over_150_ms": bare_report["over_150_ms"],
+        "bare_process_ms": bare_report,
         **by_layout,
         "load": report,
     }

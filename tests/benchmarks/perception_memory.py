@@ -62,7 +62,7 @@ def grown(megabytes: list[float]) -> float:
 def measure(seconds: float, *, model: Path | None) -> dict[str, Any]:
     application = QCoreApplication.instance() or QCoreApplication([])
     ring = FrameRing.create()
-    heard: list[Any] = []
+    values: list[Any] = []
     counts = {"looks": 0, "boxes": 0}
     ready = threading.Event()
 
@@ -71,7 +71,7 @@ def measure(seconds: float, *, model: Path | None) -> dict[str, Any]:
             counts["looks"] += 1
             counts["boxes"] += len(value.boxes)
         elif isinstance(value, PersonAppeared):
-            heard.append(value)
+            values.append(value)
 
     with tempfile.TemporaryDirectory() as folder:
         parts = composition.parts(study=composition.open_study(Path(folder) / "study"), cameras=())
@@ -107,7 +107,7 @@ def measure(seconds: float, *, model: Path | None) -> dict[str, Any]:
     return {
         "seconds": seconds,
         "visits": len(visits(seconds)),
-        "people_appeared": len(heard),
+        "people_appeared": len(values),
         **counts,
         "console_mb": [round(memory.console[0], 1), round(memory.console[-1], 1)],
         "inference_mb": [round(memory.inference[0], 1), round(memory.inference[-1], 1)],

@@ -69,7 +69,7 @@ def measure(rounds: int) -> dict[str, object]:
     idle: list[LlmExchange] = []
     loaded: list[LlmExchange] = []
     driven: list[LlmExchange] = []
-    load_said: dict[str, object] = {}
+    load_report: dict[str, object] = {}
     for _ in range(rounds):
         console = ConsoleUnderLoad(robot=None, record=False)
         idle += answers_of(console, driving=False)
@@ -77,7 +77,7 @@ def measure(rounds: int) -> dict[str, object]:
         console = ConsoleUnderLoad()
         loaded += answers_of(console, driving=False)
         driven += answers_of(console, driving=True)
-        load_said = console.load()
+        load_report = console.load()
         console.close()
     report = {"idle": figures(idle), "under_load": figures(loaded), "under_load_driving": figures(driven)}
     base = report["idle"]
@@ -89,7 +89,7 @@ def measure(rounds: int) -> dict[str, object]:
             for name, each in report.items()
             if name != "idle"
         },
-        "load": load_said,
+        "load": load_report,
     }
 
 

@@ -45,7 +45,7 @@ def sentences(count: int) -> list[str]:
     return [" ".join(parts) for parts in random.Random(11).sample(list(every), count)]  # noqa: S311 - a benchmark, not cryptography
 
 
-def measure(load: ConsoleUnderLoad, heard: StampedSound, texts: list[str], *, typed: bool) -> dict[str, object]:
+def measure(load: ConsoleUnderLoad, recording: StampedSound, texts: list[str], *, typed: bool) -> dict[str, object]:
     field = load.window.findChild(QPlainTextEdit, "speak_field")
     rhythm = random.Random(12)  # noqa: S311 - a benchmark, not cryptography
     to_sound_ms: list[float] = []
@@ -67,16 +67,16 @@ def measure(load: ConsoleUnderLoad, heard: StampedSound, texts: list[str], *, ty
         QTest.keyClick(load.window, Qt.Key.Key_F12)
         load.wait_for(lambda: load.state.speech.value.now is None, "silence", 30.0)
         load.let_qt_run(_PAUSE_S)
-        began_ns, _ = heard.loud_between(entered_ns, silenced_ns, least=_HEARD_AT_LEAST)
+        began_ns, _ = recording.loud_between(entered_ns, silenced_ns, least=_HEARD_AT_LEAST)
         to_sound_ms.append((began_ns - entered_ns) / 1e6)
-        _, ended_ns = heard.loud_between(entered_ns, clock.now_ns(), least=_HEARD_AT_LEAST)
+        _, ended_ns = recording.loud_between(entered_ns, clock.now_ns(), least=_HEARD_AT_LEAST)
         to_silence_ms.append(max(0.0, (ended_ns - silenced_ns) / 1e6))
     return {"enter_to_sound_ms": percentiles(to_sound_ms), "silence_ms": percentiles(to_silence_ms)}
 
 
-def _both(load: ConsoleUnderLoad, heard: StampedSound, texts: Iterator[str], count: int) -> dict[str, object]:
-    typed = measure(load, heard, list(itertools.islice(texts, count)), typed=True)
-    return typed | {"at_once": measure(load, heard, list(itertools.islice(texts, count)), typed=False)}
+def _both(load: ConsoleUnderLoad, recording: StampedSound, texts: Iterator[str], count: int) -> dict[str, object]:
+    typed = measure(load, recording, list(itertools.islice(texts, count)), typed=True)
+    return typed | {"at_once": measure(load, recording, list(itertools.islice(texts, count)), typed=False)}
 
 
 def _is_started(load: ConsoleUnderLoad) -> bool:
@@ -93,13 +93,13 @@ def report(count: int) -> dict[str, object]:
             load.console.do(intents.SetVoice("computer", VOICE))
             load.wait_for(lambda: bool(load.state.voice.value.used), "voice", 120.0)
             used = load.state.voice.value.used
-            with sound.stamped() as heard:
+            with sound.stamped() as recording:
                 texts = iter(sentences(4 * count + 2))
-                measure(load, heard, [next(texts), next(texts)], typed=True)
-                quiet = _both(load, heard, texts, count)
+                measure(load, recording, [next(texts), next(texts)], typed=True)
+                quiet = _both(load, recording, texts, count)
                 burners = Burners(1)
                 try:
-                    busy = _both(load, heard, texts, count)
+                    busy = _both(load, recording, texts, count)
                 finally:
                     burners.end()
         finally:

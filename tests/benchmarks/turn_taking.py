@@ -194,8 +194,8 @@ def main() -> None:
     ours, alone = Kept(), {silence_s: Kept() for silence_s in _SILENCES_S}
     each: dict[str, dict[str, float]] = {}
     everything: list[MadeTurn] = []
-    said: list[str] = []
-    heard: list[str] = []
+    sentences: list[str] = []
+    expected: list[str] = []
     committed_s: list[float] = []
     ended_off_s: list[float] = []
     for name, turns in made_turns(given.turns, given.seed, given.voice, HELD_OUT if given.held_out else SENTENCES):
@@ -206,8 +206,8 @@ def main() -> None:
                 kept.add(turn, participant.ends)
             for silence_s, ends in silence_alone(turn, _SILENCES_S).items():
                 alone[silence_s].add(turn, ends)
-            said.append(_plain(turn.text))
-            heard.append(_plain(" ".join(participant.texts)))
+            sentences.append(_plain(turn.text))
+            expected.append(_plain(" ".join(participant.texts)))
             committed_s.append(participant.committed_s - turn.ended_s)
             ended_off_s += [voice_s - turn.ended_s for voice_s, _ in participant.ends[-1:]]
         each[name] = own.told()
@@ -237,7 +237,7 @@ def main() -> None:
                 },
                 "silence_alone_at_same_dead_air": {"silence_s": round(dead_air_s - overhead_s, 3), **same.told()},
                 "ours_by_participant": each,
-                "word_error_percent": round(100 * jiwer.wer(said, heard), 1),
+                "word_error_percent": round(100 * jiwer.wer(sentences, expected), 1),
                 "committed_after_voice_p50_s": round(float(np.median(committed_s)), 3),
                 "committed_after_voice_p95_s": round(float(np.quantile(committed_s, 0.95)), 3),
                 "voice_end_off_p50_ms": round(1e3 * float(np.median(np.abs(ended_off_s)))),

@@ -97,11 +97,11 @@ class SoundServer:
         with subprocess.Popen(
             [*words, "--channels=1"], env=self._environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         ) as program:
-            heard = StampedSound()
-            thread = threading.Thread(target=heard.read, args=(program.stdout,))
+            recording = StampedSound()
+            thread = threading.Thread(target=recording.read, args=(program.stdout,))
             thread.start()
-            wait_for(lambda: heard.length, "the sink is listened to")
-            yield heard
+            wait_for(lambda: recording.length, "the sink is listened to")
+            yield recording
             program.kill()
             thread.join()
 

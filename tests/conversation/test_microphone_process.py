@@ -103,17 +103,17 @@ def test_what_the_robot_says_is_recorded_when_a_microphone_hears_it(sound: Sound
     finally:
         microphone.close()
         speech.close()
-    said = speech.chunks(ROBOT_VOICE)
-    assert abs(said[0].stamp_ns - start.stamp_ns) < 1_000_000, "the voice's sound begins with the utterance"
-    said_s = sum(len(chunk.samples) for chunk in said) / said[0].sample_rate_hz
-    assert said_s == pytest.approx((end.stamp_ns - start.stamp_ns) / 1e9, abs=0.02)
-    said_from_ns, said_loud = _loudness(said)
-    heard = microphone.chunks("microphone")
-    gaps_ms = np.diff([chunk.stamp_ns for chunk in heard]) / 1e6
+    robot_chunks = speech.chunks(ROBOT_VOICE)
+    assert abs(robot_chunks[0].stamp_ns - start.stamp_ns) < 1_000_000, "the voice's sound begins with the utterance"
+    robot_s = sum(len(chunk.samples) for chunk in robot_chunks) / robot_chunks[0].sample_rate_hz
+    assert robot_s == pytest.approx((end.stamp_ns - start.stamp_ns) / 1e9, abs=0.02)
+    robot_from_ns, robot_loudness = _loudness(robot_chunks)
+    microphone_chunks = microphone.chunks("microphone")
+    gaps_ms = np.diff([chunk.stamp_ns for chunk in microphone_chunks]) / 1e6
     assert np.percentile(np.abs(gaps_ms - 40.0), 80) < 20.0, "the microphone's stamps go on evenly"
-    heard_from_ns, heard_loud = _loudness(heard)
-    shift = int(np.argmax(np.correlate(heard_loud, said_loud, mode="full"))) - (len(said_loud) - 1)
-    late_ms = (heard_from_ns - said_from_ns) / 1e6 + shift * 10.0
+    microphone_from_ns, microphone_loudness = _loudness(microphone_chunks)
+    shift = int(np.argmax(np.correlate(microphone_loudness, robot_loudness, mode="full"))) - (len(robot_loudness) - 1)
+    late_ms = (microphone_from_ns - robot_from_ns) / 1e6 + shift * 10.0
     # In steps of 10 ms.
     assert abs(late_ms) <= 30.0, f"heard {late_ms:.0f} ms after it was said"
 

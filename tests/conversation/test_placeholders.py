@@ -26,8 +26,8 @@ def test_gaps_are_small_words_in_braces(text: str, found: tuple[str, ...]) -> No
 
 
 def test_a_name_is_spoken_and_its_mark_is_recorded() -> None:
-    said = fill_placeholders("Hello, {name}! Hello, {name}.", {"name": ADA}, nobody)
-    assert said == Words("Hello, Ada! Hello, Ada.", "Hello, {p-12}! Hello, {p-12}.")
+    words = fill_placeholders("Hello, {name}! Hello, {name}.", {"name": ADA}, nobody)
+    assert words == Words("Hello, Ada! Hello, Ada.", "Hello, {p-12}! Hello, {p-12}.")
 
 
 def test_a_mark_is_spoken_as_the_name_of_now() -> None:

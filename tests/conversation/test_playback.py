@@ -33,8 +33,8 @@ def test_nothing_is_played_before_there_is_a_little_and_then_without_a_gap() -> 
         assert buffer.pull(0)[1] == 0
     assert buffer.pull(320)[1] == 0, "60 ms are too little to begin with"
     buffer.push(pieces(4)[3])
-    heard = np.concatenate([buffer.pull(160)[0] for _ in range(8)])
-    assert heard.tolist() == np.repeat([1, 2, 3, 4], 320).tolist()
+    pulled = np.concatenate([buffer.pull(160)[0] for _ in range(8)])
+    assert pulled.tolist() == np.repeat([1, 2, 3, 4], 320).tolist()
     assert buffer.pull(160)[1] == 0
 
 
@@ -80,7 +80,7 @@ def sound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SoundServ
 @pytest.mark.long
 def test_what_is_played_is_heard_when_it_says_and_told_whole(sound: SoundServer) -> None:
     tone = (np.sin(np.arange(RATE_HZ // 2) * 0.3) * 12000).astype(np.int16)
-    with sound.stamped() as heard:
+    with sound.stamped() as recording:
         playback = Body(run_playback)
         try:
             playback.connection.send(BeginPlaying("s1", most_s=2.0))
@@ -96,7 +96,7 @@ def test_what_is_played_is_heard_when_it_says_and_told_whole(sound: SoundServer)
     assert {each.stream_id for each in told} == {"s1"} and out.stream_id == "s1"
     samples = np.concatenate([each.samples[:, 0] for each in told])
     assert np.array_equal(samples, tone), "what was heard is what was to be played"
-    first_ns, last_ns = heard.loud_between(told[0].stamp_ns - 500_000_000, clock.now_ns(), least=3000)
+    first_ns, last_ns = recording.loud_between(told[0].stamp_ns - 500_000_000, clock.now_ns(), least=3000)
     assert abs(first_ns - told[0].stamp_ns) < 60_000_000
     assert abs(last_ns - out.stamp_ns) < 150_000_000
 

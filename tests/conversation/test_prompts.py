@@ -42,7 +42,7 @@ def test_the_model_learns_what_is_in_view_and_what_was_noted() -> None:
 
 
 def test_the_model_learns_who_is_here_and_what_was_said() -> None:
-    said = [
+    turns = [
         event("u1", "requested", "Hello."),
         event("u1", "started", "Hello, {p-9f}.", at_ns=1),
         event("u1", "finished", "Hello, {p-9f}.", at_ns=2),
@@ -52,7 +52,7 @@ def test_the_model_learns_who_is_here_and_what_was_said() -> None:
         event("u4", "requested", "Never said."),
         event("u5", "failed", "Not said either."),
     ]
-    told = asked("Answer.", conversation=said, people=["P1", " P2 ", ""], label_of={"p-9f": "P1"}.get)
+    told = asked("Answer.", conversation=turns, people=["P1", " P2 ", ""], label_of={"p-9f": "P1"}.get)
     assert told[1:] == [
         ("assistant", "Hello, P1."),
         ("user", '"Where is the arm?"'),
@@ -62,20 +62,20 @@ def test_the_model_learns_who_is_here_and_what_was_said() -> None:
 
 
 def test_turns_of_one_side_are_one_message() -> None:
-    said = [event("u1", "finished", "Hello."), event("u2", "finished", "Follow me.")]
-    said.append(event("u3", "finished", "Wait.", speaker="participant"))
-    assert asked("And now?", system_prompt="", conversation=said)[1:] == [
+    turns = [event("u1", "finished", "Hello."), event("u2", "finished", "Follow me.")]
+    turns.append(event("u3", "finished", "Wait.", speaker="participant"))
+    assert asked("And now?", system_prompt="", conversation=turns)[1:] == [
         ("assistant", "Hello.\nFollow me."),
         ("user", '"Wait."\nAnd now?'),
     ]
 
 
 def test_prompts_stay_small_and_keep_the_newest() -> None:
-    said = [event(f"u{number}", "finished", f"{number} " + "word " * 200) for number in range(100)]
+    turns = [event(f"u{number}", "finished", f"{number} " + "word " * 200) for number in range(100)]
     messages = asked(
         "q" * 9000,
         system_prompt="s" * 3000,
-        conversation=said,
+        conversation=turns,
         people=[f"P{n}" for n in range(50)],
         notes=[f"{n} " + "note " * 100 for n in range(50)],
     )
@@ -93,10 +93,10 @@ def test_of_the_system_prompt_nothing_is_cut() -> None:
 
 
 def test_what_stays_the_same_comes_first_so_that_it_is_read_once() -> None:
-    said = [event("u1", "finished", "Hello.")]
-    first = asked("Where?", conversation=said, people=["P1"])
-    said.append(event("u2", "finished", "Hi.", speaker="participant"))
-    later = asked("Who?", conversation=said, people=["P2"], notes=["New."])
+    turns = [event("u1", "finished", "Hello.")]
+    first = asked("Where?", conversation=turns, people=["P1"])
+    turns.append(event("u2", "finished", "Hi.", speaker="participant"))
+    later = asked("Who?", conversation=turns, people=["P2"], notes=["New."])
     assert later[:2] == first[:2]
 
 
@@ -114,8 +114,8 @@ HOSTILE = (
 
 @pytest.mark.parametrize("hostile", HOSTILE)
 def test_no_name_note_thing_or_sentence_ends_its_quotation(hostile: str) -> None:
-    said = [event("u1", "finished", hostile, speaker="participant"), event("u2", "finished", hostile)]
-    told = asked("Where?", conversation=said, step=hostile, people=[hostile], things=[hostile], notes=[hostile])
+    turns = [event("u1", "finished", hostile, speaker="participant"), event("u2", "finished", hostile)]
+    told = asked("Where?", conversation=turns, step=hostile, people=[hostile], things=[hostile], notes=[hostile])
     assert [role for role, _ in told] == ["system", "user", "assistant", "user"]
     quoted_turn, robots, data = told[1][1], told[2][1], told[3][1]
     assert quoted_turn[0] == quoted_turn[-1] == '"' and quoted_turn.count('"') == 2
@@ -131,10 +131,10 @@ def test_no_name_note_thing_or_sentence_ends_its_quotation(hostile: str) -> None
 
 
 def test_a_model_is_told_what_was_corrected() -> None:
-    heard = UtteranceChanged(1, "p", "participant", "Hello robber.", "heard", "finished")
+    utterance = UtteranceChanged(1, "p", "participant", "Hello robber.", "heard", "finished")
     own = UtteranceChanged(2, "q", "participant", "Hello.", "heard", "finished")
     corrected = (UtteranceCorrected(3, "p", text="Hello robot."), UtteranceCorrected(4, "q", speaker="robot"))
-    along = ContextPart(conversation=turns_of((heard, own, *corrected)))
+    along = ContextPart(conversation=turns_of((utterance, own, *corrected)))
     told = build_messages("What now?", system_prompt="", along=along)
     assert [message.role for message in told][-3:] == ["user", "assistant", "user"]
     assert "Hello robot." in told[-3].content

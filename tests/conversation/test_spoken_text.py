@@ -39,7 +39,7 @@ def test_nothing_of_generated_markup_is_left_and_nothing_takes_long() -> None:
         "\n", "# ", "- ", "word", " ", "<script>", "&lt;b&gt;", "<think>", "</think>", "12.", "\\",
     ]  # fmt: skip
     for _ in range(2000):
-        said = spoken("".join(chance.choices(parts, k=chance.randint(1, 40))))
-        assert not any(sign in said for sign in ("`", "**", "<b>", "<img", "https:", "<think", "\n", "|")), said
+        text = spoken("".join(chance.choices(parts, k=chance.randint(1, 40))))
+        assert not any(sign in text for sign in ("`", "**", "<b>", "<img", "https:", "<think", "\n", "|")), text
     for part in parts:
         spoken(part * (20_000 // len(part)))

@@ -180,14 +180,14 @@ def test_the_events_come_when_the_sound_begins_and_ends(sound: SoundServer, star
     speech = start_speech(sound)
     assert speech.wait_ready().audible
     late_ms: list[float] = []
-    with sound.stamped() as heard:
+    with sound.stamped() as recording:
         for number in range(examples(20)):
             name = f"u{number}"
             speech.say(name, ("Yes.", "Please follow me.", "What happens next?", "Stop here!")[number % 4])
             start, end = speech.wait_state(name, "started"), speech.wait_state(name, "finished")
             until_ns = end.stamp_ns + 250_000_000
             wait_for(lambda until_ns=until_ns: time.monotonic_ns() > until_ns, "silence again")
-            began_ns, ended_ns = heard.loud_between(start.stamp_ns - 250_000_000, until_ns, least=60)
+            began_ns, ended_ns = recording.loud_between(start.stamp_ns - 250_000_000, until_ns, least=60)
             late_ms += [(start.stamp_ns - began_ns) / 1e6, (end.stamp_ns - ended_ns) / 1e6]
     print("late by ms:", [round(each) for each in late_ms])
     # A busy machine may delay the playback thread, and its clock reading, now and then.
@@ -203,14 +203,14 @@ def test_silence_is_heard_at_once_and_drops_what_waits(sound: SoundServer, start
         speech.say(name, LONG_SENTENCE)
     start = speech.wait_state("u1", "started")
     wait_for(lambda: listening.loud_span_s() > 0.8, "the sentence is under way")
-    silenced_ns, heard_until_s = speech.silence(), listening.length_s
+    silenced_ns, recorded_until_s = speech.silence(), listening.length_s
     end = speech.wait_state("u1", "interrupted")
     speech.wait_state("u3", "interrupted")
-    wait_for(lambda: listening.length_s > heard_until_s + 1.0, "another second is recorded")
+    wait_for(lambda: listening.length_s > recorded_until_s + 1.0, "another second is recorded")
     assert speech.states == [("u1", "started"), ("u1", "interrupted"), ("u2", "interrupted"), ("u3", "interrupted")]
     # At once compared with the remaining three seconds.
     assert (end.stamp_ns - silenced_ns) / 1e9 < 1.0
-    assert listening.loud_span_s(from_s=heard_until_s) < 1.0
+    assert listening.loud_span_s(from_s=recorded_until_s) < 1.0
     assert 0.8 < _seconds(start, end) < 4.0
     speech.say("u4")
     speech.wait_state("u4", "finished")

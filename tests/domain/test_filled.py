@@ -47,10 +47,10 @@ def broke_off(camera: str) -> LocalizedText:
 
 @pytest.mark.usefixtures("german")
 def test_it_is_english_and_can_be_said_anew_after_it_came_from_another_process() -> None:
-    said = pickle.loads(pickle.dumps(localized("The disk is slow: it took {delay} s.", delay=2.5)))  # noqa: S301
-    assert said == "The disk is slow: it took 2.5 s."
-    assert tr(said) == "2.5 s hat die Festplatte gebraucht."
-    assert type(tr(said)) is str
+    text = pickle.loads(pickle.dumps(localized("The disk is slow: it took {delay} s.", delay=2.5)))  # noqa: S301
+    assert text == "The disk is slow: it took 2.5 s."
+    assert tr(text) == "2.5 s hat die Festplatte gebraucht."
+    assert type(tr(text)) is str
     assert tr(broke_off("no answer")) == "no answer brach ab: keine Antwort.", "a name that reads like a text stays"
 
 

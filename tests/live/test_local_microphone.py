@@ -36,8 +36,8 @@ def test_a_sound_server_that_hangs_costs_some_seconds_of_sound(
 ) -> None:
     owner = QObject()
     state = LiveState(owner)
-    bus, heard = Bus(state, owner), list[AudioChunk]()
-    bus.tap(lambda chunk, _raw: heard.append(chunk), (AudioChunk,))
+    bus, chunks = Bus(state, owner), list[AudioChunk]()
+    bus.tap(lambda chunk, _raw: chunks.append(chunk), (AudioChunk,))
     body = ProcessSpec("microphone", process_entry_points.microphone, (MICROPHONE,))
     choice = MicrophoneChoice(body, lambda: "", lambda _name: None)
     children = ProcessManager(bus, owner)
@@ -46,14 +46,14 @@ def test_a_sound_server_that_hangs_costs_some_seconds_of_sound(
     )
     try:
         microphone.open()
-        qtbot.waitUntil(lambda: state.microphone.value.state == "on" and len(heard) > 5, timeout=30_000)
+        qtbot.waitUntil(lambda: state.microphone.value.state == "on" and len(chunks) > 5, timeout=30_000)
         assert microphone.child is not None
         stuck = microphone.child.pid
         sound.signal(signal.SIGSTOP)
         qtbot.waitUntil(lambda: microphone.child is not None and microphone.child.pid != stuck, timeout=30_000)
         sound.signal(signal.SIGCONT)
-        heard.clear()
-        qtbot.waitUntil(lambda: state.microphone.value.state == "on" and len(heard) > 5, timeout=60_000)
+        chunks.clear()
+        qtbot.waitUntil(lambda: state.microphone.value.state == "on" and len(chunks) > 5, timeout=60_000)
     finally:
         children.close()
         microphone.close()

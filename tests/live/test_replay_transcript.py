@@ -39,14 +39,14 @@ def test_all_turns_are_there_as_they_were_corrected(qapp: QApplication, tmp_path
 
     try:
         wait_for(read, "the transcript", timeout_s=10.0)
-        heard, said = state.transcript.value
-        assert (heard.text, heard.heard_text, heard.person_id, heard.tags) == (
+        visitor_turn, robot_turn = state.transcript.value
+        assert (visitor_turn.text, visitor_turn.heard_text, visitor_turn.person_id, visitor_turn.tags) == (
             "Hello robot.", "Hello robber.", "p-1", ("greets",),
         )  # fmt: skip
-        assert (heard.started_ns, heard.ended_ns) == (at(1.0), at(2.0))
+        assert (visitor_turn.started_ns, visitor_turn.ended_ns) == (at(1.0), at(2.0))
         (note,) = state.notes.value
         assert (note.start_ns, note.note, note.tags) == (at(3.5), "Smiles #happy", ("happy",))
-        assert (said.text, said.started_ns, said.ended_ns) == ("Hello.", at(3.0), None)
+        assert (robot_turn.text, robot_turn.started_ns, robot_turn.ended_ns) == ("Hello.", at(3.0), None)
     finally:
         transcript.close()
         state.close()

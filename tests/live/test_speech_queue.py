@@ -78,9 +78,11 @@ def test_of_what_a_model_wrote_no_markdown_is_spoken(qtbot: QtBot, origin: Utter
     queue, voice, published, _ = _setup()
     written = "<think>secret</think>**The lab** closes at six.\n\n- Bring `your card`\n- Ask [Ada](https://lab.example)"
     queue.say(written, origin, recorded=written.replace("Ada", "{p-1f}"))
-    said = "The lab closes at six. Bring your card. Ask Ada"
-    assert voice.spoken == [said if cleaned else " ".join(written.split())]
-    assert published[0].text == (said.replace("Ada", "{p-1f}") if cleaned else " ".join(published[0].text.split()))
+    spoken_text = "The lab closes at six. Bring your card. Ask Ada"
+    assert voice.spoken == [spoken_text if cleaned else " ".join(written.split())]
+    assert published[0].text == (
+        spoken_text.replace("Ada", "{p-1f}") if cleaned else " ".join(published[0].text.split())
+    )
     queue.say("<img src='/dev/zero'>", origin)
     assert len(published) == (1 if cleaned else 2), "nothing of it can be said"
 

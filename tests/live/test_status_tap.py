@@ -91,8 +91,8 @@ def test_reasons_are_english_in_the_record_and_said_in_the_language_of_whoever_w
     back = _put_back([from_jsonable(StatusShown, status) for status in recorded], names={})
     for name, value in reasoned.items():
         assert getattr(back, name).value == value, name
-        said = [getattr(getattr(back, name).value, each.name) for each in fields(value)]
-        assert tr(why) in [tr(each) for each in said if isinstance(each, str)], name
+        texts = [getattr(getattr(back, name).value, each.name) for each in fields(value)]
+        assert tr(why) in [tr(each) for each in texts if isinstance(each, str)], name
     assert tr(back.control_states.value["wave"].detail) == tr(back.goal.value.detail) == tr(why) != why
 
 

@@ -111,8 +111,8 @@ def test_of_several_cameras_one_is_on_show(state: LiveState) -> None:
 def test_each_camera_has_an_age_of_its_own(qapp: object) -> None:
     now_ns = [100 * S]
     state = LiveState(present=PresentClock(now_ns=lambda: now_ns[0]))
-    heard: list[str] = []
-    state.frame_of("desk").freshness_changed.connect(heard.append)
+    changes: list[str] = []
+    state.frame_of("desk").freshness_changed.connect(changes.append)
     for camera in ("front", "desk"):
         state.take(FrameRef(now_ns[0], None, camera, "ring", 0, 1, 64, 48))
         state.take(People(now_ns[0], camera, 1, 64, 48, (), 9.0))
@@ -126,7 +126,7 @@ def test_each_camera_has_an_age_of_its_own(qapp: object) -> None:
     state.choose_camera("desk")
     assert state.frame.freshness == "lost", "nothing old is shown as if it were live"
     state.take(FrameRef(now_ns[0], None, "desk", "ring", 0, 2, 64, 48))
-    assert heard == ["fresh", "lost", "fresh"], "it returns by itself"
+    assert changes == ["fresh", "lost", "fresh"], "it returns by itself"
     state.close()
 
 

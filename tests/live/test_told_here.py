@@ -32,9 +32,9 @@ def test_known_sentences_are_translated_others_stay() -> None:
 @pytest.mark.usefixtures("german")
 def test_a_problem_of_a_child_comes_onto_the_bus_translated() -> None:
     bus = Bus(LiveState())
-    heard: list[object] = []
-    bus.tap(lambda value, _raw: heard.append(value))
+    values: list[object] = []
+    bus.tap(lambda value, _raw: values.append(value))
     children = ProcessManager(bus)
     children.pass_on(lambda _value: None, Problem(1, "error", "The disk is full.", "", ""), b"")
     children.close()
-    assert [value.what for value in heard if isinstance(value, Problem)] == ["Die Platte ist voll."]
+    assert [value.what for value in values if isinstance(value, Problem)] == ["Die Platte ist voll."]

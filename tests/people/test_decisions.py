@@ -278,8 +278,8 @@ def test_what_is_corrected_is_in_the_right_history(room: Room) -> None:
     def correct(actor: str = "wizard", **made: Any) -> None:
         room.presence.note(UtteranceCorrected(room.now_ns, "u2", actor=actor, **made))
 
-    said = UtteranceChanged(room.now_ns, "u2", "participant", "Is it reel?", "heard", "finished", person_id=ada)
-    room.presence.note(said)
+    utterance = UtteranceChanged(room.now_ns, "u2", "participant", "Is it reel?", "heard", "finished", person_id=ada)
+    room.presence.note(utterance)
     correct(text="Is it real?")
     assert heard() == {"ada": ["Is it real?"], "bo": []}
     correct(person_id=bo)

@@ -87,9 +87,9 @@ def test_each_session_of_a_study_gets_a_folder(study: Path, tmp_path: Path, caps
     assert all(is_whole(folder) for folder in (tmp_path / "out").iterdir())
     assert run(study / "sessions", "--to", "vtt", tmp_path / "out2") == 0
     assert names(tmp_path / "out2") == ["one", "three", "two"]
-    said = capsys.readouterr()
-    assert "Exported 3 of 3 sessions" in said.out
-    assert said.err == "", "no progress where nobody watches"
+    output = capsys.readouterr()
+    assert "Exported 3 of 3 sessions" in output.out
+    assert output.err == "", "no progress where nobody watches"
 
 
 def test_the_methods_sheet_of_a_study_is_one(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -108,12 +108,12 @@ def test_what_cannot_be_exported_is_told_and_the_rest_goes_on(
     (tmp_path / "out" / "two").mkdir(parents=True)
     (tmp_path / "out" / "two" / "kept.txt").write_text("mine")
     assert run(study, "--to", "csv", tmp_path / "out") == 1
-    said = capsys.readouterr()
-    assert "one: " in said.err
-    assert "does not contain events.mcap" in said.err
-    assert "stray: " in said.err
-    assert "two exists and is not empty" in said.err
-    assert "Exported 1 of 4 sessions" in said.out
+    output = capsys.readouterr()
+    assert "one: " in output.err
+    assert "does not contain events.mcap" in output.err
+    assert "stray: " in output.err
+    assert "two exists and is not empty" in output.err
+    assert "Exported 1 of 4 sessions" in output.out
     assert names(tmp_path / "out") == ["three", "two"]
     assert names(tmp_path / "out" / "two") == ["kept.txt"]
 
@@ -202,10 +202,10 @@ def test_progress_is_shown_in_one_line_of_a_terminal(
 ) -> None:
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     run(study, "--to", "csv,vtt", tmp_path / "out")
-    said = capsys.readouterr().err
-    assert "\n" not in said
-    assert "two: Captions (WebVTT)" in said
-    assert said.endswith("\r\033[K"), "nothing is left of it"
+    output = capsys.readouterr().err
+    assert "\n" not in output
+    assert "two: Captions (WebVTT)" in output
+    assert output.endswith("\r\033[K"), "nothing is left of it"
 
 
 def test_checksums_are_compared_first_where_asked_for(
@@ -220,11 +220,11 @@ def test_checksums_are_compared_first_where_asked_for(
     capsys.readouterr()
     (sessions / "two" / "speech.txt").write_text("somebody else said something else")
     assert run(study, "--to", "vtt", "--verify", tmp_path / "out") == 1
-    said = capsys.readouterr()
-    assert "two: speech.txt was changed after the session closed." in said.err
-    assert "three: no checksums" in said.err
-    assert "one:" not in said.err
-    assert "Exported 3 of 3" in said.out
+    output = capsys.readouterr()
+    assert "two: speech.txt was changed after the session closed." in output.err
+    assert "three: no checksums" in output.err
+    assert "one:" not in output.err
+    assert "Exported 3 of 3" in output.out
 
 
 @pytest.mark.parametrize("words", [("--to", "xls"), ("--to", ""), ("--to", "csv,xls")])
@@ -276,13 +276,13 @@ def test_the_process_tells_how_far_it_is_and_what_it_wrote(study: Path, tmp_path
     process = spawn.Process(target=run_exports, args=(theirs, request), daemon=True)
     process.start()
     theirs.close()
-    heard = []
-    while not heard or not isinstance(heard[-1], ExportFinished):
-        assert ours.poll(30), heard
-        heard.append(ours.recv())
+    messages = []
+    while not messages or not isinstance(messages[-1], ExportFinished):
+        assert ours.poll(30), messages
+        messages.append(ours.recv())
     process.join(10)
     assert process.exitcode == 0
-    *progress, finished = heard
+    *progress, finished = messages
     fractions = [message.fraction for message in progress]
     assert fractions == sorted(fractions)
     assert (fractions[0], fractions[-1]) == (0.0, 1.0)
@@ -388,10 +388,10 @@ def test_a_finished_session_that_was_cut_is_told_by_every_export(
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 100])
     for number in (1, 2):
         assert run(folder, "--to", "html,methods,csv", "--verify", tmp_path / f"out{number}") == 1
-        said = capsys.readouterr().err
-        assert f"of the {recorded - 1} recorded values are missing from events.mcap" in said
-        assert "one: events.mcap was changed after the session closed." in said
-        assert "were saved are there" not in said
+        output = capsys.readouterr().err
+        assert f"of the {recorded - 1} recorded values are missing from events.mcap" in output
+        assert "one: events.mcap was changed after the session closed." in output
+        assert "were saved are there" not in output
         for name in ("html/report.html", "methods/methods.md", "methods/methods.html", "csv/session.csv"):
             told = (tmp_path / f"out{number}" / name).read_text(encoding="utf-8")
             assert "recorded values are missing from events.mcap" in told, name
@@ -435,10 +435,10 @@ def test_copies_count_once_where_sessions_are_counted(
     parser = argparse.ArgumentParser()
     statistics_command.add_arguments(parser)
     assert statistics_command.run(parser.parse_args([str(study)])) == 0
-    said = capsys.readouterr()
-    assert "three is a copy of one and is not counted again." in said.err
-    assert "two is a copy of one and is not counted again." in said.err
-    assert "1 sessions, " in said.out
+    output = capsys.readouterr()
+    assert "three is a copy of one and is not counted again." in output.err
+    assert "two is a copy of one and is not counted again." in output.err
+    assert "1 sessions, " in output.out
     parser = argparse.ArgumentParser()
     sessions_command.add_arguments(parser)
     assert sessions_command.run(parser.parse_args([str(study)])) == 0
@@ -455,11 +455,11 @@ def test_what_is_left_of_sessions_is_listed(study: Path, capsys: pytest.CaptureF
         parser = argparse.ArgumentParser()
         sessions_command.add_arguments(parser)
         assert sessions_command.run(parser.parse_args([str(study)])) == 0
-        said = capsys.readouterr()
-        assert "one: session.json was missing" in said.out
-        assert "three: speech.txt is missing" in said.out
-        assert said.out.count("incomplete") == 2
-        assert f"{sessions / 'two'} no longer contains session.json or events.mcap" in said.err
+        output = capsys.readouterr()
+        assert "one: session.json was missing" in output.out
+        assert "three: speech.txt is missing" in output.out
+        assert output.out.count("incomplete") == 2
+        assert f"{sessions / 'two'} no longer contains session.json or events.mcap" in output.err
 
 
 def test_the_terminal_gets_sentences_and_the_log_the_details(study: Path, tmp_path: Path) -> None:

@@ -144,11 +144,11 @@ def test_a_server_whose_certificate_is_in_order_is_connected_and_messages_of_eve
     authority: Authority,
 ) -> None:
     async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
-        heard: list[Any] = []
+        messages: list[Any] = []
         await until(lambda: "connected" in observer.told, "connected")
-        RosbridgeTopic(ros, "/a", "std_msgs/String").subscribe(heard.append)
-        await until(lambda: heard, "the message")
-        assert len(heard[0]["data"]) == 300_000
+        RosbridgeTopic(ros, "/a", "std_msgs/String").subscribe(messages.append)
+        await until(lambda: messages, "the message")
+        assert len(messages[0]["data"]) == 300_000
         RosbridgeTopic(ros, "/cmd_vel", "geometry_msgs/Twist").publish({"linear": {"x": 0.5}})
         await until(lambda: [op for op in server.operations if op["op"] == "publish"], "the command")
         assert await ros.ask("/any", "std_srvs/Empty") == {}

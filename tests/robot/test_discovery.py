@@ -263,16 +263,16 @@ def in_words(detail: str) -> str:
         [
             f"<{detail.template}>",
             *(
-                f"{name}={in_words(said) if isinstance(said, LocalizedText) else said}"
-                for name, said in detail.values.items()
+                f"{name}={in_words(value) if isinstance(value, LocalizedText) else value}"
+                for name, value in detail.values.items()
             ),
         ]
     )
 
 
 def test_what_is_said_of_a_message_can_be_said_in_another_language() -> None:
-    said = {kind: in_words(describe({**message})) for kind, (describe, message) in DESCRIBED.items()}
-    assert said == {
+    sentences = {kind: in_words(describe({**message})) for kind, (describe, message) in DESCRIBED.items()}
+    assert sentences == {
         "path": "<{number} points.> number=2",
         "bool": "<Now {value}.> value=true",
         "battery": "<Its charge is not reported.>",

@@ -471,8 +471,8 @@ def test_the_robots_own_emergency_stop_ends_the_drive(bridge: BridgeDouble, link
 
 def test_the_robot_speaks_and_says_when_it_is_done(bridge: BridgeDouble, link: LinkProcess) -> None:
     link.send(Say(now_ns(), "u1", "Hello"))
-    [said] = wait_for(lambda: bridge.operations("publish", "/tts"), "the sentence")
-    assert said["msg"] == {"data": "Hello"}
+    [operation] = wait_for(lambda: bridge.operations("publish", "/tts"), "the sentence")
+    assert operation["msg"] == {"data": "Hello"}
     bridge.publish("/tts/speaking", {"data": True})
     bridge.publish("/tts/speaking", {"data": False})
     wait_for(

@@ -411,8 +411,8 @@ def test_what_a_file_cannot_say_is_not_written(tmp_path: Path) -> None:
 def test_a_base_that_may_not_stop_by_itself_is_driven_at_half_speed() -> None:
     limits = "limits: {forward_mps: 0.4, backward_mps: 0.2, left_mps: 0.1, turn_radps: 1.0}\n"
     for timeout, known in (("", False), ("0.5", True), ("1.5", False)):
-        said = f"  timeout_s: {timeout}\n  timeout_source: its manual\n" if timeout else ""
-        profile = parsed(GOOD + said + limits)
+        timeout_text = f"  timeout_s: {timeout}\n  timeout_source: its manual\n" if timeout else ""
+        profile = parsed(GOOD + timeout_text + limits)
         assert profile.stops_by_itself is known
         speeds = profile.driving_limits
         factor = 1.0 if known else 0.5

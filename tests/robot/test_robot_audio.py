@@ -99,8 +99,8 @@ def test_an_mp3_stream_is_heard_however_it_is_cut() -> None:
         for begin in range(0, len(content), 500):
             await bench.bridge.publish("/audio", {"data": content[begin : begin + 500]}, cbor=True)
         await bench.until(lambda: sum(len(each.samples) for each in bench.of(AudioChunk)) > 28000, "most of it")
-        heard = np.concatenate([each.samples[:, 0] for each in bench.of(AudioChunk)]).astype(float)
-        spectrum = np.abs(np.fft.rfft(heard[4000:20000]))
+        samples = np.concatenate([each.samples[:, 0] for each in bench.of(AudioChunk)]).astype(float)
+        spectrum = np.abs(np.fft.rfft(samples[4000:20000]))
         assert np.argmax(spectrum) == pytest.approx(440, abs=2)
         assert {each.sample_rate_hz for each in bench.of(AudioChunk)} == {16000}
 

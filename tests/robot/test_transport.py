@@ -142,17 +142,17 @@ def test_topics_of_one_name_are_independent(bridge: BridgeDouble) -> None:
 @pytest.mark.logs(r"robot\.(transport|bridge_socket): ")
 def test_a_callback_that_fails_hurts_nobody(bridge: BridgeDouble, caplog: pytest.LogCaptureFixture) -> None:
     async def use(ros: RosbridgeClient, observer: Observer) -> None:
-        heard: list[Any] = []
+        messages: list[Any] = []
 
         def fail(message: Any) -> None:
             raise RuntimeError("broken callback")
 
         RosbridgeTopic(ros, "/a", "std_msgs/String").subscribe(fail)
-        RosbridgeTopic(ros, "/a", "std_msgs/String").subscribe(heard.append)
+        RosbridgeTopic(ros, "/a", "std_msgs/String").subscribe(messages.append)
         for _ in range(2):
             bridge.publish("/a", {"data": "x"})
-            await until(lambda: heard, "the message")
-            heard.clear()
+            await until(lambda: messages, "the message")
+            messages.clear()
 
     connected(bridge, use)
     assert "broken callback" in caplog.text
@@ -192,9 +192,9 @@ def test_an_unmodified_topic_comes_back_too_and_only_once() -> None:
     bridge = BridgeDouble()
 
     async def use(ros: RosbridgeClient, observer: Observer) -> None:
-        heard: list[Any] = []
+        messages: list[Any] = []
         topic = roslibpy.Topic(ros, "/a", "std_msgs/String")
-        topic.subscribe(heard.append)
+        topic.subscribe(messages.append)
         topic.publish({"data": "both directions"})
         await until(lambda: bridge.operations("publish"), "published")
         bridge.kill()
@@ -205,7 +205,7 @@ def test_an_unmodified_topic_comes_back_too_and_only_once() -> None:
         await asyncio.sleep(1.2)  # roslibpy retries a second after the loss
         assert len(bridge.operations("subscribe")) == len(bridge.operations("advertise")) == 1
         bridge.publish("/a", {"data": "x"})
-        await until(lambda: heard, "the message")
+        await until(lambda: messages, "the message")
         bridge.kill()
 
     connected(bridge, use)

@@ -61,8 +61,8 @@ def test_a_silent_sensor(robot: SimulatedRobot, client: RosbridgeClient, fault: 
 
     wait_for(quiet, f"{topic} is silent")
     robot.fault("clear")
-    heard = len(client.messages(topic))
-    client.wait_for_messages(topic, heard + 2)
+    message_count = len(client.messages(topic))
+    client.wait_for_messages(topic, message_count + 2)
 
 
 def test_latency_delays_both_directions(robot: SimulatedRobot, client: RosbridgeClient) -> None:

@@ -183,7 +183,7 @@ def assert_only_that_field_changed(before: ScenarioDocument, after: str, path: K
     assert not read.mistakes, path
     assert read.value(path) == value, path
     assert {each: read.value(each) for each in values if each != path} == {
-        each: said for each, said in values.items() if each != path
+        each: value for each, value in values.items() if each != path
     }, path
     assert comments(after) == comments(text), path
     old, new = text.splitlines(), after.splitlines()

@@ -250,10 +250,10 @@ def test_what_is_no_intent_is_a_method_of_whoever_answers_for_it() -> None:
 
 
 def test_whoever_listens_hears_of_an_intent_before_it_is_asked_for(window: MainWindow, console: FakeConsole) -> None:
-    heard: list[tuple[Intent, int]] = []
-    window.actions_table.asking.connect(lambda intent: heard.append((intent, len(console.calls))))
+    asked_intents: list[tuple[Intent, int]] = []
+    window.actions_table.asking.connect(lambda intent: asked_intents.append((intent, len(console.calls))))
     window.actions_table.run("silence")
-    assert heard == [(intents.Silence(), 0)]
+    assert asked_intents == [(intents.Silence(), 0)]
     assert console.calls == [("silence", None)]
 
 

@@ -68,25 +68,29 @@ class Heard(QObject):
 def test_a_refusal_is_said_and_said_again_when_it_comes_again(
     window: MainWindow, console: FakeConsole, qapp: QApplication
 ) -> None:
-    heard = Heard(qapp)
+    listener = Heard(qapp)
     whole = "Problem: Ana drives now. Nothing was sent. Ask Ana."
     console.state.take(REFUSAL)
-    assert announced(window) == heard.said == [whole]
+    assert announced(window) == listener.said == [whole]
     console.state.take(REFUSAL)
-    assert heard.said[0] == whole and len(heard.said) == 2 and heard.said[1].startswith("Problem: Ana drives now.")
+    assert (
+        listener.said[0] == whole
+        and len(listener.said) == 2
+        and listener.said[1].startswith("Problem: Ana drives now.")
+    )
 
 
 def test_an_alarm_is_said_once_and_again_when_it_stands_in_the_way(
     window: MainWindow, console: FakeConsole, qapp: QApplication
 ) -> None:
-    heard = Heard(qapp)
+    listener = Heard(qapp)
     whole = "Serious problem: No picture. The camera is silent. Drive with care."
     console.state.alarms.set((ALARM,))
-    assert heard.said == [whole]
+    assert listener.said == [whole]
     console.state.alarms.set((ALARM, Alarm("disk", "disk", "warning", "The disk is nearly full.", "", "", 7)))
-    assert heard.said[1:] == ["Problem: The disk is nearly full."]
+    assert listener.said[1:] == ["Problem: The disk is nearly full."]
     console.state.alarms.set((replace(ALARM, asked_ns=9),))
-    assert heard.said[2:] == [whole]
+    assert listener.said[2:] == [whole]
 
 
 def test_the_emergency_stop_is_said_and_its_release(window: MainWindow, console: FakeConsole) -> None:

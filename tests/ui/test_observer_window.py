@@ -54,11 +54,11 @@ def test_everything_is_there_for_whoever_may_see_it(window: MainWindow, console:
 
 def test_without_names_nobody_is_named_and_nothing_suggested(window: MainWindow, console: FakeConsole) -> None:
     observer = _opened(window, console, "no_names")
-    said = _said_in(observer)
-    assert "Luis" not in said and "Ana" not in said and "Person" in said
+    texts = _said_in(observer)
+    assert "Luis" not in texts and "Ana" not in texts and "Person" in texts
     assert _tags_in(observer) == set(), "what the wizard thinks of a turn is not for whom it is about"
     cards = [card.text for card in console.state.suggestions.value.cards]
-    assert cards and not any(text[:20] in said for text in cards)
+    assert cards and not any(text[:20] in texts for text in cards)
 
 
 @pytest.mark.parametrize("sees", ["everything", "no_names"])

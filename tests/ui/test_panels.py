@@ -818,19 +818,19 @@ def test_why_a_recording_failed_is_said_in_the_wizards_language(window: MainWind
 def test_why_something_is_missing_is_said_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
     """Statuses are English, as in the recording."""
     why, state = localized("The file {file} is damaged.", file="a.onnx"), console.state
-    said = tr("The file {file} is damaged.").format(file="a.onnx")
+    message = tr("The file {file} is damaged.").format(file="a.onnx")
     state.perception.set(PerceptionStatus("failed", detail=why))
     state.speech.set(SpeechStatus(ready=False, detail=why))
     state.drive.set(DriveStatus(allowed=False, reason=why))
     window.status_bar.refresh()
-    assert said in window.status_bar.items["perception"].toolTip()
-    assert microphone_facts(MicrophoneStatus("failed", detail=why)).count(said) == 1
+    assert message in window.status_bar.items["perception"].toolTip()
+    assert microphone_facts(MicrophoneStatus("failed", detail=why)).count(message) == 1
     people, video = window.panels["people"], window.panels["video"]
     assert isinstance(people, PeoplePanel) and isinstance(video, VideoPanel)
-    assert said in people._why_empty(blind=False)
-    assert [text for text, _role in video._hints()] == [tr("Driving is off: {reason}").format(reason=said)]
+    assert message in people._why_empty(blind=False)
+    assert [text for text, _role in video._hints()] == [tr("Driving is off: {reason}").format(reason=message)]
     state.drive.set(DriveStatus(allowed=True, cap_reason=why))
-    assert [text for text, _role in video._hints()] == [tr("Slowed down: {reason}").format(reason=said)]
+    assert [text for text, _role in video._hints()] == [tr("Slowed down: {reason}").format(reason=message)]
 
 
 @pytest.mark.panels("session")

@@ -201,8 +201,8 @@ def test_what_belongs_to_the_step_is_said_and_gone_to_by_one_key_each(desk: Desk
     table = desk.window.actions_table
     row = table.spec("say_step")
     assert row is not None
-    said = table.intent_of(row)
-    assert said == intents.Say("Hello!", "phrase", gesture="nod", face="happy")
+    intent = table.intent_of(row)
+    assert intent == intents.Say("Hello!", "phrase", gesture="nod", face="happy")
     desk.begin("show-the-robot-arm")
     assert not desk.shows("strip_say_step")
     QTest.keyClick(field, Qt.Key.Key_0, ALT)

@@ -180,10 +180,10 @@ def test_where_a_key_went_to_is_said_and_what_is_played_is_not(scene: ReplayScen
     scrubber.setFocus()
     replay.at_ms(30_000)
     QTest.keyClick(scrubber, Qt.Key.Key_Right)
-    said = scrubber.accessibleDescription()
-    assert said.startswith("00:35.0")
+    description = scrubber.accessibleDescription()
+    assert description.startswith("00:35.0")
     replay.at_ms(50_000)
-    assert scrubber.accessibleDescription() == said
+    assert scrubber.accessibleDescription() == description
     assert scrubber.accessible_words().startswith("00:50.0")
     QTest.keyClick(scrubber, Qt.Key.Key_End)
     assert scrubber.accessibleDescription().startswith("02:00.0")

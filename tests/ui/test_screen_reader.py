@@ -121,9 +121,9 @@ def test_the_picture_the_map_and_what_was_said_say_what_they_are(window: MainWin
     for panel, name in (("video", "video_view"), ("map", "map_view"), ("conversation", "transcript")):
         window.open_panel(panel)
         settle()
-        heard = QAccessible.queryAccessibleInterface(find(window, name))
-        assert heard is not None
-        told[name] = heard.role().name, heard.text(QAccessible.Text.Description)
+        interface = QAccessible.queryAccessibleInterface(find(window, name))
+        assert interface is not None
+        told[name] = interface.role().name, interface.text(QAccessible.Text.Description)
     assert told["video_view"][0] == told["map_view"][0] == "Graphic"
     assert told["video_view"][1].startswith("In the picture: ") and told["map_view"][1].startswith("The robot is at")
     assert told["transcript"][0] == "List"

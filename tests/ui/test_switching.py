@@ -289,11 +289,11 @@ def test_a_panel_that_goes_on_says_what_a_new_one_would(qtbot: QtBot, settings: 
         before = dict(window.panels)
         switch(console, scenario)
         kept = {name: panel for name, panel in window.panels.items() if panel is before.get(name)}
-        said = {name: _said(window, name) for name in kept}
+        texts = {name: _said(window, name) for name in kept}
         window.show_scenario(scenario)
         anew = {name: _said(window, name) for name in kept}
         assert not any(window.panels[name] is panel for name, panel in kept.items()), "all of them are built anew"
-        differ = {name: set(said[name]) ^ set(anew[name]) for name in kept if said[name] != anew[name]}
+        differ = {name: set(texts[name]) ^ set(anew[name]) for name in kept if texts[name] != anew[name]}
         assert differ == {}, scenario.title
         went_on |= set(kept)
     assert went_on >= {"video", "map", "people", "drive", "conversation", "speak", "assistant", "session", "notes"}
@@ -311,13 +311,13 @@ def test_who_has_a_name_has_none_at_once_where_nobody_is_named(window: MainWindo
         assert isinstance(map_, MapPanel)
         assert isinstance(conversation, ConversationPanel)
         assert isinstance(people, PeoplePanel)
-        said = (
+        views = (
             video.view.visible_detections(),
             map_.view.map_state.people,
             conversation.view.rows,
             people.model.persons,
         )
-        return {name: "Luis" in str(words) for name, words in zip(NAMING, said, strict=True)}
+        return {name: "Luis" in str(words) for name, words in zip(NAMING, views, strict=True)}
 
     switch(console, NAMED)
     assert named() == dict.fromkeys(NAMING, True)
@@ -381,14 +381,14 @@ def test_words_for_the_model_that_were_being_changed_never_go_into_another_scena
 def test_a_suggestion_that_was_being_changed_is_a_line_like_any_other_afterwards(
     window: MainWindow, console: FakeConsole
 ) -> None:
-    said: list[str] = []
-    window.panels["speak"].edit_first("It stops.", lambda text: not said.append(text))
+    edited: list[str] = []
+    window.panels["speak"].edit_first("It stops.", lambda text: not edited.append(text))
     switch(console, samples.MENTAL)
     window.focus_speak()
     panel = window.panels["speak"]
     assert isinstance(panel, SpeakPanel)
     QTest.keyClick(panel.field, Qt.Key.Key_Return)
-    assert (said, console.named("say")) == ([], [("It stops.", "typed")])
+    assert (edited, console.named("say")) == ([], [("It stops.", "typed")])
 
 
 def _said(window: MainWindow, name: PanelName) -> list[tuple[str, ...]]:

@@ -218,6 +218,6 @@ def test_what_a_child_process_gives_as_the_reason_is_said_in_the_wizards_languag
 @pytest.mark.usefixtures("trial_language")
 def test_why_values_are_missing_is_found_again_in_the_record() -> None:
     gap = Gap(1, "frame", 3, "front door: left out, as the disk is nearly full")
-    _, said = event_messages.event_sentence(gap, name_of) or ("", "")
-    assert "[front door: " in said, "a name stays as it is"
-    assert tr("the disk is nearly full") in said
+    _, sentence = event_messages.event_sentence(gap, name_of) or ("", "")
+    assert "[front door: " in sentence, "a name stays as it is"
+    assert tr("the disk is nearly full") in sentence

@@ -120,7 +120,7 @@ def test_what_is_left_as_it_is_is_still_said() -> None:
 @pytest.mark.parametrize(
     ("source", "texts"),
     [
-        ('button = ActionButton(tr("Stop"), icon="hand-palm", look="ghost")', []),
+        ('button = ActionButton(tr("Stop"), icon="hand-palm", role="ghost")', []),
         ('button = ActionButton("Stop", icon="hand-palm")', ["Stop"]),
         ('label.setText("moving")', ["moving"]),
         ('self.set_fact("quiet", "dim")', ["quiet"]),

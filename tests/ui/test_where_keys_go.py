@@ -490,14 +490,14 @@ IN_VAIN = {
 def test_what_cannot_be_done_says_so_and_takes_what_is_typed_nowhere(
     window: MainWindow, console: FakeConsole, case: str, begun_in: str
 ) -> None:
-    happens, key, modifiers, said = IN_VAIN[case]
+    happens, key, modifiers, hint = IN_VAIN[case]
     happens(console)
     window.board.complete()
     field = find(window, "speak_field")
     find(window, begun_in).setFocus()
     console.calls.clear()
     QTest.keyClick(focused(), key, modifiers)
-    assert said in hint_in(window)
+    assert hint in hint_in(window)
     type_on("Mara Wade")
     assert field.property("plainText") == "" and asked(console) == []
     assert window.hold.key_owner == "nowhere"

@@ -92,14 +92,14 @@ def test_steps_of_the_protocol(qtbot: QtBot, shown_theme: Theme) -> None:
     qtbot.addWidget(holder)
     pill = StepPill(shown_theme, holder)
     pill.resize(260, 30)
-    images, said = {}, {}
+    images, names = {}, {}
     for state, time in (
         ("done", ""), ("skipped", ""), ("now", "0:40 of 2:00"), ("late", "2:40 of 2:00 · 0:40 late"), ("ahead", ""),
     ):  # fmt: skip
         pill.show_step(ShownStep("greet", 1, "Greet", state, time))  # type: ignore[arg-type]
-        images[state], said[state] = grabbed(pill, pill.rect()), pill.accessibleName()
+        images[state], names[state] = grabbed(pill, pill.rect()), pill.accessibleName()
     assert_shapes_differ(images)
-    assert_words_differ(said)
+    assert_words_differ(names)
 
 
 def test_how_grave_an_alarm_is(qtbot: QtBot, shown_theme: Theme, console: FakeConsole) -> None:
@@ -108,31 +108,31 @@ def test_how_grave_an_alarm_is(qtbot: QtBot, shown_theme: Theme, console: FakeCo
     holder.resize(500, 120)
     holder.show()
     severities: tuple[Severity, ...] = ("info", "warning", "error")
-    images, said = {}, {}
+    images, names = {}, {}
     row = AlarmRow(shown_theme, console, holder)
     row.resize(500, 110)
     row.show()
     for severity in severities:
         row.show_alarm(Alarm("a", "a", severity, "The microphone is silent.", "Nothing is heard.", "Look.", 0))
-        images[severity], said[severity] = grabbed(row, QRect(0, 0, 33, 40)), row.accessibleName()
+        images[severity], names[severity] = grabbed(row, QRect(0, 0, 33, 40)), row.accessibleName()
     assert_shapes_differ(images)
-    assert_words_differ(said)
+    assert_words_differ(names)
 
 
 def test_who_said_it_and_whether_that_is_sure(shown_theme: Theme) -> None:
     assert_words_differ({speaker: who_spoke(speaker, "", {}) for speaker in ("robot", "wizard", "participant", "")})
-    heard = TranscriptRow("u", 0, "10:00:01", "Participant", "participant", "Where is the kitchen")
+    heard_row = TranscriptRow("u", 0, "10:00:01", "Participant", "participant", "Where is the kitchen")
     rows = {
-        "heard": heard,
-        "still being transcribed": replace(heard, text="Where", tentative="is the kitchen"),
-        "cut short": replace(heard, cut_short=True),
-        "corrected": replace(heard, heard_text="Where is the kitten"),
-        "not sure": replace(heard, who=who_spoke("", "", {}), speaker=""),
+        "heard": heard_row,
+        "still being transcribed": replace(heard_row, text="Where", tentative="is the kitchen"),
+        "cut short": replace(heard_row, cut_short=True),
+        "corrected": replace(heard_row, heard_text="Where is the kitten"),
+        "not sure": replace(heard_row, who=who_spoke("", "", {}), speaker=""),
     }
     assert_words_differ({name: row.spoken for name, row in rows.items()})
     painter_of_rows, images = RowPainter(shown_theme), {}
-    rect = QRect(0, 0, 420, painter_of_rows.height(heard, 420))
-    for name, row in {**rows, "found": heard}.items():
+    rect = QRect(0, 0, 420, painter_of_rows.height(heard_row, 420))
+    for name, row in {**rows, "found": heard_row}.items():
         image = QImage(rect.size(), QImage.Format.Format_RGB32)
         image.fill(shown_theme.color("panel"))
         painter = QPainter(image)
@@ -170,12 +170,12 @@ def test_who_is_named_suggested_unconfirmed_and_gone(window: MainWindow, console
         "suggested": replace(third, suggestions=(Suggestion("p-mara", "Mara Silva", 0.82),)),
         "gone": replace(third, name="Ana Torres", known=True, here=False, last_seen_ns=now_ns - 60_000_000_000),
     }
-    said, images = {}, {}
+    names, images = {}, {}
 
     def take(name: str) -> None:
         index = panel.model.index(0)
         row = panel.list.row_rect(0)
-        said[name] = str(index.data(Qt.ItemDataRole.AccessibleTextRole))
+        names[name] = str(index.data(Qt.ItemDataRole.AccessibleTextRole))
         images[name] = grabbed(panel.list.viewport(), row)
 
     for name, person in persons.items():
@@ -186,20 +186,20 @@ def test_who_is_named_suggested_unconfirmed_and_gone(window: MainWindow, console
     qtbot.waitUntil(lambda: list(panel.model.persons) == [persons["named"]])
     panel.model.show_unconfirmed(frozenset(["p-3"]))
     take("unconfirmed")
-    assert_words_differ(said)
+    assert_words_differ(names)
     assert_shapes_differ(images)
 
 
 @pytest.mark.panels("drive")
 def test_whether_it_is_recorded(window: MainWindow, console: FakeConsole) -> None:
-    began_ns, said, button = clock.now_ns(), {}, find(window, "record_button")
+    began_ns, names, button = clock.now_ns(), {}, find(window, "record_button")
     for status in (
         RecordingStatus("idle"), RecordingStatus("starting"), RecordingStatus("recording", started_ns=began_ns),
         RecordingStatus("paused", started_ns=began_ns), RecordingStatus("stopping"), RecordingStatus("failed"),
     ):  # fmt: skip
         console.state.recording.set(status)
-        said[status.state] = button.accessibleName()
-    assert_words_differ(said)
+        names[status.state] = button.accessibleName()
+    assert_words_differ(names)
 
 
 class Aged:
@@ -221,19 +221,19 @@ def test_how_old_a_stream_is(window: MainWindow) -> None:
     bar = window.findChild(StatusBar)
     assert bar is not None
     words_of: Callable[..., tuple[str, str]] = bar._stream_words
-    said = {each: words_of("LIDAR", Aged(each))[0] for each in ("fresh", "stale", "lost", "absent")}
-    said["late"] = words_of("LIDAR", Aged("stale", arrives_late=True))[0]
+    names = {each: words_of("LIDAR", Aged(each))[0] for each in ("fresh", "stale", "lost", "absent")}
+    names["late"] = words_of("LIDAR", Aged("stale", arrives_late=True))[0]
     unknown = Aged("fresh")
     unknown.age_known = False
-    said["age unknown"] = words_of("LIDAR", unknown)[0]
-    assert_words_differ(said)
+    names["age unknown"] = words_of("LIDAR", unknown)[0]
+    assert_words_differ(names)
 
 
 @pytest.mark.panels("map")
 def test_how_a_goal_stands_on_the_map(window: MainWindow, console: FakeConsole) -> None:
     panel = window.findChild(MapPanel)
     assert panel is not None
-    said, states = {}, ("requested", "active", "reached", "cancelled", "failed")
+    names, states = {}, ("requested", "active", "reached", "cancelled", "failed")
     target = Pose2D(6.2, 6.4, 0)
     for state in states:
         reached: GoalState = state  # type: ignore[assignment]
@@ -242,5 +242,5 @@ def test_how_a_goal_stands_on_the_map(window: MainWindow, console: FakeConsole) 
         for goal in (begun, ended):
             console.state.take(goal)
             console.state.goal.set(goal)
-        said[state] = f"{panel.fact[0]} {panel.view.map_state.chips} {panel.view.map_state.goal is not None}"
-    assert_words_differ(said)
+        names[state] = f"{panel.fact[0]} {panel.view.map_state.chips} {panel.view.map_state.goal is not None}"
+    assert_words_differ(names)

@@ -23,8 +23,8 @@ def kept(tmp_path: Path) -> QSettings:
 
 def test_each_wizard_has_her_own_values_also_in_the_next_run(kept: QSettings) -> None:
     profiles = WizardProfiles(kept)
-    heard: list[str] = []
-    profiles.changed.connect(lambda: heard.append(profiles.current))
+    changes: list[str] = []
+    profiles.changed.connect(lambda: changes.append(profiles.current))
     assert (profiles.current, profiles.names) == ("", ())
     profiles.set_value("shortcuts", "of all")
     profiles.choose("Ana")
@@ -35,7 +35,7 @@ def test_each_wizard_has_her_own_values_also_in_the_next_run(kept: QSettings) ->
     assert profiles.value("shortcuts") == "of all"
     profiles.set_value("shortcuts", "of Tom")
     profiles.choose("ana")
-    assert heard == ["Ana", "Tom Ray/2", "Ana"]
+    assert changes == ["Ana", "Tom Ray/2", "Ana"]
     kept.sync()
     again = WizardProfiles(QSettings(kept.fileName(), QSettings.Format.IniFormat))
     assert (again.current, again.names) == ("Ana", ("Ana", "Tom Ray/2"))

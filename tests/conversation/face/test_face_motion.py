@@ -46,8 +46,8 @@ def test_the_mouth_opens_with_the_sound_and_closes_with_its_end() -> None:
     loud = (8000 * np.sin(440 * 2 * np.pi * second)).astype(np.int16)
     shares = loudness(np.concatenate([loud, np.zeros(rate_hz, np.int16), loud // 2]), rate_hz)
     motion.speak(SpokenLoudness(1_000_000_000, shares=shares))
-    said = [look.mouth_open for look in looks(motion, 3, from_s=1)]
-    assert min(said[2:23]) > 0.9 and max(said[27:48]) == 0.0 and 0.4 < np.mean(said[52:73]) < 0.6
+    openings = [look.mouth_open for look in looks(motion, 3, from_s=1)]
+    assert min(openings[2:23]) > 0.9 and max(openings[27:48]) == 0.0 and 0.4 < np.mean(openings[52:73]) < 0.6
     motion.speak(None)
     assert looks(motion, 1, from_s=4)[-1].mouth_open == 0.0
 
@@ -55,8 +55,8 @@ def test_the_mouth_opens_with_the_sound_and_closes_with_its_end() -> None:
 def test_a_voice_that_nobody_hears_here_moves_the_mouth_in_syllables_until_it_ends() -> None:
     motion = FaceMotion(UNBLINKING)
     motion.speak(SpokenLoudness(0))
-    said = [look.mouth_open for look in looks(motion, 4)]
-    opened = sum(now > 0.3 >= before for before, now in itertools.pairwise(said))
+    openings = [look.mouth_open for look in looks(motion, 4)]
+    opened = sum(now > 0.3 >= before for before, now in itertools.pairwise(openings))
     assert 8 <= opened <= 24
 
 

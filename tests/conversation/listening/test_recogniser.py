@@ -129,8 +129,8 @@ def test_noise_is_nobodys_turn(recogniser: Talk) -> None:
     recogniser.hear(ROBOT_MICROPHONE, (room(4, seed=5).astype(np.int32) * 60).clip(-32768, 32767).astype(np.int16))
     recogniser.hear(WIZARD_MICROPHONE, np.concatenate((room(0.6), spoken("Just a moment please."))))
     recogniser.wait_for(Hearing, source=WIZARD_MICROPHONE, turn_over=1.0)
-    said = [each for each in recogniser.heard[before:] if isinstance(each, UtteranceChanged)]
-    assert [each for each in said if each.state == "finished"] == []
+    utterances = [each for each in recogniser.heard[before:] if isinstance(each, UtteranceChanged)]
+    assert [each for each in utterances if each.state == "finished"] == []
 
 
 def test_the_wizards_words_are_there_as_soon_as_their_key_is_let_go(recogniser: Talk) -> None:
@@ -163,17 +163,17 @@ def test_without_a_model_it_says_so_once_and_what_to_do() -> None:
 
 
 def test_a_server_that_does_not_answer_is_told_and_then_that_it_does() -> None:
-    said = np.concatenate((room(0.5), spoken("Where is the lab?"), room(2)))
+    sentence = np.concatenate((room(0.5), spoken("Where is the lab?"), room(2)))
     with serving() as server:
         settings = RecogniserSettings("server", server=server.address, niceness=0)
         server.status = 500
         with in_thread(settings) as talk:
             talk.wait_for(RecogniserReady)
-            talk.hear(ROBOT_MICROPHONE, said)
+            talk.hear(ROBOT_MICROPHONE, sentence)
             assert "returned the status 500" in talk.wait_for(RecogniserAway).problem.what
             talk.wait_for(UtteranceChanged, state="failed")
             server.status, server.body = 200, b'{"text": "Where is the lab?"}'
-            talk.hear(ROBOT_MICROPHONE, said)
+            talk.hear(ROBOT_MICROPHONE, sentence)
             talk.wait_for(RecogniserReady)
             assert talk.wait_for(UtteranceChanged, state="finished").text == "Where is the lab?"
 

@@ -172,8 +172,8 @@ def test_two_sentences_may_be_one_turn() -> None:
     words = _robot()
     for state, at_s in (("started", 13.2), ("finished", 15.0)):
         words.robot_says(UtteranceChanged(_ns(at_s), "u-2", "robot", "The lab is closer from here.", "typed", state))
-    heard = f"{_SAYS} The lab is closer from here"
-    assert words.is_robots(heard, _ns(10.1), _ns(15.1)) > 0.9
+    transcribed = f"{_SAYS} The lab is closer from here"
+    assert words.is_robots(transcribed, _ns(10.1), _ns(15.1)) > 0.9
 
 
 def test_what_could_not_be_said_is_nobodys() -> None:
@@ -197,9 +197,9 @@ def _heard(text: str, from_s: float, until_s: float) -> list[tuple[str, int]]:
 @pytest.mark.parametrize("robots", [_SAYS, "Could you like to sea the kitchen all the lab thirst."])
 def test_who_takes_up_at_once_what_the_robot_said_has_their_own_words_alone(robots: str) -> None:
     theirs = "The kitchen, please, I am hungry."
-    heard = [*_heard(robots, 10.1, 13.1), *_heard(theirs, 13.2, 15.0)]
-    first = _robot().robots_beginning(heard, _ns(10.1))
-    assert " ".join(word for word, _ in heard[first:]) == theirs
+    words = [*_heard(robots, 10.1, 13.1), *_heard(theirs, 13.2, 15.0)]
+    first = _robot().robots_beginning(words, _ns(10.1))
+    assert " ".join(word for word, _ in words[first:]) == theirs
 
 
 def test_a_sentence_is_made_out_of_hardly_anything_but_the_robot() -> None:
@@ -211,13 +211,13 @@ def test_a_sentence_is_made_out_of_hardly_anything_but_the_robot() -> None:
 @pytest.mark.parametrize("share", [0.45, 0.6, 0.79])
 def test_short_words_beside_a_loud_robot_are_not_its_beginning_where_somebody_goes_on(share: float) -> None:
     robot = _robot("The library opens at nine in the morning and closes at six.", ends_s=14.1)
-    heard = [*_heard("I said it's", 10.9, 11.8), *_heard("barely maybe a horror", 11.8, 13.2)]
-    assert robot.robots_beginning(heard, _ns(10.3), share) == 0
+    words = [*_heard("I said it's", 10.9, 11.8), *_heard("barely maybe a horror", 11.8, 13.2)]
+    assert robot.robots_beginning(words, _ns(10.3), share) == 0
 
 
 def test_a_word_whose_end_is_told_seconds_too_late_is_still_the_robots() -> None:
-    heard = [("We", _ns(10.3)), ("have", _ns(10.5)), ("arrived.", _ns(13.0)), ("Thank", _ns(13.3)), ("you.", _ns(13.6))]
-    assert _robot("We have arrived.", ends_s=11.1).robots_beginning(heard, _ns(10.1)) == 3
+    words = [("We", _ns(10.3)), ("have", _ns(10.5)), ("arrived.", _ns(13.0)), ("Thank", _ns(13.3)), ("you.", _ns(13.6))]
+    assert _robot("We have arrived.", ends_s=11.1).robots_beginning(words, _ns(10.1)) == 3
 
 
 @pytest.mark.parametrize(
@@ -269,12 +269,12 @@ def test_other_words_of_the_same_sounds_are_the_robots_while_it_says_them(
 def test_what_participants_say_over_a_robot_does_not_sound_like_it(monkeypatch: pytest.MonkeyPatch) -> None:
     def dropped() -> list[tuple[str, str, float]]:
         return [
-            (says, heard, begins_s)
+            (says, heard_text, begins_s)
             for says in _ROBOT_SAYS
             for words in [_robot(says, ends_s=_STARTS_S + 0.06 * len(says))]
-            for heard in _PARTICIPANTS_SAY
+            for heard_text in _PARTICIPANTS_SAY
             for begins_s in (0.3, 0.8, 1.3)
-            if words.is_robots(heard, _ns(10 + begins_s), _ns(10 + begins_s + 0.065 * len(heard))) >= 0.6
+            if words.is_robots(heard_text, _ns(10 + begins_s), _ns(10 + begins_s + 0.065 * len(heard_text))) >= 0.6
         ]
 
     by_sound = dropped()

@@ -48,11 +48,11 @@ def _closed() -> Iterator[None]:
 
 
 def test_words_come_with_their_times_and_without_what_nobody_said(server: Server) -> None:
-    heard = engine(server.address).transcribe(SOUND, "We came in.", careful=True)
-    assert [(word.text, round(word.start_s, 2), round(word.end_s, 2)) for word in heard.words] == [
+    text = engine(server.address).transcribe(SOUND, "We came in.", careful=True)
+    assert [(word.text, round(word.start_s, 2), round(word.end_s, 2)) for word in text.words] == [
         ("Where", 0.0, 0.67), ("is", 0.67, 1.0), ("the", 1.0, 1.44), ("lab?", 1.44, 2.0),
     ]  # fmt: skip
-    assert heard.language == "en"
+    assert text.language == "en"
 
 
 def test_the_request_is_the_one_that_openai_takes(server: Server) -> None:
@@ -68,9 +68,9 @@ def test_the_request_is_the_one_that_openai_takes(server: Server) -> None:
 
 def test_a_server_that_tells_the_text_alone_will_do(server: Server) -> None:
     server.body = b'{"text": "Where is the lab?"}'
-    heard = engine(server.address).transcribe(SOUND, "", careful=False)
-    assert [word.text for word in heard.words] == ["Where", "is", "the", "lab?"]
-    assert heard.words[-1].end_s == pytest.approx(1.0)
+    text = engine(server.address).transcribe(SOUND, "", careful=False)
+    assert [word.text for word in text.words] == ["Where", "is", "the", "lab?"]
+    assert text.words[-1].end_s == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(

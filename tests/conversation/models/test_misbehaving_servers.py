@@ -69,7 +69,7 @@ def asked(
     """Text of each answer, notes of the last one, and the server with its requests."""
 
     async def run() -> tuple[list[str], AnswerNotes, Served]:
-        said, notes = list[str](), AnswerNotes()
+        answers, notes = list[str](), AnswerNotes()
 
         async def answer(writer: asyncio.StreamWriter) -> None:
             writer.write(reply(served.bodies[-1]))
@@ -86,8 +86,8 @@ def asked(
                     if isinstance(piece, Withdrawn):
                         pieces.clear()
                     pieces.append(piece)
-                said.append("".join(pieces))
-        return said, notes, served
+                answers.append("".join(pieces))
+        return answers, notes, served
 
     return asyncio.run(run())
 
@@ -112,8 +112,8 @@ def asked(
     ],
 )
 def test_what_a_model_thinks_is_not_said_wherever_it_is_cut(written: str, size: int) -> None:
-    said, notes, _ = asked(lambda _body: sse(*words(written, size), STOP))
-    assert said == [ANSWER]
+    answers, notes, _ = asked(lambda _body: sse(*words(written, size), STOP))
+    assert answers == [ANSWER]
     assert notes.reasoned is ("think></think" not in written and "im_end" not in written)
 
 
@@ -234,8 +234,8 @@ def refusing(*names: str, how: Callable[[str], dict[str, Any]]) -> Reply:
 def test_a_parameter_that_is_refused_is_left_out_once_and_for_all(
     provider: str, names: tuple[str, ...], how: Callable[[str], dict[str, Any]]
 ) -> None:
-    said, notes, served = asked(refusing(*names, how=how), provider=provider, times=2)
-    assert said == [ANSWER, ANSWER]
+    answers, notes, served = asked(refusing(*names, how=how), provider=provider, times=2)
+    assert answers == [ANSWER, ANSWER]
     assert len(served.bodies) == 2 + len(names), "it is remembered"
     assert set(notes.left_out) == set(names)
 
@@ -280,8 +280,8 @@ def test_a_limit_that_thinking_uses_up_is_left_out(provider: str, used_up: dict[
             answer = chunk({"content": ANSWER}, "stop")
         return sse(used_up if limited else answer)
 
-    said, _, served = asked(reply, provider=provider, times=2)
-    assert said == [ANSWER, ANSWER] and len(served.bodies) == 3
+    answers, _, served = asked(reply, provider=provider, times=2)
+    assert answers == [ANSWER, ANSWER] and len(served.bodies) == 3
     with pytest.raises(LanguageModelError, match=r"answer length limit while it was still reasoning"):
         asked(lambda _body: sse(used_up), provider=provider)
 
@@ -290,8 +290,8 @@ def test_without_a_limit_of_the_server_an_answer_is_held_to_it_here() -> None:
     def reply(body: dict[str, Any]) -> bytes:
         return sse(chunk({}, "length")) if "max_tokens" in body else sse(*words(ANSWER * 100, 10), STOP)
 
-    [said], notes, _ = asked(reply, max_tokens=20)
-    assert 100 <= len(said) < 120 and notes.cut == "length"
+    [answers], notes, _ = asked(reply, max_tokens=20)
+    assert 100 <= len(answers) < 120 and notes.cut == "length"
 
 
 @pytest.mark.parametrize(
@@ -309,8 +309,8 @@ def test_without_a_limit_of_the_server_an_answer_is_held_to_it_here() -> None:
     ],
 )  # fmt: skip
 def test_an_answer_that_is_cut_is_marked(provider: str, reply: bytes, cut: str) -> None:
-    said, notes, _ = asked(lambda _body: reply, provider=provider)
-    assert (said, notes.cut) == (["The lab closes"], cut)
+    answers, notes, _ = asked(lambda _body: reply, provider=provider)
+    assert (answers, notes.cut) == (["The lab closes"], cut)
 
 
 @pytest.mark.logs("answered with HTTP status", "reported an error in the stream")
@@ -385,14 +385,14 @@ def test_one_connection_serves_question_after_question() -> None:
         server = await asyncio.start_server(answer, "127.0.0.1", 0)
         async with server:
             endpoint = ModelEndpoint("openai", f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}", "m")
-            said = []
+            answers = []
             for _ in range(5):
                 stream = stream_chat(
                     endpoint, QUESTION, local_only=False, max_tokens=20, temperature=0.5, timeouts=PATIENT,
                     retries=Retries(0),
                 )  # fmt: skip
-                said.append("".join([piece async for piece in stream]))
-        return said
+                answers.append("".join([piece async for piece in stream]))
+        return answers
 
     assert asyncio.run(run()) == [ANSWER] * 5
     assert len(connections) == 2
@@ -429,10 +429,10 @@ def test_another_name_for_a_model_of_ollamas_cloud_gets_no_question_where_models
             endpoint = ModelEndpoint("ollama", served.url, "helper")
             stream = stream_chat(endpoint, QUESTION, local_only=True, max_tokens=9, temperature=0.0, timeouts=PATIENT)
             try:
-                said = [piece async for piece in stream]
+                answers = [piece async for piece in stream]
             except LanguageModelError as error:
-                said = [error.what]
-            return [*said, *(head.split()[1] for head in served.heads)]
+                answers = [error.what]
+            return [*answers, *(head.split()[1] for head in served.heads)]
 
     told = asyncio.run(run())
     if here:
@@ -482,13 +482,13 @@ def test_no_mutation_of_an_answer_kills_anything_or_lets_reasoning_out() -> None
             data = data or bytearray(b"\n")
         reply = head + b"\r\n\r\n" + bytes(data)
         try:
-            [said], _, _ = asked(lambda _body, reply=reply: reply, provider=provider)  # type: ignore[misc]
+            [answers], _, _ = asked(lambda _body, reply=reply: reply, provider=provider)  # type: ignore[misc]
         except LanguageModelError as error:
             assert error.what and error.meaning and error.advice
             outcomes.append("failed")
         else:
             outcomes.append("answered")
-            assert "remote-controlled" not in said or b"<think>" not in _joined(bytes(data)), said
+            assert "remote-controlled" not in answers or b"<think>" not in _joined(bytes(data)), answers
     assert outcomes.count("answered") > MUTATIONS // 10 and outcomes.count("failed") > MUTATIONS // 10
 
 

@@ -11,12 +11,12 @@ from tests.conversation.test_prompts import HOSTILE
 def test_nothing_that_is_said_and_no_name_ends_its_quotation(hostile: str) -> None:
     turns = [Turn("u-1", "participant", hostile, "heard", "finished", 1, 2)]
     situation = ReplyGrounds("You guide tours.", hostile, turns, hostile, hostile, [hostile])
-    system, said, *more = reply_messages(situation, with_examples=False)
-    assert (system.role, said.role, more) == ("system", "user", [])
-    earlier, now = said.content.split("\n")
+    system, user_message, *more = reply_messages(situation, with_examples=False)
+    assert (system.role, user_message.role, more) == ("system", "user", [])
+    earlier, now = user_message.content.split("\n")
     assert earlier.count('"') == 2 and earlier[0] == earlier[-1] == '"'
     assert now.count('"') == 8 and now.startswith('(place: "') and now.endswith('"')
-    assert not set("<>[]\\\u2028\u0000\u001b\u202e") & set(said.content)
+    assert not set("<>[]\\\u2028\u0000\u001b\u202e") & set(user_message.content)
 
 
 def test_what_is_too_old_is_left_out_in_portions_so_that_most_questions_begin_like_the_one_before() -> None:

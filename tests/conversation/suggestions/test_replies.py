@@ -126,5 +126,5 @@ def test_whatever_is_written_is_read_without_an_error() -> None:
     for _ in range(300):
         written = "".join(random.choices(pieces, k=random.randrange(40)))
         for text in replies_in(written):
-            said = fit_to_say(text)
-            assert not set(said) & set("{}<>\n\x00") and len(said) <= LONGEST_REPLY
+            reply = fit_to_say(text)
+            assert not set(reply) & set("{}<>\n\x00") and len(reply) <= LONGEST_REPLY

@@ -21,22 +21,22 @@ sounds = arrays.arrays(np.int16, st.integers(1, 80), elements=st.sampled_from([0
 @given(sound=sounds, cuts=st.lists(st.integers(0, 80), max_size=6))
 def test_silence_is_left_out_before_and_behind_but_not_within(sound: Samples, cuts: list[int]) -> None:
     parts = [part for part in np.split(sound, sorted(cuts)) if part.size]
-    heard = np.concatenate([some(), *trimmed(iter(parts), RATE_HZ, least=100)])
+    trimmed_sound = np.concatenate([some(), *trimmed(iter(parts), RATE_HZ, least=100)])
     loud = np.flatnonzero(np.abs(sound.astype(int)) >= 100)
     if loud.size == 0:
-        assert heard.size == 0
+        assert trimmed_sound.size == 0
         return
     wanted = sound[loud[0] : loud[-1] + 1]
-    at = int(np.flatnonzero(np.abs(heard.astype(int)) >= 100)[0])
+    at = int(np.flatnonzero(np.abs(trimmed_sound.astype(int)) >= 100)[0])
     assert 0 <= at <= KEPT
-    assert np.array_equal(heard[at : at + len(wanted)], wanted)
-    assert len(heard) - at - len(wanted) <= KEPT
+    assert np.array_equal(trimmed_sound[at : at + len(wanted)], wanted)
+    assert len(trimmed_sound) - at - len(wanted) <= KEPT
 
 
 def test_of_a_whole_sound_the_loudest_sample_says_what_silence_is() -> None:
     noise = [40] * 50
-    (heard,) = trimmed(iter([some(*noise, 20000, *noise)]), RATE_HZ, None)
-    assert len(heard) == 2 * KEPT + 1
+    (sound,) = trimmed(iter([some(*noise, 20000, *noise)]), RATE_HZ, None)
+    assert len(sound) == 2 * KEPT + 1
 
 
 @given(lengths=st.lists(st.integers(1, 30), min_size=1, max_size=8), frames=st.integers(1, 40))

@@ -131,8 +131,8 @@ def test_going_on_holds_the_robot_and_asks_everything_again(after_a_crash: Run) 
     assert run.state.going_on.value.state == "unconfirmed" and run.state.going_on.value.unconfirmed == ("consent",)
     run.ask(intents.ConfirmAsBefore("consent"))
     assert run.state.going_on.value.state == "confirmed"
-    said = [(type(event), getattr(event, "what", "")) for event in run.told]
-    assert said == [
+    events = [(type(event), getattr(event, "what", "")) for event in run.told]
+    assert events == [
         (TrialResumed, ""), (ConfirmedAsBefore, "people"), (ConfirmedAsBefore, "map"),
         (ConfirmedAsBefore, "permissions"), (ConfirmedAsBefore, "consent"),
     ]  # fmt: skip

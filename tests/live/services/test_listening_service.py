@@ -152,12 +152,12 @@ def test_it_is_started_only_where_it_is_permitted_and_a_microphone_is_open(bench
 
 def test_the_participants_sound_what_is_played_and_what_the_robot_says_reach_it(bench: Bench, qtbot: QtBot) -> None:
     child = _listening(bench)
-    said = UtteranceChanged(5, "u-1", "robot", "Hello.", "typed", "started")
+    utterance = UtteranceChanged(5, "u-1", "robot", "Hello.", "typed", "started")
     bench.bus.publish(sound())
     bench.bus.publish(sound(ROBOT_VOICE))
     bench.bus.publish(PlayedSound(3, "u-1", "Hello.", 16_000, np.zeros((4, 1), np.int16)))
-    bench.bus.publish(said)
-    bench.bus.publish(replace(said, speaker="participant", utterance_id="h-1", origin="heard"))
+    bench.bus.publish(utterance)
+    bench.bus.publish(replace(utterance, speaker="participant", utterance_id="h-1", origin="heard"))
     qtbot.waitUntil(lambda: len(child.got) == 3)
     assert [type(each) for each in child.got] == [AudioChunk, PlayedSound, UtteranceChanged]
     assert child.got[0].source == MICROPHONE

@@ -118,13 +118,13 @@ def test_what_happens_ends_steps_and_is_told(stage: Stage) -> None:
 def test_somebody_asks_something_and_later_the_link_is_cut(stage: Stage) -> None:
     stage.begin()
     stage.skip_to("suggestion")
-    heard = [event for event in stage.told if isinstance(event, UtteranceChanged)]
-    assert [(event.speaker, event.state, event.source) for event in heard] == [
+    utterances = [event for event in stage.told if isinstance(event, UtteranceChanged)]
+    assert [(event.speaker, event.state, event.source) for event in utterances] == [
         ("participant", "started", "practice"), ("participant", "finished", "practice"),
     ]  # fmt: skip
     stage.state.suggestions.set(replace(stage.state.suggestions.value, state="shown"))
     stage.service._ask_again.timeout.emit()
-    assert [event for event in stage.told if isinstance(event, UtteranceChanged)] == heard, "the replies stay"
+    assert [event for event in stage.told if isinstance(event, UtteranceChanged)] == utterances, "the replies stay"
     stage.state.suggestions.set(replace(stage.state.suggestions.value, state="failed"))
     stage.service._ask_again.timeout.emit()
     assert len([event for event in stage.told if isinstance(event, UtteranceChanged)]) == 4

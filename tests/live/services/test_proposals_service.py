@@ -128,7 +128,7 @@ def test_fifty_of_fifty_valid_proposals_are_carried_out_when_confirmed(desk: Des
     chance = Random(5)  # noqa: S311 - a test, not cryptography
     head = desk.proposals._offer()
     for number in range(50):
-        said: dict[str, Any] = chance.choice(
+        proposal: dict[str, Any] = chance.choice(
             (
                 {"action": "go_to", "place": chance.choice(PLACES).name},
                 {
@@ -142,7 +142,9 @@ def test_fifty_of_fifty_valid_proposals_are_carried_out_when_confirmed(desk: Des
                 {"action": "use", "control": "volume", "value": chance.uniform(0.0, 10.0)},
             )
         )
-        assert desk.do(intents.ConfirmProposal(propose(desk, json.dumps(said), f"Request {number}"))) == "", said
+        assert desk.do(intents.ConfirmProposal(propose(desk, json.dumps(proposal), f"Request {number}"))) == "", (
+            proposal
+        )
     assert len(desk.done) == 50 and Counter(states(desk)) == {"displayed": 50, "confirmed": 50}
 
 

@@ -86,11 +86,11 @@ def desk(qtbot: QtBot, tmp_path: Path) -> Iterator[Desk]:
     bus = Bus(state, state)
     voice, events, done = Voice(), [], []
     slow_work = BackgroundWorker(state)
-    heard: list[Any] = []
+    handlers: list[Any] = []
 
     def publish(event: UtteranceChanged, _raw: bytes | None) -> None:
         events.append(event)
-        for follow in heard:
+        for follow in handlers:
             follow(event)
 
     queue = SpeechQueue(state, {"robot": voice, "computer": voice}, publish, state)
@@ -100,7 +100,7 @@ def desk(qtbot: QtBot, tmp_path: Path) -> Iterator[Desk]:
         return "refused"
 
     service = SpeakingService(state, bus, queue, tmp_path / "said.jsonl", slow_work, do=do, parent=state)
-    heard.append(service.follows()[UtteranceChanged])
+    handlers.append(service.follows()[UtteranceChanged])
     state.scenario.set(SCENARIO)
     state.places.set(SCENARIO.places)
     service.use_scenario(SCENARIO)
@@ -228,11 +228,11 @@ def test_what_is_never_said_has_no_gesture(desk: Desk) -> None:
 
 
 def test_each_filler_takes_the_next_one(desk: Desk) -> None:
-    said = []
+    fillers = []
     for _ in range(4):
-        said.append(SCENARIO.next_filler(desk.state.fillers_spoken.value))
-        desk.ask(intents.Say(said[-1], "filler"))
-    assert said == ["Hm.", "Well.", "Let me see.", "Hm."]
+        fillers.append(SCENARIO.next_filler(desk.state.fillers_spoken.value))
+        desk.ask(intents.Say(fillers[-1], "filler"))
+    assert fillers == ["Hm.", "Well.", "Let me see.", "Hm."]
 
 
 def test_what_was_typed_is_remembered_as_it_was_typed(desk: Desk) -> None:

@@ -142,9 +142,9 @@ def act(bench: Bench, choices: random.Random) -> int:
 def test_each_has_one_end_and_nothing_hangs_overlaps_or_is_left(bench: Bench, qtbot: QtBot, sentences: int) -> None:
     choices = random.Random(sentences)  # noqa: S311 - a test, not cryptography
     qtbot.waitUntil(lambda: bench.state.speech.value.ready, timeout=WITHIN_MS)
-    since, said = len(bench.told), 0
-    while said < sentences:
-        said += act(bench, choices)
+    since, said_count = len(bench.told), 0
+    while said_count < sentences:
+        said_count += act(bench, choices)
         qtbot.wait(choices.choice([1, 20, 100, 400]))
     for engine in bench.engines():
         bench.kill(engine)
@@ -154,7 +154,7 @@ def test_each_has_one_end_and_nothing_hangs_overlaps_or_is_left(bench: Bench, qt
     told = bench.told[since:]
     ends = Counter(event.utterance_id for event in told if isinstance(event, UtteranceChanged) and event.state in ENDS)
     asked = {event.utterance_id for event in told if isinstance(event, UtteranceChanged) and event.state == "requested"}
-    assert len(asked) == said
+    assert len(asked) == said_count
     assert set(ends) == asked and set(ends.values()) == {1}, "each has one end"
     assert_nothing_overlaps(told)
     bench.service.queue.say("Yes.", "typed")
@@ -171,9 +171,9 @@ def assert_nothing_overlaps(told: list[Any]) -> None:
             spoken.append((starts[event.utterance_id], event.stamp_ns))
     spoken.sort()
     assert all(end <= start for (_, end), (start, _) in itertools.pairwise(spoken)), "one after the other"
-    heard = [value for value in told if isinstance(value, AudioChunk) and value.source == ROBOT_VOICE]
+    chunks = [value for value in told if isinstance(value, AudioChunk) and value.source == ROBOT_VOICE]
     pieces = sorted(
-        (piece.stamp_ns, piece.stamp_ns + len(piece.samples) * 10**9 // piece.sample_rate_hz) for piece in heard
+        (piece.stamp_ns, piece.stamp_ns + len(piece.samples) * 10**9 // piece.sample_rate_hz) for piece in chunks
     )
     assert pieces, "something was heard"
     assert all(end <= start + 1_000_000 for (_, end), (start, _) in itertools.pairwise(pieces))

@@ -149,16 +149,16 @@ def test_while_the_gui_thread_is_held_a_voice_comes_to_its_end_on_record(
 
 
 def test_the_next_one_is_said_once_the_gui_thread_has_heard_of_the_end(bench: Bench, qtbot: QtBot) -> None:
-    said: list[Any] = []
+    events: list[Any] = []
 
     def note(event: object) -> None:
-        said.append(event)
+        events.append(event)
 
     bench.state.event_happened.connect(note)
     bench.speech.queue.use_voice("computer")
     bench.speech.queue.say("One", "typed")
     bench.speech.queue.say("Two", "assistant")
-    qtbot.waitUntil(lambda: len(said) == 6, timeout=20_000)
+    qtbot.waitUntil(lambda: len(events) == 6, timeout=20_000)
     bench.state.event_happened.disconnect(note)
     assert bench.recorder.wait_for(lambda: len(bench.recorder.utterances) == 6)
     assert [told for told in bench.recorder.told if told[1] != "requested"] == [
@@ -242,16 +242,16 @@ def test_what_may_be_said_next_is_made_ahead_of_time_the_likeliest_first(
 
 
 def test_another_voice_is_used_told_and_shown(bench: Bench, qtbot: QtBot) -> None:
-    said: list[Any] = []
+    events: list[Any] = []
 
     def note(event: object) -> None:
-        said.append(event)
+        events.append(event)
 
     bench.state.event_happened.connect(note)
     bench.speech.handlers()[SetVoice](SetVoice("both", "espeak:de", rate=1.5, actor="wizard:b"))
-    qtbot.waitUntil(lambda: any(isinstance(event, VoiceChanged) for event in said), timeout=20_000)
+    qtbot.waitUntil(lambda: any(isinstance(event, VoiceChanged) for event in events), timeout=20_000)
     bench.state.event_happened.disconnect(note)
-    (changed,) = (event for event in said if isinstance(event, VoiceChanged))
+    (changed,) = (event for event in events if isinstance(event, VoiceChanged))
     assert (changed.output, changed.name, changed.rate, changed.actor) == ("both", "espeak:de", 1.5, "wizard:b")
     shown = bench.state.voice.value
     assert (shown.output, shown.name, shown.rate) == ("both", "espeak:de", 1.5)

@@ -86,10 +86,12 @@ def test_what_was_said_before_is_read_while_the_participant_still_speaks(desk: D
     desk.speak_on()
     assert len(desk.model.read) == 1, "once in each turn"
     asked = desk.question("And how far is it?")
-    *before, said = asked.messages
+    *before, last_message = asked.messages
     *read, open_end = desk.model.read[-1]
     assert read == before and "It stops at once." in read[-1].content, "the robot's reply, which is new to the model"
-    assert said.content == f'{open_end.content[:-1]}And how far is it?"', "nothing but the words themselves is missing"
+    assert last_message.content == f'{open_end.content[:-1]}And how far is it?"', (
+        "nothing but the words themselves is missing"
+    )
 
 
 def test_of_one_who_says_more_and_more_only_the_newest_words_are_still_to_be_read(desk: Desk) -> None:
@@ -118,8 +120,8 @@ def test_a_model_that_is_new_reads_how_a_question_begins_where_one_may_be_asked(
 
 
 def test_a_pause_within_a_turn_is_enough(desk: Desk) -> None:
-    heard = Hearing(desk.now_ns, ROBOT_MICROPHONE, False, "participant", "t-9", "where is", "the kitchen", revision=4)
-    desk.hear(replace(heard, silent_since_ns=desk.now_ns))
+    hearing = Hearing(desk.now_ns, ROBOT_MICROPHONE, False, "participant", "t-9", "where is", "the kitchen", revision=4)
+    desk.hear(replace(hearing, silent_since_ns=desk.now_ns))
     desk.wait(150)
     assert desk.model.asked == []
     desk.wait(100)
@@ -137,8 +139,10 @@ def test_a_pause_that_is_over_before_the_clock_is_looked_at_again_is_one(
 
     monkeypatch.setattr(clock, "now_ns", now_ns)
     for number, ago_ms in enumerate((60, 90, 120, 150, 180), start=1):
-        said_ns = desk.now_ns - ago_ms * MS
-        desk.publish(UtteranceChanged(said_ns, f"t-{number}", "participant", f"Take {number}.", "heard", "finished"))
+        published_ns = desk.now_ns - ago_ms * MS
+        desk.publish(
+            UtteranceChanged(published_ns, f"t-{number}", "participant", f"Take {number}.", "heard", "finished")
+        )
         qtbot.waitUntil(lambda number=number: len(desk.model.asked) == number, timeout=5_000)  # type: ignore[misc]
 
 
@@ -172,8 +176,8 @@ def test_what_a_reply_is_made_from_is_told(desk: Desk) -> None:
     desk.state.persons.set((PersonRow("p-1", 4, "Person 1", True, 0, 0, number=1),))
     desk.question("Hello!").answer("{}")
     question = desk.question("What is that?")
-    said = [message.content for message in question.messages if message.role == "user"]
-    assert said[-1].endswith('(place: "Kitchen"; here: "person 1") "What is that?"') and '"Hello!"' in said[-1]
+    contents = [message.content for message in question.messages if message.role == "user"]
+    assert contents[-1].endswith('(place: "Kitchen"; here: "person 1") "What is that?"') and '"Hello!"' in contents[-1]
     status = desk.state.suggestions.value
     assert (status.turns, status.place, status.person_id) == (2, "Kitchen", "p-1")
 
@@ -233,8 +237,8 @@ def test_where_the_scenario_lets_it_the_first_is_said_after_a_countdown_that_is_
     assert desk.voice.spoken == ["Let me think."]
     desk.wait(100)
     assert desk.voice.spoken == ["Let me think."], "the voice still has the filler"
-    said = [event for event in desk.of(UtteranceChanged) if event.origin == "suggestion"]
-    assert [(event.text, event.actor) for event in said] == [("It stops at once.", CONSOLE)]
+    utterances = [event for event in desk.of(UtteranceChanged) if event.origin == "suggestion"]
+    assert [(event.text, event.actor) for event in utterances] == [("It stops at once.", CONSOLE)]
     assert desk.fates()[0] == (1, "taken")
 
 
@@ -269,8 +273,8 @@ def test_a_filler_bridges_a_late_reply_only_where_the_scenario_lets_it(desk: Des
     desk.wait(950)
     assert desk.voice.spoken == []
     desk.wait(3_000)
-    said = [event for event in desk.of(UtteranceChanged) if event.speaker == "robot"]
-    assert [(event.text, event.origin, event.actor) for event in said] == [("Let me think.", "filler", CONSOLE)]
+    utterances = [event for event in desk.of(UtteranceChanged) if event.speaker == "robot"]
+    assert [(event.text, event.origin, event.actor) for event in utterances] == [("Let me think.", "filler", CONSOLE)]
     desk.finish("Well?")
     desk.wait(500)
     desk.publish(UtteranceChanged(desk.now_ns, "u-9", "robot", "Because.", "typed", "requested"))

@@ -285,27 +285,27 @@ def test_sound_comes_beside_the_picture_to_whoever_may_hear_it_and_only_then_is_
 
     def look(port: int, *, listen: bool) -> list[tuple[int, Any]]:
         chosen = replace(parse_camera(f"whep+http://127.0.0.1:{port}/whep"), sound=listen)
-        camera, heard = WebRtcCamera(chosen), list[tuple[int, Any]]()
-        camera.on_sound = lambda stamp_ns, samples: heard.append((stamp_ns, samples))
+        camera, chunks = WebRtcCamera(chosen), list[tuple[int, Any]]()
+        camera.on_sound = lambda stamp_ns, samples: chunks.append((stamp_ns, samples))
         try:
             until_ns = clock.now_ns() + 8_000_000_000
-            while clock.now_ns() < until_ns and sum(len(samples) for _, samples in heard) < (16000 if listen else 1):
+            while clock.now_ns() < until_ns and sum(len(samples) for _, samples in chunks) < (16000 if listen else 1):
                 assert camera.read() is not None
                 if not listen:
                     break
         finally:
             camera.close()
-        return heard
+        return chunks
 
     async def test(_frames: NewestFrame, new_client: Callable[[], Awaitable[Client]]) -> None:
         port = (await new_client())._port
         assert await asyncio.to_thread(look, port, listen=False) == []
         assert not source.open
-        heard = await asyncio.to_thread(look, port, listen=True)
-        samples = np.concatenate([piece[:, 0] for _, piece in heard]).astype(float)
+        chunks = await asyncio.to_thread(look, port, listen=True)
+        samples = np.concatenate([piece[:, 0] for _, piece in chunks]).astype(float)
         assert np.argmax(np.abs(np.fft.rfft(samples[-8000:]))) * 2 == pytest.approx(440, abs=6)
-        length_ns = (len(samples) - len(heard[-1][1])) * 1_000_000_000 // 16000
-        assert heard[-1][0] - heard[0][0] == pytest.approx(length_ns, rel=0.1)
+        length_ns = (len(samples) - len(chunks[-1][1])) * 1_000_000_000 // 16000
+        assert chunks[-1][0] - chunks[0][0] == pytest.approx(length_ns, rel=0.1)
         assert await asyncio.to_thread(source.ended.wait, 10.0), "nobody listens any more"
 
     served(test, sound=ServedSound(source))

@@ -339,8 +339,8 @@ def test_the_overview_shows_sound_where_it_was(tmp_path: Path) -> None:
     samples[500] = 16384
     samples[2500:2520] = -32768
     write_wav(folder / "audio-m.wav", samples)
-    heard_fractions: list[float] = []
-    overview = build_overview(open_session(folder), heard_fractions.append)
+    fractions: list[float] = []
+    overview = build_overview(open_session(folder), fractions.append)
     assert [(moment.kind, moment.at_ns, moment.text) for moment in overview.moments] == [
         ("utterance", at(2.0), "participant: Hi"),
         ("mark", at(3.2), "late"),
@@ -357,8 +357,8 @@ def test_the_overview_shows_sound_where_it_was(tmp_path: Path) -> None:
     assert overview.speed.dtype == np.float32
     assert overview.speed[:, 1:].tolist() == [[0.5, -0.25]] * 100
     assert overview.speed[:3, 0].tolist() == pytest.approx([0.0, 0.05, 0.1])
-    assert heard_fractions[-1] == 1.0
-    assert heard_fractions == sorted(heard_fractions)
+    assert fractions[-1] == 1.0
+    assert fractions == sorted(fractions)
 
 
 def test_the_speed_comes_from_poses_where_there_is_no_odometry(tmp_path: Path) -> None:
@@ -443,8 +443,8 @@ def test_states_are_said_in_the_wizards_language_where_they_are_shown_and_in_eng
     assert shown["Link trouble"] == [
         tr("{link}: {state} ({detail})").format(link=tr("control"), state=tr("lost"), detail=tr("no answer"))
     ]
-    said = tr("{who}: {text}").format(who=tr("participant"), text="standing")
-    assert said in [tr_filled(moment.text) for moment in overview.moments]
+    sentence = tr("{who}: {text}").format(who=tr("participant"), text="standing")
+    assert sentence in [tr_filled(moment.text) for moment in overview.moments]
     write_csv(session, tmp_path, ExportContext())
     write_eaf(session, tmp_path, ExportContext())
     written = "".join(path.read_text("utf-8") for path in tmp_path.glob("*.*") if path.suffix in (".csv", ".eaf"))

@@ -93,10 +93,10 @@ def test_what_the_robot_measured_is_on_the_session_clock(out: Path) -> None:
 
 
 def test_utterances_and_marks_are_rows_of_their_own(out: Path) -> None:
-    first, never, heard = rows(out / "one" / "utterances.parquet")
+    first, never, transcribed = rows(out / "one" / "utterances.parquet")
     assert (first["session_s"], first["duration_s"], first["start_session_s"], first["said"]) == (5.0, 2.5, 5.0, True)
     assert (never["said"], never["start_ns"], never["state"], never["session_s"]) == (False, None, "interrupted", 9.0)
-    assert heard["text"] == "Ünïcode \U0001f916 \ufffd & <b>", "half a character has no place in UTF-8"
+    assert transcribed["text"] == "Ünïcode \U0001f916 \ufffd & <b>", "half a character has no place in UTF-8"
     marks = rows(out / "one" / "marks.parquet")
     assert [(mark["label"], mark["session_s"], mark["duration_s"], mark["open_at_end"]) for mark in marks] == [
         ("laughs", 17.0, None, False),

@@ -244,8 +244,8 @@ def test_whatever_has_no_standard_message_is_there_as_json(made: RecordedSession
     told = [json.loads(message.data) for _, message in bag["/caris/event/utterance_changed"]]
     recorded = [to_jsonable(value) for _, value in made.values if type(value).__name__ == "UtteranceChanged"]
     assert told == recorded
-    said = [message.data for _, message in bag["/speech/robot"]]
-    assert said == [u["text"] for u in recorded if u["speaker"] == "robot" and u["state"] == "started"]
+    texts = [message.data for _, message in bag["/speech/robot"]]
+    assert texts == [u["text"] for u in recorded if u["speaker"] == "robot" and u["state"] == "started"]
     (_, session) = bag["/caris/session"][0]
     assert json.loads(session.data)["trial"]["participant"] == "P07"
     assert len(bag["/diagnostics"]) == int(made.plan.seconds)

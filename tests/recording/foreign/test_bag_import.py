@@ -219,8 +219,8 @@ def test_topics_are_known_by_their_types(kind: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(path.points_in_map, [[1, 0], [2, 1]])
     assert [goal.target_in_map for goal in values(session, GoalChanged)] == [Near(Pose2D(3, 4, 0))]
     assert [value.pose_in_map for value in values(session, InitialPoseSet)] == [Near(Pose2D(5, 6, 1))]
-    said = [(utterance.speaker, utterance.text) for utterance in values(session, UtteranceChanged)]
-    assert said == [("robot", "Hello there"), ("participant", "Hi robot")]
+    texts = [(utterance.speaker, utterance.text) for utterance in values(session, UtteranceChanged)]
+    assert texts == [("robot", "Hello there"), ("participant", "Hi robot")]
     (lens,) = values(session, CameraLens)
     assert (lens.camera, lens.model.fy_px) == ("rgb", 101.0)
 
@@ -394,7 +394,7 @@ def test_an_imported_bag_can_be_exported_again(tmp_path: Path) -> None:
     (path,) = read["/plan"]
     assert [(pose.pose.position.x, pose.pose.position.y) for pose in path.poses] == [(1.0, 0.0), (2.0, 1.0)]
     assert [(goal.pose.position.x, goal.pose.position.y) for goal in read["/goal_pose"]] == [(3.0, 4.0)]
-    assert [said.data for said in read["/speech/participant"]] == ["Hi robot"]
+    assert [message.data for message in read["/speech/participant"]] == ["Hi robot"]
     assert {"/camera/rgb/image/foxglove", "/camera/head/image/foxglove", "/cmd_vel", "/map"} <= set(read)
 
 
@@ -693,8 +693,8 @@ def test_a_clock_that_was_set_makes_no_session_of_years(tmp_path: Path, forward:
     assert report.duration_s == pytest.approx(4.9 + 2.9 + 1.0, abs=0.01)
     assert sum("the gap of" in note and "was removed" in note for note in report.notes) == 1
     session = open_session(tmp_path / "s")
-    said = [value.text for value in values(session, UtteranceChanged)]
-    assert said == [f"said {number}" for count in counts for number in range(count)], "as in the file"
+    texts = [value.text for value in values(session, UtteranceChanged)]
+    assert texts == [f"said {number}" for count in counts for number in range(count)], "as in the file"
     assert session.clock.utc(session.ended_ns)[:4] == "2026"
     for fmt in FORMATS:
         export_session(tmp_path / "s", fmt.name, tmp_path / fmt.name)

@@ -122,9 +122,9 @@ def test_every_session_is_whole_and_says_that_somebody_was_forgotten(study: Path
         different = [old for new, old in pairs if new != old]
         assert different
         assert all(any(name in old[1].decode() for name in named) for old in different)
-        said = spoken(session)
-        assert [one.utterance_id for one in said] == [one.utterance_id for one in told[folder.name]]
-        changed = [new.text for new, old in zip(said, told[folder.name], strict=True) if new.text != old.text]
+        utterances = spoken(session)
+        assert [one.utterance_id for one in utterances] == [one.utterance_id for one in told[folder.name]]
+        changed = [new.text for new, old in zip(utterances, told[folder.name], strict=True) if new.text != old.text]
         assert changed == ["Hello [forgotten], welcome to our laboratory.", "[forgotten]", "[forgotten]"]
 
 

@@ -235,13 +235,13 @@ def test_boxes_are_drawn_with_whose_they_are(made: RecordedSession, seen: list[S
 
 def test_a_log_tells_each_utterance_once_and_every_problem(made: RecordedSession, seen: list[Seen]) -> None:
     info = 2
-    said = [one.content for one in on(seen, "/event/utterance_changed") if one.content["level"] == info]
+    messages = [one.content for one in on(seen, "/event/utterance_changed") if one.content["level"] == info]
     spoken = [
         (utterance.speaker, utterance.text)
         for utterance in of(made, UtteranceChanged)
         if utterance.state == ("finished" if utterance.speaker == "participant" else "started")
     ]
-    assert [(message["name"], message["message"]) for message in said] == spoken
+    assert [(message["name"], message["message"]) for message in messages] == spoken
     assert len(spoken) >= 2
     (problem,) = on(seen, "/event/problem")
     assert problem.content["level"] == 3

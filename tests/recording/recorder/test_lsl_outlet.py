@@ -45,20 +45,20 @@ def test_another_recorder_hears_markers_at_their_time(tmp_path: Path, pylsl: Any
     inlet.open_stream(timeout=10.0)
     recorder.send(start(tmp_path / "s", lsl=True, lsl_words=words))
     recorder.wait_for(RecorderReport)
-    said = UtteranceChanged(clock.now_ns(), "u1", "robot", "Grüß dich! " * 200, "phrase", "started")
+    utterance = UtteranceChanged(clock.now_ns(), "u1", "robot", "Grüß dich! " * 200, "phrase", "started")
     marked = replace(mark("here"), note="she looked away")
     session_s, lsl_s = clock.now_ns() / 1e9, pylsl.local_clock()
     step = StepEntered(clock.now_ns(), "arm", "Robot arm", 3, "branch", "greet", "Asks who that is")
-    recorder.send(command(1), pose(1.0), marked, step, said, PauseRecording(True), PauseRecording(False))
+    recorder.send(command(1), pose(1.0), marked, step, utterance, PauseRecording(True), PauseRecording(False))
     recorder.stop_session()
-    heard = []
-    while not heard or heard[-1][0]["event"] != "session_ended":
+    samples = []
+    while not samples or samples[-1][0]["event"] != "session_ended":
         sample, lsl_stamp_s = inlet.pull_sample(timeout=10.0)
-        assert sample is not None, heard
-        heard.append((json.loads(sample[0]), lsl_stamp_s))
+        assert sample is not None, samples
+        samples.append((json.loads(sample[0]), lsl_stamp_s))
     inlet.close_stream()
     recorder.close()
-    assert [marker["event"] for marker, _ in heard] == [
+    assert [marker["event"] for marker, _ in samples] == [
         "session_started",
         "marked",
         "step_entered",
@@ -67,13 +67,13 @@ def test_another_recorder_hears_markers_at_their_time(tmp_path: Path, pylsl: Any
         "recording_paused",
         "session_ended",
     ]
-    assert heard[1][0]["label"] == "here"
-    assert (heard[2][0]["title"], heard[2][0]["number"]) == ("Robot arm", 3)
-    assert ("looked away" in str(heard)) == ("who that is" in str(heard)) == words
+    assert samples[1][0]["label"] == "here"
+    assert (samples[2][0]["title"], samples[2][0]["number"]) == ("Robot arm", 3)
+    assert ("looked away" in str(samples)) == ("who that is" in str(samples)) == words
     if words:
-        assert heard[3][0]["text"].startswith("Grüß dich!")
-        assert len(heard[3][0]["text"]) < 1100
-    for marker, lsl_stamp_s in heard:
+        assert samples[3][0]["text"].startswith("Grüß dich!")
+        assert len(samples[3][0]["text"]) < 1100
+    for marker, lsl_stamp_s in samples:
         assert lsl_stamp_s - lsl_s == pytest.approx(marker["stamp_ns"] / 1e9 - session_s, abs=0.02)
     assert open_session(tmp_path / "s").closed_properly
 
@@ -123,7 +123,7 @@ def test_an_outlet_that_fails_ends_itself_and_nothing_else(tmp_path: Path, monke
     recorder.send(start(tmp_path / "s", lsl=True, lsl_words=True), long, mark("a"), mark("b"))
     recorder.stop_session()
     recorder.close()
-    problems = [said for said in recorder.heard if isinstance(said, Problem)]
+    problems = [problem for problem in recorder.heard if isinstance(problem, Problem)]
     assert len(library.sent) == 3
     sent = json.loads(library.sent[1])
     assert len(sent["messages"][0]["content"]) < 1100

@@ -116,9 +116,9 @@ def test_where_a_card_opens_only_one_encoder_the_other_camera_gets_the_processor
 
 @pytest.mark.logs(r"recorder\.session_recorder: ")
 def test_a_recorder_that_is_behind_says_so_once(tmp_path: Path) -> None:
-    said: list[object] = []
+    reports: list[object] = []
     recorder = SessionRecorder(
-        start(tmp_path / "s"), frames=FrameRings(()), report=said.append, limits=DiskLimits(reserve_bytes=4096)
+        start(tmp_path / "s"), frames=FrameRings(()), report=reports.append, limits=DiskLimits(reserve_bytes=4096)
     )
     for _ in range(2):
         recorder.write(mark("late"), clock.now_ns() - 3_000_000_000)
@@ -126,5 +126,5 @@ def test_a_recorder_that_is_behind_says_so_once(tmp_path: Path) -> None:
         recorder.tick()
     assert "the recorder is behind" in recorder.status().detail
     recorder.close("wizard")
-    (problem,) = [event for event in said if isinstance(event, Problem)]
+    (problem,) = [event for event in reports if isinstance(event, Problem)]
     assert problem.what == "The recording is 3.0 s behind."

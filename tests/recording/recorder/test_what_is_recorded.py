@@ -197,8 +197,8 @@ def test_sound_lies_where_it_was_heard_and_silence_where_none_was_recorded(recor
     assert {block.source for block in blocks} == {"microphone"}
     assert sum(block.sample_count for block in blocks) == np.count_nonzero(found)
     for block in blocks:
-        heard = found[block.first_sample : block.first_sample + block.sample_count]
-        assert heard.all()
+        samples = found[block.first_sample : block.first_sample + block.sample_count]
+        assert samples.all()
         assert block.stamp_ns == pytest.approx(
             entry["first_stamp_ns"] + block.first_sample * 1e9 / RATE_HZ, abs=2_000_000
         )

@@ -43,14 +43,14 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     recorder.send(Odometry(begin_ns, begin_ns + OFFSET_NS, Pose2D(0, 0, 0), Twist2D()))
     recorder.send(LinkQuality(begin_ns, 5.0, OFFSET_NS / MS, 1.5))
     recorder.send(Odometry(begin_ns, begin_ns + OFFSET_NS - LATE_NS, Pose2D(0, 0, 0), Twist2D()))
-    said_ns = 0
+    utterance_ns = 0
     for number in range(10):
         came_ns = begin_ns + number * 100 * MS + LATE_NS
         ref = ring.write(picture(number), stamp_ns=came_ns, robot_stamp_ns=came_ns + OFFSET_NS, camera="front")
         recorder.send(replace(ref, taken_ns=came_ns - LATE_NS, taken_uncertainty_ns=1_500_000))
         if number == 3:
-            said_ns = came_ns - LATE_NS
-    for state, at_ns in (("started", said_ns), ("finished", said_ns + 100 * MS)):
+            utterance_ns = came_ns - LATE_NS
+    for state, at_ns in (("started", utterance_ns), ("finished", utterance_ns + 100 * MS)):
         recorder.send(UtteranceChanged(at_ns, "u1", "robot", "Hello!", "phrase", state, "espeak"))
     recorder.stop_session()
     recorder.close()

@@ -403,10 +403,10 @@ def test_media_that_are_gone_or_cut_are_told_each_time(finished: Path) -> None:
 def test_what_is_kept_of_losses_is_found_again_for_another_language() -> None:
     values = {"file": "a.mp4", "camera": "front, rear", "count": 9, "recorded": 8, "bytes": 7, "seconds": "6.5"}
     for text in LOSSES:
-        said = localized(text, **values, left="0.1", all=3, values=2)
-        kept = read_loss("".join(said))
+        sentence = localized(text, **values, left="0.1", all=3, values=2)
+        kept = read_loss("".join(sentence))
         assert isinstance(kept, LocalizedText)
-        assert (kept, kept.template) == (said, said.template)
+        assert (kept, kept.template) == (sentence, sentence.template)
 
 
 @pytest.mark.logs(r"session\.session_reader: ")

@@ -76,13 +76,13 @@ def test_an_end_that_was_not_recorded_is_when_the_record_breaks_off_or_the_speak
     assert times(last) == [("a", None, 10, 1000, "started")]
     assert times(last, paused_ns=[5, 400]) == [("a", None, 10, 400, "started")]
     assert times([*last, said(90, "b", "started")], paused_ns=[400])[0] == ("a", None, 10, 90, "started")
-    heard = said(90, "b", "started", speaker="participant")
-    assert times([*last, heard])[0] == ("a", None, 10, 1000, "started")
+    utterance = said(90, "b", "started", speaker="participant")
+    assert times([*last, utterance])[0] == ("a", None, 10, 1000, "started")
 
 
 def test_what_was_heard_may_come_in_one_piece() -> None:
-    heard = said(30, "h", "finished", speaker="participant", origin="heard")
-    assert times([heard]) == [("h", None, 30, 30, "finished")]
+    utterance = said(30, "h", "finished", speaker="participant", origin="heard")
+    assert times([utterance]) == [("h", None, 30, 30, "finished")]
 
 
 def test_a_heard_turn_whose_verdict_is_not_in_the_record_was_not_said() -> None:

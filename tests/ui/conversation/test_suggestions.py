@@ -173,8 +173,8 @@ def test_levels_are_set_up_to_what_the_scenario_allows(
     button.fill()
     menu = button.findChild(QMenu, "levels_menu")
     assert menu is not None
-    said = [action.text() for action in menu.actions()]
+    labels = [action.text() for action in menu.actions()]
     off, suggest, act = "Off", "Suggest (I confirm by key)", "Automatic (after a countdown)"
-    assert said == ["Suggested replies", off, suggest, act, "Proposed actions", off, suggest]
+    assert labels == ["Suggested replies", off, suggest, act, "Proposed actions", off, suggest]
     menu.actions()[3].trigger()
     assert console.named("set_level") == [("replies", "act")]

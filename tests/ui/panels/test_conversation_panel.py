@@ -103,13 +103,13 @@ def test_words_under_way_are_there_before_the_turn_is_over(panel: ConversationPa
 def test_the_robots_own_voice_is_not_shown_as_the_participants(panel: ConversationPanel, console: FakeConsole) -> None:
     before, fact = said(panel), panel.fact
     console.say_turn(replace(utterance(1, text="-", state="started"), text=""))
-    heard = Hearing(clock.now_ns(), ROBOT_MICROPHONE, True, "participant", "n1", "", "That's him")
-    console.state.take(heard)
+    hearing = Hearing(clock.now_ns(), ROBOT_MICROPHONE, True, "participant", "n1", "", "That's him")
+    console.state.take(hearing)
     assert said(panel) == [*before, ("participant", "That's him")]
-    console.state.take(replace(heard, speaker="robot", committed="That is", tentative="a good question."))
+    console.state.take(replace(hearing, speaker="robot", committed="That is", tentative="a good question."))
     assert said(panel) == before
     assert panel.fact[0].rpartition(" s ")[2] == fact[0].rpartition(" s ")[2], "nobody else is waited for"
-    console.state.take(replace(heard, committed="That is", tentative="a good idea."))
+    console.state.take(replace(hearing, committed="That is", tentative="a good idea."))
     assert said(panel)[-1] == ("participant", "That is a good idea."), "it was somebody after all"
 
 

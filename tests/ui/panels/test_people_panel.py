@@ -342,13 +342,13 @@ def test_one_who_comes_moves_one_row(qapp: QApplication) -> None:
     rows = people_samples.many(500)
     everybody = frozenset(row.person_id for row in rows)
     model.show_persons(rows, known=everybody)
-    heard: list[str] = []
+    signals: list[str] = []
     for name in ("modelReset", "rowsInserted", "rowsRemoved", "rowsMoved"):
-        getattr(model, name).connect(lambda *_args, name=name: heard.append(name))
+        getattr(model, name).connect(lambda *_args, name=name: signals.append(name))
     now_ns = clock.now_ns()
     back = dataclasses.replace(rows[300], here=True, since_ns=now_ns)
     model.show_persons((*rows[:300], back, *rows[301:]), known=everybody)
-    assert heard == ["rowsMoved"]
+    assert signals == ["rowsMoved"]
     assert model.row_of(back.person_id) == 1
     state.close()
 

@@ -208,8 +208,8 @@ def test_both_who_are_likeliest_can_be_chosen(
     qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
     card = opened(panel, console, "p-3")
-    said = [find(window, f"person_suggestion_{number}").findChild(QLabel) for number in (0, 1)]
-    assert [label.text() for label in said] == ["Maybe Mara Silva (82 %)", "or Guest 003 (11 %)"]
+    labels = [find(window, f"person_suggestion_{number}").findChild(QLabel) for number in (0, 1)]
+    assert [label.text() for label in labels] == ["Maybe Mara Silva (82 %)", "or Guest 003 (11 %)"]
     click(qtbot, find(window, "person_suggestion_yes_1"))
     assert asked(console)[0] == ("confirm_person", ("p-3", "p-k3"))
     console.state.take(PersonIdentified(clock.now_ns(), "p-3", "p-k3", "wizard", 0.1))

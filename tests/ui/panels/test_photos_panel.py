@@ -69,8 +69,8 @@ def reddish(color_bgr: tuple[int, int, int]) -> bool:
 
 def test_without_photos_the_panel_says_how_one_is_taken(panel: PhotosPanel) -> None:
     key = panel.table.key_text("photo")
-    said = find(panel, "photos_empty").text()  # type: ignore[attr-defined]
-    assert key and said == f"No photos yet.\n{key} takes a photo of the current picture."
+    text = find(panel, "photos_empty").text()  # type: ignore[attr-defined]
+    assert key and text == f"No photos yet.\n{key} takes a photo of the current picture."
     assert not panel.search.isVisible()
 
 

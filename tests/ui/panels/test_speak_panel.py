@@ -152,11 +152,11 @@ def test_what_was_written_is_kept_when_something_is_brought_to_be_edited(
     panel = window.panels["speak"]
     assert isinstance(panel, SpeakPanel)
     QTest.keyClicks(field, "half a sent")
-    said: list[str] = []
-    panel.edit_first("It stops.", lambda text: not said.append(text))
+    edited: list[str] = []
+    panel.edit_first("It stops.", lambda text: not edited.append(text))
     QTest.keyClicks(field, " At once.")
     QTest.keyClick(field, Qt.Key.Key_Return)
-    assert said == ["It stops. At once."] and console.named("say") == []
+    assert edited == ["It stops. At once."] and console.named("say") == []
     panel.edit_first("It stops.", lambda text: False)
     field.selectAll()
     QTest.keyClick(field, Qt.Key.Key_Delete)
@@ -228,8 +228,8 @@ def test_every_phrase_of_every_group_is_found(grouped: tuple[MainWindow, FakeCon
 def test_the_filler_key_shows_and_says_the_next_one(grouped: tuple[MainWindow, FakeConsole]) -> None:
     window, console = grouped
     shown = []
-    for said in range(3):
-        console.state.fillers_spoken.set(said)
+    for count in range(3):
+        console.state.fillers_spoken.set(count)
         shown.append(find(window, "filler").property("text"))
         QTest.keyClick(find(window, "video_view"), Qt.Key.Key_F9)
     assert shown == ["Hmm, good question.", "Well …", "Let me see."]

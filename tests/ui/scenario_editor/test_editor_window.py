@@ -284,8 +284,8 @@ def test_text_with_a_mistake_leaves_the_form_as_it_was_and_says_where(
     editor.text_page.editor.setPlainText(broken)
     editor.show_page(editor.pages[1])
     assert editor.notice.text.text().startswith("Line 6 of the text: not valid YAML")
-    said = field(editor, "phrases", 0, "say")
-    assert (said.line.text(), said.line.isEnabled()) == ("Hello", False)
+    phrase_field = field(editor, "phrases", 0, "say")
+    assert (phrase_field.line.text(), phrase_field.line.isEnabled()) == ("Hello", False)
     editor.save()
     assert console.named("save_scenario") == []
     editor.notice.answers[0].click()
