@@ -96,6 +96,7 @@ def test_a_worker_that_dies_costs_the_test_it_died_in_and_no_other(tmp_path: Pat
     assert "ended by signal 9" in printed
 
 
+@pytest.mark.long
 def test_the_tests_of_a_file_that_shares_nothing_are_done_by_all(tmp_path: Path) -> None:
     run = start(tmp_path, {"test_apart.py": _APART})
     printed, _ = run.communicate(timeout=90)

@@ -307,6 +307,7 @@ def test_another_voice_waits_for_the_end_of_the_sentence_and_is_then_loaded_at_o
     assert speech.states == [("u1", "started"), ("u1", "finished")]
 
 
+@pytest.mark.long
 def test_without_an_output_utterances_take_their_time_and_one_warning_says_so(start_speech: StartSpeech) -> None:
     speech = start_speech(None)
     assert not speech.wait_ready().audible

@@ -87,6 +87,7 @@ def test_values_compare_hash_and_show_as_those_of_the_library(one: Any, other: A
 
 
 @given(_VALUES)
+@pytest.mark.long
 def test_values_go_through_a_pipe_and_are_copied(values: Any) -> None:
     for value in (Ours(*values), Longer(3, *values[1:], by_name="n"), Changing(3, [1]), Empty(), ByName(x=1)):
         for protocol in range(2, pickle.HIGHEST_PROTOCOL + 1):

@@ -130,6 +130,7 @@ def test_a_black_picture_yields_people_with_nobody_in_it(
 
 
 @needs_offline_package
+@pytest.mark.long
 def test_the_best_view_of_each_comes_as_a_picture(offline_inference: RunningInference, ready: InferenceReady) -> None:
     import cv2
 

@@ -129,10 +129,12 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
             ring.close()
 
 
+@pytest.mark.long("pepper", "tiago", "turtlebot4")
 def test_the_robot_has_everything_that_the_profile_names(bench: Bench) -> None:
     assert check_robot(bench.profile, bench.robot.address) == []
 
 
+@pytest.mark.long("pepper", "tiago", "turtlebot4")
 def test_every_control_of_the_profile_is_obeyed(bench: Bench) -> None:
     controls = [control for control in bench.profile.controls if control.effect is not None]
     if not controls:
@@ -167,6 +169,7 @@ def _name_of(effect: ControlEffect) -> str:
             return action
 
 
+@pytest.mark.long("pepper", "tiago", "turtlebot4")
 def test_what_the_profile_names_arrives(bench: Bench) -> None:
     profile = bench.profile
     of_link: dict[type, object] = {LaserScan: profile.scan, Odometry: profile.odometry, RobotPose: profile.pose}
@@ -195,6 +198,7 @@ def _check_scan_against_the_corridor(scan: LaserScan) -> None:
         assert float(scan.ranges_m[index]) == pytest.approx(wall_m, abs=0.06)
 
 
+@pytest.mark.long("pepper", "tiago")
 def test_it_is_driven_and_stands_when_released(bench: Bench) -> None:
     # without a laser there is no guard; and the corridor is narrow for a cautious guard
     bench.link.send(SetGuard(now_ns(), on=False))
@@ -271,6 +275,7 @@ def test_it_navigates_and_a_goal_is_cancelled(bench: Bench) -> None:
     wait_for(bench.stands, "it stands")
 
 
+@pytest.mark.long("pepper", "tiago")
 def test_it_is_stopped_and_its_own_emergency_stop_is_pressed(bench: Bench) -> None:
     limits = bench.profile.limits
     moving = Twist2D(limits.forward_mps)

@@ -199,6 +199,7 @@ class _BoxRobot(GuardedRobot):
         self.gaps_m[-1] = min(clearance_m(x, y) for x, y in outline.tolist())
 
 
+@pytest.mark.long
 def test_a_long_robot_swings_none_of_its_corners_into_anything_whatever_keys_are_pressed() -> None:
     profile = replace(SIDEWAYS, footprint=FloorOutline(polygon_m=_BoxRobot.CORNERS_M))
     keys = (Twist2D(0.5), Twist2D(0.0, 0.0, 1.0), Twist2D(0.0, 0.5), Twist2D(-0.5, 0.3, -1.0), Twist2D(0.5, 0.0, 1.0))
@@ -281,6 +282,7 @@ def test_it_stops_before_people_whichever_way_they_stand() -> None:
     assert min(gaps_m) > 0.03
 
 
+@pytest.mark.long
 def test_a_network_that_takes_300_ms_each_way_makes_it_slower_and_not_bolder() -> None:
     gaps_m = []
     for number, pose in enumerate(free_poses(6, seed=9)):

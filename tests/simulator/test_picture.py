@@ -85,6 +85,7 @@ def test_the_same_view_is_the_same_picture(painter: Painter) -> None:
     assert np.array_equal(painter.paint(view), painter.paint(view))
 
 
+@pytest.mark.long
 def test_standing_anywhere_and_looking_anywhere_draws_something(painter: Painter) -> None:
     chance = np.random.default_rng(4)
     for _ in range(60):

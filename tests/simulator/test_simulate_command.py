@@ -89,6 +89,7 @@ def test_a_kill_takes_its_camera_along() -> None:
         wait_for(lambda: not any(child.is_running() for child in children), "the camera process is gone")
 
 
+@pytest.mark.long
 def test_started_with_latency_it_has_latency() -> None:
     with SimulatedRobot("--fault-latency-ms", "150") as robot, RosbridgeClient(robot.address) as client:
         asked_s = time.monotonic()
@@ -99,6 +100,7 @@ def test_started_with_latency_it_has_latency() -> None:
         client.wait_for_messages("/scan", 3)
 
 
+@pytest.mark.long
 def test_it_ends_when_its_starter_is_gone() -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "caris_desktop.simulator", "--port", "0", "--mute", "--end-with-stdin"],

@@ -188,6 +188,7 @@ def test_the_robot_is_put_where_it_fits_and_touches_are_counted_from_there() -> 
                 robot.fault(command)
 
 
+@pytest.mark.long
 def test_simulation_time_is_told_and_stamped() -> None:
     with SimulatedRobot("--simulation-time", ros=2) as robot, RosbridgeClient(robot.address) as client:
         for topic in ("/clock", "/scan"):

@@ -262,6 +262,7 @@ def test_it_fits_a_narrow_dock(qtbot: QtBot, window: MainWindow, panel: RobotPan
         assert widget.mapTo(panel, QPoint(widget.width(), 0)).x() <= 240, control.id
 
 
+@pytest.mark.long
 def test_the_controls_of_every_shipped_robot_are_drawn(panel: RobotPanel, console: FakeConsole) -> None:
     for name in shipped_profiles():
         controls = load_profile(name).controls

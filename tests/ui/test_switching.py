@@ -127,6 +127,7 @@ def test_other_things_have_their_turn_between_two_panels_that_are_not_quickly_ma
     assert all(after - before >= 2 for before, after in itertools.pairwise(turns)), "between any two"
 
 
+@pytest.mark.long
 def test_what_is_seen_stands_before_what_lies_behind_other_tabs(
     alone: tuple[MainWindow, FakeConsole], qtbot: QtBot
 ) -> None:
@@ -194,6 +195,7 @@ def test_nothing_turns_any_more_once_all_stand(window: MainWindow, console: Fake
         assert not window.board._turn.isActive()
 
 
+@pytest.mark.long
 def test_what_lies_behind_other_tabs_gets_its_room_when_it_comes(
     qtbot: QtBot, settings: MemorySettings, theme: Theme
 ) -> None:
@@ -213,6 +215,7 @@ def test_what_lies_behind_other_tabs_gets_its_room_when_it_comes(
         assert there == {name: dock.geometry() for name, dock in docks.docks.items()}
 
 
+@pytest.mark.long
 def test_who_asks_for_a_panel_meanwhile_gets_it(window: MainWindow, console: FakeConsole) -> None:
     switch(console, samples.MENTAL)
     window.open_panel("diagnostics")

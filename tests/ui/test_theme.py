@@ -71,6 +71,7 @@ def test_colours_live_in_the_tokens_alone() -> None:
     assert offenders == []
 
 
+@pytest.mark.long
 def test_the_choice_is_kept_and_drawn(window: MainWindow, settings: MemorySettings, qapp: QApplication) -> None:
     for choice, colors in (("light", LIGHT), ("dark", DARK)):
         window.appearance.choose_theme(as_choice(choice))

@@ -660,6 +660,7 @@ def dense_coding(count: int, duration_ms: int) -> AnnotationDocument:
     return AnnotationDocument(tiers, (STANCE,), annotations, duration_ms)
 
 
+@pytest.mark.long
 def test_ten_thousand_annotations_are_drawn_in_time(qtbot: QtBot, theme: Theme) -> None:
     replay = FakeReplay(duration_s=3600, overview=sample_overview(3600), coding=dense_coding(10_000, 3_600_000))
     scene = open_scene(qtbot, theme, replay)

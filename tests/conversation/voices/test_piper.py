@@ -38,6 +38,7 @@ def said(voice: PiperVoice, text: str = SENTENCE) -> Samples:
     return np.concatenate(list(voice.parts(text, Stop())))
 
 
+@pytest.mark.long
 def test_its_pieces_are_the_sound_of_the_whole(voice: PiperVoice, monkeypatch: pytest.MonkeyPatch) -> None:
     run, planned = voice._run, {}
 
