@@ -129,7 +129,7 @@ install_system_packages() {
     needed+=(xvfb xauth openbox)
   fi
   if [[ $with_tests == yes ]]; then
-    wanted+=(chromium xdotool pulseaudio pulseaudio-utils iptables iproute2 strace python3-rosbag)
+    wanted+=(chromium xdotool pulseaudio pulseaudio-utils iptables iproute2 strace python3-rosbag binutils)
   fi
 
   local -a missing_needed missing_wanted

@@ -31,6 +31,7 @@ ALLOWED = {
     "caris_desktop", "numpy", "cv2", "av", "platformdirs", "setproctitle",  # the program's own
     "aiortc", "aioice", "pyee", "pylibsrtp", "OpenSSL", "cryptography", "dns", "google_crc32c", "ifaddr", "idna",
     "_cffi_backend", "cffi", "typing_extensions",  # of aiortc
+    "_cyutil",  # of av, in some builds
     "_distutils_hack",  # of the installer, in every Python
 }  # fmt: skip
 PROGRAM = textwrap.dedent("""

@@ -31,7 +31,7 @@ _OVERLOAD_MESSAGES = re.compile(r"The computer is too slow|did not end within \S
 _LASTING_THREADS = re.compile(r"ThreadPoolExecutor|asyncio_|tqdm|pytest|execnet|Dummy-|roslibpy-asyncio")
 # Processes that multiprocessing starts once and reuses.
 _LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
-_LASTING_FILES = ("pytest-of-", "pymp-", "run")
+_LASTING_FILES = ("pytest-of-", "pymp-", "run", "torchinductor_")
 
 
 _private_temp_dir: list[Path] = []

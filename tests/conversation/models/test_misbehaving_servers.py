@@ -366,7 +366,7 @@ def test_check_hears_the_answer_to_a_question_to_its_end(
 
 
 def test_one_connection_serves_question_after_question() -> None:
-    connections, drops = list[object](), [False, False, False, True, False]
+    connections, drops = list[asyncio.StreamWriter](), [False, False, False, True, False]
 
     async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         connections.append(writer)
@@ -392,6 +392,8 @@ def test_one_connection_serves_question_after_question() -> None:
                     retries=Retries(0),
                 )  # fmt: skip
                 answers.append("".join([piece async for piece in stream]))
+            for writer in connections:
+                writer.close()  # from Python 3.12 on, the server waits for them
         return answers
 
     assert asyncio.run(run()) == [ANSWER] * 5
