@@ -45,6 +45,7 @@ import asyncio
 import itertools
 import logging
 import re
+import ssl
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
@@ -466,7 +467,9 @@ class RosbridgeFactory:
                 logger.debug("%s (%s)", what, type(error).__name__)
                 self.run_safely(self._observer.link_unreachable, what, advice)
                 await asyncio.sleep(delay_s)
-                if self.manager.loop.time() - lost_s > self.timings.quick_retries_s:
+                # Quickly only while nothing answers there: a server that refuses us is not to be flooded.
+                quickly = isinstance(error, OSError) and not isinstance(error, ssl.SSLError)
+                if not quickly or self.manager.loop.time() - lost_s > self.timings.quick_retries_s:
                     delay_s = min(delay_s * 1.7, self.timings.longest_retry_s)
                 continue
             begun = [socket.begin() for socket in sockets]

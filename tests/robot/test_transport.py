@@ -5,7 +5,6 @@ import contextlib
 import json
 import math
 import signal
-import socket
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Any
 
@@ -259,9 +258,16 @@ def test_a_server_that_accepts_and_says_nothing_is_left_and_tried_again() -> Non
     asyncio.run(run())
 
 
-@pytest.mark.parametrize(("quick_retries_s", "pauses_s"), [(60.0, [0.01] * 4), (0.0, [0.01, 0.017, 0.02, 0.02])])
-def test_a_lost_server_is_tried_quickly_at_first(
-    monkeypatch: pytest.MonkeyPatch, quick_retries_s: float, pauses_s: list[float]
+@pytest.mark.parametrize(
+    ("quick_retries_s", "refuses", "pauses_s"),
+    [
+        (60.0, False, [0.01] * 4),
+        (0.0, False, [0.01, 0.017, 0.02, 0.02]),
+        (60.0, True, [0.01, 0.017, 0.02, 0.02]),
+    ],
+)
+def test_a_lost_server_is_tried_quickly_at_first_unless_it_refuses(
+    monkeypatch: pytest.MonkeyPatch, quick_retries_s: float, refuses: bool, pauses_s: list[float]
 ) -> None:
     paused_s: list[float] = []
 
@@ -269,15 +275,23 @@ def test_a_lost_server_is_tried_quickly_at_first(
         paused_s.append(round(delay_s, 6))
         await real_sleep(delay_s)
 
+    async def refuse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
+        writer.close()
+
     async def run() -> None:
-        with socket.create_server(("127.0.0.1", 0)) as closed:
-            port = closed.getsockname()[1]
+        server = await asyncio.start_server(refuse, "127.0.0.1", 0)
+        port = server.sockets[0].getsockname()[1]
+        if not refuses:
+            server.close()
         timings = Timings(first_retry_s=0.01, quick_retries_s=quick_retries_s, longest_retry_s=0.02)
         ros = RosbridgeClient(f"ws://127.0.0.1:{port}", Observer(), timings=timings)
         ros.connect()
         while len(paused_s) < 4:
             await real_sleep(0.005)
         await ros.aclose(0.2)
+        server.close()
 
     real_sleep = asyncio.sleep
     monkeypatch.setattr(transport.asyncio, "sleep", sleep)  # type: ignore[attr-defined]
