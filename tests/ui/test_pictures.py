@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from PySide6.QtGui import QImage
 
+from tests.ui.pictures import compare
+
 REPOSITORY = Path(__file__).parents[2]
 
 
@@ -25,3 +27,16 @@ def test_at_one_and_a_half_times_the_size_the_whole_window_can_be_read(tmp_path:
     for name, picture in pictures.items():
         width_px, height_px = (int(px) for px in name.split("-150-")[0].rsplit("-", 1)[1].split("x"))
         assert abs(picture.width() - width_px) <= 2 and abs(picture.height() - height_px) <= 2, name
+
+
+def test_changed_pictures_are_listed_and_saved_side_by_side(tmp_path: Path) -> None:
+    before, after = tmp_path / "before", tmp_path / "after"
+    colours_before, colours_after = {"same": 1, "changed": 2, "gone": 3}, {"same": 1, "changed": 5, "new": 4}
+    for folder, colours in ((before, colours_before), (after, colours_after)):
+        folder.mkdir()
+        for name, colour in colours.items():
+            picture = QImage(8, 6, QImage.Format.Format_RGB32)
+            picture.fill(colour)
+            picture.save(str(folder / f"{name}.png"))
+    assert compare(before, after) == ["changed.png: 48 pixels differ", "gone.png: gone", "new.png: new"]
+    assert [path.name for path in (after / "changed").iterdir()] == ["changed.png"]
