@@ -25,7 +25,7 @@ COMMANDS = {
     ),
     "agreement": (
         "caris_desktop.recording.annotation.agreement_command",
-        "compute the agreement between two coders of a session",
+        "compute the agreement between the coders of a session",
     ),
     "track": ("caris_desktop.app.track_command", "track people in a recorded video, as the console does"),
     "forget": ("caris_desktop.app.forget_command", "erase a person from a study"),

@@ -38,7 +38,7 @@ def _section(title: str, parser: argparse.ArgumentParser) -> Iterator[str]:
 def _shown(action: argparse.Action) -> str:
     name = action.metavar if isinstance(action.metavar, str) else action.dest.upper()
     if not action.option_strings:
-        return name
+        return f"[{name} ...]" if action.nargs == "*" else name
     if action.nargs == 0:
         return action.option_strings[0]
     value = " or ".join(map(str, action.choices)) if action.choices else name

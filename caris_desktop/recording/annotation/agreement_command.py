@@ -1,4 +1,4 @@
-"""``caris-desktop agreement``: how far two coders of a session agree."""
+"""``caris-desktop agreement``: how far the coders of a session agree."""
 
 import argparse
 import sys
@@ -6,15 +6,14 @@ from pathlib import Path
 
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.annotation.annotation_store import load_documents
-from caris_desktop.recording.annotation.coder_agreement import compare_coders, report
+from caris_desktop.recording.annotation.coder_agreement import coders_report, compare_coders
 from caris_desktop.recording.session.session_header import SessionError, read_header
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, help="session folder")
-    parser.add_argument("first", metavar="CODER_A", help="first coder")
-    parser.add_argument("second", metavar="CODER_B", help="second coder")
-    parser.add_argument("--tier", default="", help="compare only this tier (default: all tiers that both coders have)")
+    parser.add_argument("coders", nargs="*", metavar="CODER", help="coders to compare (default: all)")
+    parser.add_argument("--tier", default="", help="compare only this tier (default: all that two coders have)")
     parser.add_argument("--unit", type=int, default=100, metavar="MS", help="time step (default: %(default)s ms)")
     parser.add_argument(
         "--tolerance",
@@ -30,11 +29,9 @@ def run(args: argparse.Namespace) -> int:
     try:
         read_header(args.session)
         document = load_documents(args.session)
-        results = compare_coders(
-            document, args.first, args.second, tier=args.tier, unit_ms=args.unit, tolerance_ms=args.tolerance
-        )
+        results = compare_coders(document, args.coders, tier=args.tier, unit_ms=args.unit, tolerance_ms=args.tolerance)
     except (SessionError, AnnotationError) as error:
         print(error, file=sys.stderr)
         return 1
-    print("\n".join(report(result) for result in results), end="")
+    print("\n".join(coders_report(result) for result in results), end="")
     return 0

@@ -1,14 +1,16 @@
-"""Inter-coder agreement: Cohen's kappa per unit of time and per annotation, and boundary offsets.
+"""Inter-coder agreement: Cohen's kappa per unit of time and per annotation, Krippendorff's alpha, boundary offsets.
 
 Cohen, J. (1960). A coefficient of agreement for nominal scales. Educational and Psychological Measurement, 20, 37-46.
+Krippendorff, K. (2019). Content Analysis, 4th edition, chapter 12: alpha for nominal data without missing codes.
 Per unit of time, each interval counts by its length, including time that neither coder annotated. Per annotation, each
 annotation counts once; one without a counterpart counts as a disagreement.
 """
 
+import itertools
 from collections import Counter
 from collections.abc import Sequence
 
-from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError, coders_of, tier_of
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
@@ -71,6 +73,35 @@ class TierAgreement:
     offsets: BoundaryOffsets | None
 
 
+@dataclass(frozen=True, slots=True)
+class CodersAgreement:
+    """Comparison of all coders who have a tier of this name: alpha per unit of ``unit_ms``, and each pair of them.
+
+    ``alpha`` is None where it is undefined, as kappa.
+    """
+
+    tier: str
+    coders: tuple[str, ...]
+    unit_ms: int
+    alpha: float | None
+    pairs: tuple[TierAgreement, ...]
+
+
+def krippendorff_alpha(codes: Sequence[Sequence[str]]) -> float | None:
+    """Krippendorff's alpha for nominal codes: a sequence per coder, of equal length. None if all codes are equal."""
+    units = Counter(zip(*codes, strict=True))
+    totals: Counter[str] = Counter()
+    disagreed = 0
+    for unit, count in units.items():
+        of_unit = Counter(unit)
+        disagreed += count * (len(unit) ** 2 - sum(number**2 for number in of_unit.values()))
+        for code, number in of_unit.items():
+            totals[code] += count * number
+    total = totals.total()
+    by_chance = total**2 - sum(number**2 for number in totals.values())
+    return None if not by_chance else 1 - disagreed * (total - 1) / ((len(codes) - 1) * by_chance)
+
+
 def agreement(first: Sequence[str], second: Sequence[str]) -> Agreement:
     """Cohen's kappa of two sequences of codes of equal length. Raises ValueError for unequal lengths."""
     return _agreement(Counter(zip(first, second, strict=True)))
@@ -108,54 +139,57 @@ def compare_tiers(
 
 def compare_coders(
     document: AnnotationDocument,
-    first: str,
-    second: str,
+    coders: Sequence[str] = (),
     *,
     tier: str = "",
     unit_ms: int = 100,
     tolerance_ms: int = 500,
-) -> tuple[TierAgreement, ...]:
-    """Compare all tiers that both coders have under the same name, or only the one named ``tier``.
+) -> tuple[CodersAgreement, ...]:
+    """Compare ``coders`` (none: all) on each tier that two of them have under the same name, or only on ``tier``.
 
     Raises AnnotationError if there is nothing to compare.
     """
-    coders = coders_of(document)
-    for coder in (first, second):
-        if coder not in coders:
+    available = coders_of(document)
+    for coder in coders:
+        if coder not in available:
             known = QT_TR_NOOP("There are no annotations by {coder}. Available coders: {coders}.")
             nobody = QT_TR_NOOP("There are no annotations by {coder}. Nobody has annotated this session yet.")
-            raise AnnotationError(known if coders else nobody, coder=coder, coders=", ".join(coders))
-    theirs: dict[str, Tier] = {item.name: item for item in document.tiers if item.coder == second}
-    pairs = [
-        (mine, theirs[mine.name])
-        for mine in document.tiers
-        if mine.coder == first and mine.name in theirs and tier in ("", mine.name)
-    ]
-    if not pairs:
+            raise AnnotationError(known if available else nobody, coder=coder, coders=", ".join(available))
+    coders = tuple(dict.fromkeys(coders)) or available
+    by_name: dict[str, dict[str, Tier]] = {}
+    for item in document.tiers:
+        if item.coder in coders and tier in ("", item.name):
+            by_name.setdefault(item.name, {})[item.coder] = item
+    results = []
+    for name, tiers in by_name.items():
+        chosen = [coder for coder in coders if coder in tiers]
+        if len(chosen) < 2:
+            continue
+        pairs = tuple(
+            compare_tiers(
+                document, tiers[one].tier_id, tiers[other].tier_id, unit_ms=unit_ms, tolerance_ms=tolerance_ms
+            )
+            for one, other in itertools.combinations(chosen, 2)
+        )
+        annotations = [document.of_tier(tiers[coder].tier_id) for coder in chosen]
+        ended_ms = max([document.duration_ms, *(item.end_ms for items in annotations for item in items)])
+        codes = [unit_codes(items, ended_ms, unit_ms) for items in annotations]
+        results.append(CodersAgreement(name, tuple(chosen), unit_ms, krippendorff_alpha(codes), pairs))
+    if not results:
         raise AnnotationError(
-            localized(
-                QT_TR_NOOP(
-                    "{first} and {second} do not both have the tier “{tier}”. Tiers are compared by name: "
-                    "rename one of them."
-                ),
-                first=first,
-                second=second,
-                tier=tier,
+            QT_TR_NOOP(
+                "Fewer than two of the coders ({coders}) have the tier “{tier}”. Tiers are compared by name: "
+                "rename one of them."
             )
             if tier
-            else localized(
-                QT_TR_NOOP(
-                    "{first} and {second} have no tier with the same name. Tiers are compared by name: "
-                    "rename one of them."
-                ),
-                first=first,
-                second=second,
-            )
+            else QT_TR_NOOP(
+                "No two of the coders ({coders}) have a tier with the same name. Tiers are compared by name: "
+                "rename one of them."
+            ),
+            coders=", ".join(coders),
+            tier=tier,
         )
-    return tuple(
-        compare_tiers(document, mine.tier_id, other.tier_id, unit_ms=unit_ms, tolerance_ms=tolerance_ms)
-        for mine, other in pairs
-    )
+    return tuple(results)
 
 
 def unit_codes(annotations: Sequence[Annotation], ended_ms: int, unit_ms: int) -> list[str]:
@@ -168,6 +202,16 @@ def unit_codes(annotations: Sequence[Annotation], ended_ms: int, unit_ms: int) -
         beyond = min(count, -(-(2 * item.end_ms - unit_ms) // (2 * unit_ms)))
         codes[first:beyond] = [item.value or UNNAMED] * max(beyond - first, 0)
     return codes
+
+
+def coders_report(result: CodersAgreement) -> str:
+    """Report of all coders of a tier, and of each pair, as plain text."""
+    heading = [
+        f"Tier: {result.tier}",
+        f"Coders: {', '.join(result.coders)}",
+        f"Krippendorff's alpha (nominal) per unit of time ({result.unit_ms} ms): {_figure(result.alpha)}",
+    ]
+    return "\n\n".join(("\n".join(heading), *map(report, result.pairs)))
 
 
 def report(result: TierAgreement) -> str:

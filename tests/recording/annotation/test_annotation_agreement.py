@@ -1,10 +1,12 @@
-"""Agreement of coders, compared with scikit-learn."""
+"""Agreement of coders, compared with scikit-learn and krippendorff."""
 
 import argparse
 import math
 import random
 from pathlib import Path
 
+import krippendorff
+import numpy as np
 import pytest
 from sklearn.metrics import cohen_kappa_score, confusion_matrix
 
@@ -18,6 +20,7 @@ from caris_desktop.recording.annotation.coder_agreement import (
     agreement,
     compare_coders,
     compare_tiers,
+    krippendorff_alpha,
     report,
     unit_codes,
 )
@@ -53,6 +56,21 @@ def test_kappa_equals_that_of_scikit_learn(seed: int) -> None:
     assert [list(row) for row in result.matrix] == confusion_matrix(first, second, labels=result.labels).tolist()
 
 
+@pytest.mark.parametrize("seed", range(25))
+def test_alpha_equals_that_of_krippendorff(seed: int) -> None:
+    rng = random.Random(seed)  # noqa: S311 - a test, not cryptography
+    labels = LABELS[: rng.randint(1, 4)]
+    first = [rng.choice(labels) for _ in range(rng.randint(2, 400))]
+    others = [[code if rng.random() < 0.7 else rng.choice(labels) for code in first] for _ in range(rng.randint(1, 5))]
+    codes = [first, *others]
+    numbers = np.array([[LABELS.index(code) for code in of_coder] for of_coder in codes], dtype=float)
+    if len(np.unique(numbers)) == 1:
+        assert krippendorff_alpha(codes) is None
+    else:
+        theirs = krippendorff.alpha(reliability_data=numbers, level_of_measurement="nominal")
+        assert krippendorff_alpha(codes) == pytest.approx(theirs, abs=1e-12)
+
+
 def random_tier(rng: random.Random) -> list[tuple[int, int, str]]:
     spans, at_ms = [], 0
     while (at_ms := at_ms + rng.randint(0, 3000)) < 57_000:
@@ -77,7 +95,7 @@ def test_units_of_time_are_coded_by_what_holds_in_their_middle(seed: int) -> Non
             tier_codes.append(here[0] if here else NOTHING)
         assert unit_codes(document.of_tier(tier.tier_id), 60_000, unit_ms) == tier_codes
         codes.append(tier_codes)
-    (result,) = compare_coders(document, "anna", "ben", unit_ms=unit_ms)
+    ((result,),) = (of_coders.pairs for of_coders in compare_coders(document, ("anna", "ben"), unit_ms=unit_ms))
     assert result.per_unit.kappa == pytest.approx(cohen_kappa_score(*codes), abs=1e-12)
 
 
@@ -86,7 +104,7 @@ def test_annotations_match_within_the_tolerance_or_by_overlap() -> None:
         anna=[(0, 100, "robot"), (1000, 2000, "away"), (3000, 4000, "robot"), (6000, 7000, "floor"), (9000, 9050, "x")],
         ben=[(80, 190, "robot"), (1100, 2050, "robot"), (3400, 4400, "robot"), (6900, 7900, "floor")],
     )
-    (result,) = compare_coders(document, "anna", "ben", tolerance_ms=100)
+    ((result,),) = (of_coders.pairs for of_coders in compare_coders(document, ("anna", "ben"), tolerance_ms=100))
     pairs = {
         (one, other): count
         for one, row in zip(result.per_annotation.labels, result.per_annotation.matrix, strict=True)
@@ -110,29 +128,47 @@ def test_annotations_match_within_the_tolerance_or_by_overlap() -> None:
     assert result.offsets is not None
     assert (result.offsets.matched, result.offsets.start_mean_ms, result.offsets.start_worst_ms) == (2, 90.0, 100)
     assert (result.offsets.end_mean_ms, result.offsets.end_worst_ms) == (70.0, 90)
-    (tolerant,) = compare_coders(document, "anna", "ben", tolerance_ms=400)
+    ((tolerant,),) = (of_coders.pairs for of_coders in compare_coders(document, ("anna", "ben"), tolerance_ms=400))
     assert tolerant.offsets is not None
     assert tolerant.offsets.matched == 3
 
 
 def test_the_best_counterpart_is_taken_and_only_once() -> None:
     document = coded(anna=[(0, 1000, "a"), (1000, 2000, "b")], ben=[(0, 600, "a"), (600, 1900, "b")])
-    (result,) = compare_coders(document, "anna", "ben", tolerance_ms=1000)
+    ((result,),) = (of_coders.pairs for of_coders in compare_coders(document, ("anna", "ben"), tolerance_ms=1000))
     assert result.per_annotation.labels == ("a", "b")
     assert result.per_annotation.matrix == ((1, 0), (0, 1))
     assert result.per_annotation.kappa == 1.0
 
 
 def test_where_kappa_is_not_defined_it_is_said() -> None:
-    (nothing,) = compare_coders(coded(anna=[], ben=[]), "anna", "ben")
+    ((nothing,),) = (of_coders.pairs for of_coders in compare_coders(coded(anna=[], ben=[]), ("anna", "ben")))
     assert (nothing.per_annotation.kappa, nothing.per_annotation.observed, nothing.offsets) == (None, None, None)
     assert "not defined" in report(nothing)
     with pytest.raises(AnnotationError, match=r"no annotations by zoe\. Available coders: anna, ben\."):
-        compare_coders(coded(anna=[], ben=[]), "anna", "zoe")
-    with pytest.raises(AnnotationError, match="do not both have the tier “Talk”"):
-        compare_coders(coded(anna=[], ben=[]), "anna", "ben", tier="Talk")
+        compare_coders(coded(anna=[], ben=[]), ("anna", "zoe"))
+    with pytest.raises(AnnotationError, match=r"Fewer than two of the coders .anna, ben. have the tier “Talk”"):
+        compare_coders(coded(anna=[], ben=[]), ("anna", "ben"), tier="Talk")
     with pytest.raises(AnnotationError, match="cannot be compared"):
-        compare_coders(coded(anna=[], ben=[]), "anna", "ben", unit_ms=0)
+        compare_coders(coded(anna=[], ben=[]), ("anna", "ben"), unit_ms=0)
+
+
+def test_three_coders_are_compared_at_once_and_in_pairs() -> None:
+    document = coded(
+        anna=[(0, 30_000, "robot")], ben=[(0, 24_000, "robot")], cleo=[(0, 30_000, "away")], dan=[(0, 10, "robot")]
+    )
+    (result,) = compare_coders(document, ("ben", "anna", "cleo"))
+    assert result.coders == ("ben", "anna", "cleo")
+    assert [pair.coders for pair in result.pairs] == [("ben", "anna"), ("ben", "cleo"), ("anna", "cleo")]
+    codes = np.zeros((3, 600))  # per unit of 100 ms: nothing 0, robot 1, away 2
+    codes[0, :240], codes[1, :300], codes[2, :300] = 1, 1, 2
+    theirs = krippendorff.alpha(reliability_data=codes, level_of_measurement="nominal")
+    assert result.alpha == pytest.approx(theirs, abs=1e-12)
+    (everybody,) = compare_coders(document)
+    assert everybody.coders == ("anna", "ben", "cleo", "dan")
+    assert len(everybody.pairs) == 6
+    (unequal,) = compare_coders(annotation_editing.add_tier(document, "Talk", "anna"))
+    assert unequal.tier == "Gaze"
 
 
 def test_a_long_session_is_compared_at_once() -> None:
@@ -160,6 +196,11 @@ def test_the_command_prints_a_report(tmp_path: Path, capsys: pytest.CaptureFixtu
     first, second = [unit_codes(document.of_tier(tier.tier_id), 60_000, 100) for tier in document.tiers]
     assert f"Cohen's kappa {cohen_kappa_score(first, second):.3f}" in told
     assert "1 matched, 1 only by anna, 0 only by ben" in told
+    assert (
+        f"Krippendorff's alpha (nominal) per unit of time (100 ms): {krippendorff_alpha([first, second]):.3f}" in told
+    )
+    assert agreement_command.run(parser.parse_args([str(folder)])) == 0
+    assert capsys.readouterr().out == told
     assert "end +1000 ms on average" in told or "end +1000 ms (at most 1000 ms)" in told
     assert agreement_command.run(parser.parse_args([str(folder), "anna", "zoe"])) == 1
     assert "Available coders: anna, ben." in capsys.readouterr().err
