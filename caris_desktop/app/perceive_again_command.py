@@ -2,21 +2,31 @@
 
 import argparse
 import json
+import os
 import re
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import field
+from functools import partial
 from pathlib import Path
 
 from caris_desktop import __version__
-from caris_desktop.app.progress_bar import ProgressBar
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.live.study_jobs import (
+    JobError,
+    Progress,
+    WorkersError,
+    add_worker_arguments,
+    run_jobs,
+    workers_of,
+)
 from caris_desktop.perception.camera_rotation import CameraTurning
 from caris_desktop.perception.inference import person_box
 from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, DetectionRequest
@@ -33,6 +43,7 @@ from caris_desktop.recording.session.manifest import DERIVED_FOLDER
 from caris_desktop.recording.session.session_header import SessionError
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session_export import ExportError, sessions_in
+from caris_desktop.recording.terminal import ProgressLine
 from caris_desktop.robot.profile import ProfileError, parse_profile
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
@@ -55,9 +66,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--threads",
         metavar="N",
         type=int,
-        default=default_threads(),
-        help="number of threads (default: half of the processors)",
+        help="threads per session (default: half of the processors, or with several sessions at a time their share)",
     )
+    add_worker_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -65,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.name is not None and not _NAME.fullmatch(arguments.name):
         print("--name can only contain letters, digits, dots, dashes and underscores.", file=sys.stderr)
         return 2
-    if arguments.threads < 1:
+    if arguments.threads is not None and arguments.threads < 1:
         print("--threads must be at least 1.", file=sys.stderr)
         return 2
     try:
@@ -73,28 +84,39 @@ def run(arguments: argparse.Namespace) -> int:
     except ExportError as error:
         print(error, file=sys.stderr)
         return 1
+    workers = workers_of(arguments)
+    at_a_time = workers.at_a_time(len(folders))
+    if arguments.threads is None and at_a_time > 1:
+        arguments.threads = max(1, (os.cpu_count() or 1) // at_a_time)
     failed = 0
-    for folder in folders:
-        try:
-            print(json.dumps(_perceive(folder, arguments)), flush=True)
-        except WeightsError as error:  # which would fail for each of them
-            print(f"{error}. {error.advice}.", file=sys.stderr)
-            return 1
-        except (_NotPerceivedError, SessionError) as error:
-            print(f"{folder.name}: {error}", file=sys.stderr)
-            failed += 1
-        except OSError as error:
-            reason = "the disk is full" if no_room(error) else error.strerror or str(error)
-            print(f"{folder.name}: the layer could not be written: {reason}. Nothing was saved.", file=sys.stderr)
-            failed += 1
-        except KeyboardInterrupt:
-            print(f"\nCancelled; nothing was saved for {folder.name}.", file=sys.stderr)
-            return 130
+    try:
+        with ProgressLine() as line:
+            for folder, result in run_jobs(partial(_perceive_or_explain, arguments), folders, workers, line.show):
+                line.clear()
+                if isinstance(result, JobError):
+                    print(f"{folder.name}: {result}", file=sys.stderr)
+                    failed += 1
+                else:
+                    print(json.dumps(result), flush=True)
+    except WorkersError as error:
+        print(error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\nCancelled. What was finished before is saved.", file=sys.stderr)
+        return 130
     return 1 if failed else 0
 
 
-class _NotPerceivedError(Exception):
-    """Printed after the session's name."""
+def _perceive_or_explain(arguments: argparse.Namespace, folder: Path, progress: Progress) -> dict[str, object]:
+    try:
+        return _perceive(folder, arguments, progress)
+    except SessionError as error:
+        raise JobError(str(error)) from error
+    except WeightsError as error:
+        raise JobError(f"{error}. {error.advice}.") from error
+    except OSError as error:
+        reason = "the disk is full" if no_room(error) else error.strerror or str(error)
+        raise JobError(f"the layer could not be written: {reason}. Nothing was saved.") from error
 
 
 @dataclass(slots=True)
@@ -109,28 +131,17 @@ class _CameraLayer:
     lost: int = 0
 
 
-def _perceive(folder: Path, arguments: argparse.Namespace) -> dict[str, object]:
+def _perceive(folder: Path, arguments: argparse.Namespace, progress: Progress) -> dict[str, object]:
     session = open_session(folder, repair=False)
-    perceiver = open_perceiver(
-        arguments.model, tracker=arguments.tracker, threads=arguments.threads, recognise_appearance=True
-    )
+    threads = arguments.threads or default_threads()
+    perceiver = open_perceiver(arguments.model, tracker=arguments.tracker, threads=threads, recognise_appearance=True)
     if perceiver.trouble:
         print(perceiver.trouble, file=sys.stderr)
     model = arguments.model.stem if arguments.model is not None else "usual"
     usual_name = f"{model}-{arguments.tracker}{'-offline' if arguments.offline_quality else ''}"
     name = arguments.name or re.sub(r"[^A-Za-z0-9._-]", "-", usual_name).lstrip(".-_")[:80] or "layer"
     target = folder / DERIVED_FOLDER / name
-    if target.exists():
-        raise _NotPerceivedError(f"a layer {name} already exists; choose another --name. Nothing was changed.")
-    with VideoReader(session) as videos:
-        layers = {camera: _layer(session, videos, camera, perceiver) for camera in videos.cameras}
-    problems = list(videos.problems)
-    if not any(layer.frames for layer in layers.values()):
-        raise _NotPerceivedError(" ".join(["the session has no readable video.", *problems]))
-    if arguments.offline_quality:
-        for layer in layers.values():
-            layer.boxes = looked_back(layer.boxes, [frame.stamp_ns / 1e9 for frame in layer.frames])
-    about: dict[str, object] = {
+    settings = {
         "layer": name,
         "session": folder.name,
         "program_version": __version__,
@@ -138,6 +149,27 @@ def _perceive(folder: Path, arguments: argparse.Namespace) -> dict[str, object]:
         "looks": perceiver.appearance_model,
         "tracker": arguments.tracker,
         "offline_quality": arguments.offline_quality,
+    }
+    if target.exists():
+        about = _about(target)
+        if {key: about.get(key) for key in settings} == settings:
+            return about  # made by a run that was interrupted later
+        raise JobError(
+            f"a layer {name} with other settings already exists; choose another --name. Nothing was changed."
+        )
+    layers = {}
+    with VideoReader(session) as videos:
+        for number, camera in enumerate(videos.cameras):
+            share = partial(_report_camera, progress, number, len(videos.cameras), f"{folder.name} {camera}")
+            layers[camera] = _layer(session, videos, camera, perceiver, share)
+    problems = list(videos.problems)
+    if not any(layer.frames for layer in layers.values()):
+        raise JobError(" ".join(["the session has no readable video.", *problems]))
+    if arguments.offline_quality:
+        for layer in layers.values():
+            layer.boxes = looked_back(layer.boxes, [frame.stamp_ns / 1e9 for frame in layer.frames])
+    about = {
+        **settings,
         "cameras": {
             camera: {
                 "pictures": len(layer.frames),
@@ -152,13 +184,26 @@ def _perceive(folder: Path, arguments: argparse.Namespace) -> dict[str, object]:
     return about
 
 
-def _layer(session: Session, videos: VideoReader, camera: str, perceiver: Perceiver) -> _CameraLayer:
+def _about(layer: Path) -> dict[str, object]:
+    try:
+        about = parse_json((layer / "layer.json").read_bytes())
+    except (OSError, ValueError):
+        return {}
+    return about if isinstance(about, dict) else {}
+
+
+def _report_camera(progress: Progress, number: int, count: int, what: str, fraction: float) -> None:
+    progress((number + fraction) / count, what)
+
+
+def _layer(
+    session: Session, videos: VideoReader, camera: str, perceiver: Perceiver, progress: Callable[[float], None]
+) -> _CameraLayer:
     layer = _CameraLayer()
     count = len(videos.frame_times_ns(camera))
     model = _camera_model(session, camera)
     turns, turning = _turns(session), CameraTurning()
     waiting = next(turns, None)
-    bar = ProgressBar(count, what=f"{session.folder.name} {camera}")
     for number in range(count):
         picture = videos.frame(camera, number)
         if picture is None:
@@ -179,8 +224,7 @@ def _layer(session: Session, videos: VideoReader, camera: str, perceiver: Percei
         )
         layer.frames.append(info)
         layer.sizes_px.append((width_px, height_px))
-        bar.update(number + 1)
-    bar.end(count)
+        progress((number + 1) / count)
     return layer
 
 

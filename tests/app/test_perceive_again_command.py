@@ -88,9 +88,15 @@ def test_a_layer_is_made_beside_the_recording_and_never_twice(street: Path, caps
     assert contents(session) == before
     assert verify_manifest(session) == []
 
+    made_ns = (layer / "people.mcap").stat().st_mtime_ns
     status, printed, told = perceive_again(capsys, session, "--model", str(INT8_WEIGHTS), "--name", "better")
+    assert (status, json.loads(printed), told) == (0, about, "")
+    assert (layer / "people.mcap").stat().st_mtime_ns == made_ns
+    status, printed, told = perceive_again(
+        capsys, session, "--model", str(INT8_WEIGHTS), "--name", "better", "--tracker", "bytetrack"
+    )
     assert (status, printed) == (1, "")
-    assert "a layer better already exists" in told
+    assert "a layer better with other settings already exists" in told
     assert people_in(layer) == people
 
 
