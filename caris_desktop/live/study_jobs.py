@@ -29,7 +29,7 @@ _RETRIES = 2
 R = TypeVar("R")
 Progress = Callable[[float, str], None]
 Job = Callable[[Path, Progress], R]
-"""Work on one session folder, in any process. It reports a fraction 0..1 and what it does now. Its result can be pickled.
+"""Work on one session folder, in any process. It reports a fraction 0..1 and what it does now. Its result is pickled.
 It cleans up if it is interrupted by SystemExit or KeyboardInterrupt.
 """
 
