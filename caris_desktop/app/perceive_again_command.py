@@ -215,9 +215,9 @@ def _layer(
             turning.take(waiting)
             waiting = next(turns, None)
         ref = FrameRef(info.stamp_ns, info.robot_stamp_ns, camera, "", 0, number, width_px, height_px)
-        looked = None if model is None else turning.looked(info.stamp_ns, on_head=model.on_head)
+        direction = None if model is None else turning.direction(info.stamp_ns, on_head=model.on_head)
         focal = USUAL_FOCAL_PER_WIDTH if model is None else model.fx_px / model.width_px
-        perceived = perceiver.perceive(image_bgr, DetectionRequest(ref, looked, focal))
+        perceived = perceiver.perceive(image_bgr, DetectionRequest(ref, direction, focal))
         layer.boxes.append(perceived.boxes)
         layer.poses.append(
             {box.detection: perceived.poses[box.track] for box in perceived.boxes if box.track in perceived.poses}

@@ -300,8 +300,8 @@ class PerceptionWorker(QObject):
         camera = self._cameras.get(frame.camera)
         if camera is None:
             return DetectionRequest(frame, faces=self._faces, to_cover=self._to_cover)
-        looked = self._turning.looked(frame.shown_ns, on_head=camera.on_head)
-        return DetectionRequest(frame, looked, camera.fx_px / camera.width_px, self._faces, self._to_cover)
+        direction = self._turning.direction(frame.shown_ns, on_head=camera.on_head)
+        return DetectionRequest(frame, direction, camera.fx_px / camera.width_px, self._faces, self._to_cover)
 
     def _report_ended(self, advice: str) -> None:
         self._publish(

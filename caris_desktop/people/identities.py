@@ -19,14 +19,14 @@ from caris_desktop.people.gallery import GOOD_QUALITY, Gallery, Vectors, Views
 
 SUGGEST_FROM = 0.08
 """Who is less likely than that is not mentioned."""
-_LOOKS_KEPT = 12
-_SUGGEST_AFTER_LOOKS = 2
-_SURE_AFTER_LOOKS = 5
+_MAX_EMBEDDINGS = 12
+_SUGGEST_AFTER = 2
+_SURE_AFTER = 5
 _SURE_AFTER_NS = 1_500_000_000
 _SURE_SHARE = 0.8
 # Of three consecutive embeddings of the same person, also while turning, at least one reaches 0.84 similarity to
 # earlier ones. For different people, in 19 of 20 cases none reaches 0.65.
-_MISTAKEN_BELOW, _MISTAKEN_LOOKS, _LEARNED_FROM = 0.75, 3, 4
+_MISTAKEN_BELOW, _MISTAKEN_AFTER, _LEARNED_FROM = 0.75, 3, 4
 _VISITS_OF_A_PERSON = 3  # in addition to the first, which the wizard identified
 MOST_STRANGERS = 60
 
@@ -90,7 +90,7 @@ _By = tuple[LooksKind, str]  # kind and network
 class _Recent:
     """Recent good embeddings of a visit by one network."""
 
-    vectors: deque[Vectors] = field(default_factory=lambda: deque(maxlen=_LOOKS_KEPT))
+    vectors: deque[Vectors] = field(default_factory=lambda: deque(maxlen=_MAX_EMBEDDINGS))
     first_ns: int = 0
     last_ns: int = 0
     count: int = 0
@@ -207,7 +207,7 @@ class Identities:
         recent.unlike = 0 if alike >= _MISTAKEN_BELOW else recent.unlike + 1
         if not recent.unlike:
             return "yes"
-        return "somebody else" if recent.unlike >= _MISTAKEN_LOOKS else "doubtful"
+        return "somebody else" if recent.unlike >= _MISTAKEN_AFTER else "doubtful"
 
     def likeness(self, person_id: str, embedding: PersonLooks) -> float | None:
         """Cosine similarity of an embedding to the visit's views; None without views by that network."""
@@ -255,7 +255,7 @@ class Identities:
                 known = gallery.person_ids[candidate]
                 evidence.setdefault(known, {})[by[0]] = line.scale * (float(means[row]) - line.stranger_at)
                 wins[known] = max(wins.get(known, 0.0), float(shares[row]))
-        if embedding_count < _SUGGEST_AFTER_LOOKS or not evidence:
+        if embedding_count < _SUGGEST_AFTER or not evidence:
             return Judgement(embedding_count=embedding_count)
         guesses = _guesses(evidence)
         stranger = 1.0 - sum(guess.confidence for guess in guesses)
@@ -264,7 +264,7 @@ class Identities:
         if second is not None and frozenset((best.person_id, second.person_id)) in confused:
             margin *= 2.0
         sure = (
-            embedding_count >= _SURE_AFTER_LOOKS
+            embedding_count >= _SURE_AFTER
             and lasted_ns >= _SURE_AFTER_NS
             and wins[best.person_id] >= _SURE_SHARE
             and best.evidence - (0.0 if second is None else second.evidence) >= margin

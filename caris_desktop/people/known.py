@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 _NOBODY_KNOWN = About()
 _SUMMARY_CHARACTERS = 300
-_LOOKED_BACK = 50
+_MAX_HISTORY = 50
 
 Undo = Callable[[], None]
 
@@ -300,7 +300,7 @@ class KnownPeople:
         """Short summary of earlier visits; empty for a new person."""
         nothing: tuple[HistoryEntry, ...] = ()
         visits = self._read(lambda store: store.visits(person_id), nothing)
-        lately = self._read(lambda store: store.history(person_id, at_most=_LOOKED_BACK), nothing)
+        lately = self._read(lambda store: store.history(person_id, at_most=_MAX_HISTORY), nothing)
         words = [entry.text for entry in lately if entry.kind in ("said", "heard")]
         parts = []
         if visits:

@@ -186,7 +186,7 @@ class PeopleLocator:
         self._heads: deque[HeadState] = deque(maxlen=40)
         self._depths: dict[str, deque[DepthGrid]] = {}
 
-    def take(self, value: LaserScan | RobotPose | HeadState | DepthGrid) -> None:
+    def add(self, value: LaserScan | RobotPose | HeadState | DepthGrid) -> None:
         if isinstance(value, DepthGrid):
             self._depths.setdefault(value.camera, deque(maxlen=20)).append(value)
         elif isinstance(value, LaserScan):

@@ -99,7 +99,7 @@ class MultiCameraTracks:
 
 Verdict = Literal["same", "different", "unknown"]
 
-_PLACES_KEPT = 20
+_MAX_SPOTS = 20
 _FORGET_AFTER_NS = 4_000_000_000
 _COMPARED_NS = 3_000_000_000
 """Of places as long ago as this nothing is concluded any more: people meet and part."""
@@ -111,7 +111,7 @@ _SAME_PAIRS, _DIFFERENT_PAIRS = 2, 3
 _SAME_WITHIN, _SAME_WITHIN_M = 2.0, 0.9
 _DIFFERENT_FROM, _DIFFERENT_FROM_M = 3.5, 1.0
 _CLEARLY = 0.7  # required margin to the second best
-_ALIKE_ALONE, _ALIKE_ALONE_LOOKS = 0.85, 3
+_ALIKE_ALONE, _ALIKE_ALONE_FROM = 0.85, 3
 _UNALIKE = 0.4
 _ALIKE_WEIGHT = 4.0
 
@@ -131,7 +131,7 @@ class Sighting:
     """Recent detections of one track. ``embeddings`` sums unit vectors by network."""
 
     camera: str
-    spots: deque[Spot] = field(default_factory=lambda: deque(maxlen=_PLACES_KEPT))
+    spots: deque[Spot] = field(default_factory=lambda: deque(maxlen=_MAX_SPOTS))
     embeddings: dict[str, tuple[NDArray[np.float64], int]] = field(default_factory=dict)
     last_ns: int = 0
 
@@ -259,7 +259,7 @@ def _alike(one: Sighting, other: Sighting) -> float | None:
     """Cosine similarity of the mean embeddings, by a network with enough of both."""
     for model, (total, count) in one.embeddings.items():
         their_total, their_count = other.embeddings.get(model, (total, 0))
-        if min(count, their_count) >= _ALIKE_ALONE_LOOKS:
+        if min(count, their_count) >= _ALIKE_ALONE_FROM:
             lengths = float(np.linalg.norm(total) * np.linalg.norm(their_total))
             return float(total @ their_total) / lengths if lengths else None
     return None

@@ -3,13 +3,13 @@
 import threading
 from collections import OrderedDict
 
-MOST_KEPT = 200
+MAX_PORTRAITS = 200
 
 
 class Portraits:
     """Bounded cache of JPEGs by key. Any thread."""
 
-    def __init__(self, at_most: int = MOST_KEPT) -> None:
+    def __init__(self, at_most: int = MAX_PORTRAITS) -> None:
         self._at_most = at_most
         self._lock = threading.Lock()
         self._jpegs: OrderedDict[str, bytes] = OrderedDict()

@@ -42,7 +42,7 @@ _OTHER_CAMERA_AFTER_NS = 1_000_000_000
 # After a longer absence a person is identified again, whatever the track number.
 _SAME_VISIT_WITHIN_NS = 3_000_000_000
 # After this many embeddings without a match, a person counts as new.
-_STRANGER_AFTER_LOOKS = 8
+_STRANGER_AFTER = 8
 _STRANGER_FROM = 0.7
 # A row is updated only by visible differences.
 _MOVED_M, _TURNED_RAD, _MOVED_EVERY_NS = 0.2, 0.15, 500_000_000
@@ -301,7 +301,7 @@ class PresenceTracker:
                 self._speaking = person_id if state in ("requested", "started") else ""
                 if state == "finished":
                     visit_id = self._visit_id(person_id) if person_id else ""
-                    self._participant_history.hear(event.utterance_id, visit_id, event.text)
+                    self._participant_history.add(event.utterance_id, visit_id, event.text)
             case UtteranceCorrected():
                 self._participant_history.correct(event, self._visit_id)
             case UtteranceChanged(speaker="robot", state="finished" | "interrupted", person_id=person_id) if person_id:
@@ -515,11 +515,7 @@ class PresenceTracker:
         visit.resembles_somebody = best is not None
         if best is None:
             visit.suggested_id = ""
-            if (
-                not visit.settled
-                and visit.embedding_count >= _STRANGER_AFTER_LOOKS
-                and judgement.stranger >= _STRANGER_FROM
-            ):
+            if not visit.settled and visit.embedding_count >= _STRANGER_AFTER and judgement.stranger >= _STRANGER_FROM:
                 self._settle(visit)
             return []
         confirm_at = 1.0 if visit.by_hand else self._settings.confirm_at
@@ -635,7 +631,7 @@ def _portrait_key(visit: Visit) -> str:
 
 _MOST_NS = 6_000_000_000
 # Number of detection runs whose longest interval counts, and how many such intervals without a person mean a departure.
-_LOOKS, _LOOKS_MISSED = 5, 2.5
+_MAX_TIMES, _MISSED = 5, 2.5
 
 
 class PresenceTimeout:
@@ -651,14 +647,14 @@ class PresenceTimeout:
         self._late_ns: dict[str, deque[int]] = {}
 
     def note_detection(self, camera: str, taken_ns: int, known_ns: int) -> None:
-        self._detections_ns.setdefault(camera, deque(maxlen=_LOOKS)).append(taken_ns)
-        self._late_ns.setdefault(camera, deque(maxlen=_LOOKS)).append(known_ns - taken_ns)
+        self._detections_ns.setdefault(camera, deque(maxlen=_MAX_TIMES)).append(taken_ns)
+        self._late_ns.setdefault(camera, deque(maxlen=_MAX_TIMES)).append(known_ns - taken_ns)
 
     def in_pictures_ns(self, camera: str) -> int:
         """Timeout in image time: from the last detection to a later image without the person."""
         detections_ns = self._detections_ns.get(camera, ())
         apart_ns = max((after - before for before, after in itertools.pairwise(detections_ns)), default=0)
-        return max(self._least_ns, min(round(_LOOKS_MISSED * apart_ns), _MOST_NS))
+        return max(self._least_ns, min(round(_MISSED * apart_ns), _MOST_NS))
 
     def now_ns(self, camera: str) -> int:
         """Timeout in real time: from the last detection until now, including latency."""
@@ -666,7 +662,7 @@ class PresenceTimeout:
         return self.in_pictures_ns(camera) + min(late_ns, _MOST_NS)
 
 
-_KEPT = 200
+_MAX_UTTERANCES = 200
 """Utterances that are corrected later than after so many others stay as they are in the history."""
 
 
@@ -681,16 +677,16 @@ class HeardHistory:
         self._entries: dict[str, _Heard] = {}
         self._corrections = Corrections()
 
-    def hear(self, utterance_id: str, person_id: str, text: str) -> None:
+    def add(self, utterance_id: str, person_id: str, text: str) -> None:
         """Add an utterance. ``person_id`` is the visit's own id, empty for an unknown speaker."""
         self._entries[utterance_id] = _Heard(person_id, text, "", "")
-        if len(self._entries) > _KEPT:
+        if len(self._entries) > _MAX_UTTERANCES:
             del self._entries[next(iter(self._entries))]
         self._write(self._entries[utterance_id], person_id, text)
 
     def correct(self, event: UtteranceCorrected, visit_of: Callable[[str], str]) -> None:
         """Apply a correction. ``visit_of`` returns the visit of a person."""
-        self._corrections.take(event)
+        self._corrections.add(event)
         entry, made = self._entries.get(event.utterance_id), self._corrections.of(event.utterance_id)
         if entry is None:
             return
@@ -727,7 +723,7 @@ SHORT_GAP_NS = 3_000_000_000
 """For so long a tracker or a turn of the camera loses somebody; then appearance or place alone is enough."""
 DECIDED_WITHIN_NS = 1_500_000_000
 """A track that may be somebody who was lost waits for its embeddings no longer than this."""
-_LOOKS_KEPT, _LOOKS_TO_JOIN = 6, 2
+_MAX_EMBEDDINGS, _LEAST_TO_JOIN = 6, 2
 # The same clothes reach 0.89 to 0.98, the most similar stranger 0.88 (see LINES in identities).
 _ALIKE_FROM, _AHEAD_BY = 0.89, 0.02
 _STANDS_WITHIN_M, _WALKS_MPS, _NEAR_M = 0.8, 1.5, 0.6
@@ -751,11 +747,11 @@ class Candidate:
 
     def add_embeddings(self, embedding: PersonLooks) -> None:
         if embedding.kind == "clothing" and embedding.quality >= GOOD_QUALITY:
-            self.embeddings = [*self.embeddings, embedding][-_LOOKS_KEPT:]
+            self.embeddings = [*self.embeddings, embedding][-_MAX_EMBEDDINGS:]
 
     def is_undecided(self, now_ns: int) -> bool:
         """True while another embedding may still identify the person."""
-        return len(self.embeddings) < _LOOKS_TO_JOIN and now_ns - self.first_seen_ns < DECIDED_WITHIN_NS
+        return len(self.embeddings) < _LEAST_TO_JOIN and now_ns - self.first_seen_ns < DECIDED_WITHIN_NS
 
 
 Likeness = Callable[[str, PersonLooks], float | None]

@@ -24,7 +24,7 @@ _HEAD_HEIGHT = 1 / 3
 _HEAD_OF_WIDTH = 0.9
 """A box that ends at the waist, as of somebody close by, shows a head of about this share of its width."""
 _WIDER = 0.15
-_SEEN = 0.5
+_VISIBLE = 0.5
 _LEAST_HEAD_OF_HEIGHT = 0.07
 
 
@@ -49,7 +49,7 @@ def head_of(keypoints: NDArray[np.float64], height_px: float) -> Corners | None:
     ``keypoints`` are COCO's of one person, shape (17, 3): x, y in pixels, visibility; ``height_px`` is that of the box.
     None if fewer than two of them are visible.
     """
-    visible = keypoints[:5][keypoints[:5, 2] >= _SEEN]
+    visible = keypoints[:5][keypoints[:5, 2] >= _VISIBLE]
     if len(visible) < 2:
         return None
     low, high = visible[:, :2].min(axis=0), visible[:, :2].max(axis=0)

@@ -14,7 +14,7 @@ _SEEN_WITHIN = 0.05
 _ACCELERATION_PER_S2 = 2.0
 _SPEED_AT_FIRST_PER_S = 0.7
 _RESIZE_PER_S = 0.25
-_WAY_FADES_S = 0.6
+_VELOCITY_DECAY_S = 0.6
 
 
 @dataclass(slots=True, eq=False)
@@ -51,7 +51,7 @@ class Motion:
             return
         unseen_s = stamp_s - self.seen_s - dt
         self.mean[:, 0] += self.mean[:, 1] * dt
-        self.mean[:, 1] *= np.exp(-dt / _WAY_FADES_S) if unseen_s > 0.0 else 1.0
+        self.mean[:, 1] *= np.exp(-dt / _VELOCITY_DECAY_S) if unseen_s > 0.0 else 1.0
         # Sizes have no speed: someone who came nearer does not go on growing.
         self.mean[2:, 1] = 0.0
         step = np.array([[1.0, dt], [0.0, 1.0]])

@@ -6,7 +6,7 @@ from collections import deque
 
 from caris_desktop.domain.sensing import HeadState, Odometry
 
-_KEPT = 100
+_HISTORY = 100
 _NOT_OLDER_NS = 500_000_000
 
 
@@ -14,11 +14,11 @@ class CameraTurning:
     """Buffers the last seconds. ``take`` from any thread, the rest from one."""
 
     def __init__(self) -> None:
-        self._headings: deque[tuple[int, float]] = deque(maxlen=_KEPT)
-        self._pans: deque[tuple[int, float]] = deque(maxlen=_KEPT)
-        self._tilts: deque[tuple[int, float]] = deque(maxlen=_KEPT)
+        self._headings: deque[tuple[int, float]] = deque(maxlen=_HISTORY)
+        self._pans: deque[tuple[int, float]] = deque(maxlen=_HISTORY)
+        self._tilts: deque[tuple[int, float]] = deque(maxlen=_HISTORY)
 
-    def take(self, value: Odometry | HeadState) -> None:
+    def add(self, value: Odometry | HeadState) -> None:
         if isinstance(value, HeadState):
             self._pans.append((value.stamp_ns, value.pan_rad))
             self._tilts.append((value.stamp_ns, value.tilt_rad))
@@ -35,7 +35,7 @@ class CameraTurning:
         for readings in (self._headings, self._pans, self._tilts):
             readings.clear()
 
-    def looked(self, stamp_ns: int, *, on_head: bool) -> tuple[float, float] | None:
+    def direction(self, stamp_ns: int, *, on_head: bool) -> tuple[float, float] | None:
         """Heading in the odometry frame (left positive, not wrapped) and tilt (down positive) at that time, in radians;
         None if unknown.
         """

@@ -15,7 +15,7 @@ SILENT_AFTER_NS = 600_000_000
 
 
 _RATE_OVER_NS = 4_000_000_000
-_LOOKS_COUNTED = 400
+_MAX_COUNTED = 400
 
 
 class CameraRotation:
@@ -25,7 +25,7 @@ class CameraRotation:
 
     def __init__(self) -> None:
         self._newest: dict[str, FrameRef] = {}
-        self._looked_ns: dict[str, int] = {}
+        self._detected_ns: dict[str, int] = {}
         self._camera = ""
         self._first = ""
         self._last = ""
@@ -40,7 +40,7 @@ class CameraRotation:
     def forget(self) -> None:
         """Clear everything for other cameras."""
         self._newest.clear()
-        self._looked_ns.clear()
+        self._detected_ns.clear()
         self._camera = self._first = self._last = ""
         self._lead_came_ns = None
 
@@ -54,7 +54,7 @@ class CameraRotation:
         self._lead_came_ns = now_ns
         return is_new
 
-    def take(self, *, now_ns: int) -> FrameRef | None:
+    def pop(self, *, now_ns: int) -> FrameRef | None:
         """Frame to process now; None if no frame is due."""
         lead_silent = self._lead_came_ns is None or now_ns - self._lead_came_ns >= SILENT_AFTER_NS
         if self._lead not in self._newest and not lead_silent:
@@ -63,16 +63,16 @@ class CameraRotation:
         due = [
             camera
             for camera in self._newest
-            if camera != self._lead and now_ns - self._looked_ns.get(camera, -every_ns) >= every_ns
+            if camera != self._lead and now_ns - self._detected_ns.get(camera, -every_ns) >= every_ns
         ]
-        camera = min(due, key=lambda other: self._looked_ns.get(other, -every_ns), default=self._lead)
+        camera = min(due, key=lambda other: self._detected_ns.get(other, -every_ns), default=self._lead)
         if self._last not in ("", self._lead) and self._lead in self._newest:
             camera = self._lead  # a slow detector alternates
         ref = self._newest.pop(camera, None)
         # Its detection went to the other camera.
         self._newest.pop(self._lead, None)
         if ref is not None:
-            self._looked_ns[camera], self._last = now_ns, camera
+            self._detected_ns[camera], self._last = now_ns, camera
         return ref
 
     @property
@@ -84,20 +84,20 @@ class DetectionRate:
     """Recent detection rate of each camera."""
 
     def __init__(self) -> None:
-        self._looked_ns: dict[str, deque[int]] = {}
+        self._detected_ns: dict[str, deque[int]] = {}
 
     def note(self, camera: str, *, now_ns: int) -> None:
         """Note a result for this camera."""
-        self._looked_ns.setdefault(camera, deque(maxlen=_LOOKS_COUNTED)).append(now_ns)
+        self._detected_ns.setdefault(camera, deque(maxlen=_MAX_COUNTED)).append(now_ns)
 
     def forget(self) -> None:
         """Clear everything for other cameras."""
-        self._looked_ns.clear()
+        self._detected_ns.clear()
 
     def per_second(self, *, now_ns: int) -> dict[str, float]:
         """Detections per second of each camera over the last seconds, highest first."""
         rates = {
             camera: sum(now_ns - at_ns < _RATE_OVER_NS for at_ns in looked_ns) / (_RATE_OVER_NS / 1e9)
-            for camera, looked_ns in self._looked_ns.items()
+            for camera, looked_ns in self._detected_ns.items()
         }
         return dict(sorted(rates.items(), key=lambda rate: -rate[1]))

@@ -33,7 +33,7 @@ _LEAST_EYES_PX, _LEAST_HEAD_PX = 10.0, 36.0
 _HEAD_OF_WIDTH = 0.6
 _BY_GUESS = 0.5
 _NOT_SOONER_NS = 500_000_000
-_KEPT = 500
+_MAX_FACES = 500
 
 
 class FaceModelError(Exception):
@@ -101,7 +101,7 @@ class StudyFaces:
         self._threads = threads
         self._faces: Faces | None = None
 
-    def taken(
+    def extract(
         self,
         image_bgr: NDArray[np.uint8],
         request: DetectionRequest,
@@ -114,7 +114,7 @@ class StudyFaces:
         path, self._path = self._path, None
         if path is not None and path.is_file():
             self._faces = Faces(FaceModel(path, threads=self._threads))
-        return [] if self._faces is None else self._faces.taken(image_bgr, request.frame, boxes, keypoints)
+        return [] if self._faces is None else self._faces.extract(image_bgr, request.frame, boxes, keypoints)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,9 +130,9 @@ class Faces:
 
     def __init__(self, model: FaceModel) -> None:
         self._model = model
-        self._looked_ns: dict[int, int] = {}
+        self._detected_ns: dict[int, int] = {}
 
-    def taken(
+    def extract(
         self,
         image_bgr: NDArray[np.uint8],
         frame: FrameRef,
@@ -143,16 +143,16 @@ class Faces:
         due = [
             box
             for box in boxes
-            if frame.stamp_ns - self._looked_ns.get(box.track, frame.stamp_ns - _NOT_SOONER_NS) >= _NOT_SOONER_NS
+            if frame.stamp_ns - self._detected_ns.get(box.track, frame.stamp_ns - _NOT_SOONER_NS) >= _NOT_SOONER_NS
         ]
-        for box in sorted(due, key=lambda one: self._looked_ns.get(one.track, 0)):
+        for box in sorted(due, key=lambda one: self._detected_ns.get(one.track, 0)):
             face = face_of(image_bgr, box, None if keypoints is None else keypoints[box.detection])
             if face is None:
                 continue
-            self._looked_ns.pop(box.track, None)
-            self._looked_ns[box.track] = frame.stamp_ns
-            if len(self._looked_ns) > _KEPT:
-                del self._looked_ns[next(iter(self._looked_ns))]
+            self._detected_ns.pop(box.track, None)
+            self._detected_ns[box.track] = frame.stamp_ns
+            if len(self._detected_ns) > _MAX_FACES:
+                del self._detected_ns[next(iter(self._detected_ns))]
             vector = self._model.embed(face.image_bgr)
             name = self._model.name
             return [PersonLooks(frame.stamp_ns, frame.camera, box.track, "face", name, vector, face.quality)]

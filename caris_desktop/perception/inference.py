@@ -138,7 +138,7 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
         for message in (*_embeddings(ref, perceived.boxes, perceiver.appearance_model), *perceived.portraits):
             connection.send(message)
         try:
-            for face in faces.taken(image_bgr, request, perceived.boxes, perceived.detections.keypoints):
+            for face in faces.extract(image_bgr, request, perceived.boxes, perceived.detections.keypoints):
                 connection.send(face)
         except FaceModelError as error:
             connection.send(_faces_problem(str(error)))

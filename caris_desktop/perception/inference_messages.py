@@ -11,14 +11,14 @@ USUAL_FOCAL_PER_WIDTH = 0.87
 
 @dataclass(frozen=True, slots=True)
 class DetectionRequest:
-    """Detection request for a frame. ``looked`` is the camera's direction at capture: heading (left positive, not
+    """Detection request for a frame. ``direction`` is the camera's direction at capture: heading (left positive, not
     wrapped) and tilt (down positive) in radians; None if unknown. ``focal_per_width`` is its focal length relative to
     the width. ``faces``: face embeddings are permitted. ``to_cover``: people must be blurred in this camera's images,
     so that possible people are reported too.
     """
 
     frame: FrameRef
-    looked: tuple[float, float] | None = None
+    direction: tuple[float, float] | None = None
     focal_per_width: float = USUAL_FOCAL_PER_WIDTH
     faces: bool = False
     to_cover: bool = False

@@ -38,16 +38,16 @@ REMEMBERED_S = 300.0
 
 # Cosine distances of two views: typical for one person; limit for re-identification by appearance alone, with the
 # required margin to the second best; limit for waiting for a better view.
-_LOOKS_USUAL, _LOOKS_SAME, _LOOKS_MARGIN, _LOOKS_LIKELY = 0.3, 0.27, 0.06, 0.4
+_USUAL_DISTANCE, _SAME_PERSON, _SAME_MARGIN, _LIKELY_SAME = 0.3, 0.27, 0.06, 0.4
 _WAIT_FOR_VIEW_S = 0.5
-_LOOKS_COUNT = 2.0
+_COST_WEIGHT = 2.0
 _UNLIKE, _MISTAKEN_BY, _STRANGE = 0.3, 0.15, 0.38
-_LOOKS_KEPT = 0.9
-_LOOK_AGAIN_S = 0.5
+_MEMORY = 0.9
+_EMBED_EVERY_S = 0.5
 _GOOD_VIEW = 0.5
 _CONTESTED, _RIVAL = 0.15, 0.5
 _DOUBTED_AFTER_S = 0.25
-_LOOKS_AT_MOST, _LOOKS_PER_S = 6, 20.0
+_MAX_EMBEDDED, _EMBEDDED_PER_S = 6, 20.0
 """Of one camera's people, in one picture and in the long run: each costs a few milliseconds."""
 _TALL_PX = 64.0
 
@@ -124,7 +124,7 @@ class CameraTracker:
             self._pauses_s.append(since_s)
         self._stamp_s, self._embeddings_left = (
             stamp_s,
-            min(_LOOKS_AT_MOST, self._embeddings_left + _LOOKS_PER_S * since_s),
+            min(_MAX_EMBEDDED, self._embeddings_left + _EMBEDDED_PER_S * since_s),
         )
         # Tracks lost for longer are matched by appearance only.
         for track in self._tracks:
@@ -185,7 +185,7 @@ class CameraTracker:
         due = [
             (track, box)
             for track, box in pairs
-            if track.confirmed and qualities[box] >= _GOOD_VIEW and stamp_s - track.looked_s >= _LOOK_AGAIN_S
+            if track.confirmed and qualities[box] >= _GOOD_VIEW and stamp_s - track.looked_s >= _EMBED_EVERY_S
         ]
         views.compute([box for _, box in (*new, *due)])
         here = {id(track): box for track, box in pairs}
@@ -210,7 +210,7 @@ class CameraTracker:
             return False
         others = [other for other in self._tracks if other is not track and other.confirmed and other.well_seen]
         other = min(others, key=lambda each: _apart(each.embedding, embedding), default=None)
-        if other is None or _apart(other.embedding, embedding) > min(_LOOKS_SAME, distance - _MISTAKEN_BY):
+        if other is None or _apart(other.embedding, embedding) > min(_SAME_PERSON, distance - _MISTAKEN_BY):
             return False
         box = here.get(id(other))
         if box is not None:
@@ -256,8 +256,8 @@ class CameraTracker:
         if track.embedding is None or not away:
             return None, False
         nearest = away[0][0]
-        clear = len(away) == 1 or away[1][0] - nearest >= _LOOKS_MARGIN
-        return self._tracks[away[0][1]] if clear and nearest <= _LOOKS_SAME else None, nearest <= _LOOKS_LIKELY
+        clear = len(away) == 1 or away[1][0] - nearest >= _SAME_MARGIN
+        return self._tracks[away[0][1]] if clear and nearest <= _SAME_PERSON else None, nearest <= _LIKELY_SAME
 
     def _forget(self, stamp_s: float) -> None:
         tentative_s, lost_s = self._presence_timeout_s(_TENTATIVE_S), self._presence_timeout_s(LOST_S)
@@ -328,13 +328,13 @@ def _doubtful(tracks: list[_Track], boxes: list[int], corners_px: Floats, stamp_
 def _mixed(before: Floats | None, embedding: Floats | None) -> Floats | None:
     if before is None or embedding is None:
         return embedding if before is None else before
-    mixed = _LOOKS_KEPT * before + (1 - _LOOKS_KEPT) * embedding
+    mixed = _MEMORY * before + (1 - _MEMORY) * embedding
     return np.asarray(mixed / np.linalg.norm(mixed))
 
 
 def _apart(first: Floats | None, second: Floats | None) -> float:
     """Cosine distance of two embeddings, the typical one if one is missing."""
-    return _LOOKS_USUAL if first is None or second is None else 1.0 - float(first @ second)
+    return _USUAL_DISTANCE if first is None or second is None else 1.0 - float(first @ second)
 
 
 def _pairs(
@@ -355,7 +355,8 @@ def _pairs(
     if views is not None:
         embeddings = [views.of(box) for box in boxes]
         cost += [
-            [_LOOKS_COUNT * (_apart(track.embedding, each) - _LOOKS_USUAL) for each in embeddings] for track in tracks
+            [_COST_WEIGHT * (_apart(track.embedding, each) - _USUAL_DISTANCE) for each in embeddings]
+            for track in tracks
         ]
     return [(tracks[row], boxes[column]) for row, column in assigned(cost, 1.0) if overlap[row, column] >= least]
 

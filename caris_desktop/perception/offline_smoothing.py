@@ -11,11 +11,11 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.box_motion import Floats
 from caris_desktop.perception.tracker import TrackedBox
 
-_LOOKS_SAME, _LOOKS_LIKELY = 0.25, 0.4
+_SAME_PERSON, _LIKELY_SAME = 0.25, 0.4
 _GOOD_VIEW = 0.4
 _NEAR_S = 1.5
 """Longest gap for joining track segments by extrapolation."""
-_WAY_OF_S = 0.5
+_VELOCITY_S = 0.5
 _NEAR_OF_HEIGHT = 0.5
 _FILLED_S = 2.0
 """How long somebody may be unseen and still be put between where they were before and after."""
@@ -50,7 +50,7 @@ def linked(pictures: Sequence[Sequence[TrackedBox]], stamps_s: Sequence[float]) 
     one_for = {number: number for number in stretches}
     for first, second in _nearest_first(stretches, pictures, stamps_s):
         a, b = stretches[one_for[first]], stretches[one_for[second]]
-        if a is b or a.pictures & b.pictures or _apart(a, b, unknown=0.0) > _LOOKS_LIKELY:
+        if a is b or a.pictures & b.pictures or _apart(a, b, unknown=0.0) > _LIKELY_SAME:
             continue
         a.pictures |= b.pictures
         if b.embedding is not None:
@@ -66,12 +66,12 @@ def _nearest_first(
     pairs: list[tuple[float, int, int]] = []
     for a, b in itertools.permutations(stretches.values(), 2):
         if max(a.pictures) < min(b.pictures):
-            way = _off_path(a, b, pictures, stamps_s)
-            if way <= _NEAR_OF_HEIGHT:
-                pairs.append((way - 1.0, a.number, b.number))
+            distance = _off_path(a, b, pictures, stamps_s)
+            if distance <= _NEAR_OF_HEIGHT:
+                pairs.append((distance - 1.0, a.number, b.number))
     for a, b in itertools.combinations(stretches.values(), 2):
         apart = _apart(a, b, unknown=1.0)
-        if apart <= _LOOKS_SAME:
+        if apart <= _SAME_PERSON:
             pairs.append((apart, a.number, b.number))
     return [(first, second) for _, first, second in sorted(pairs)]
 
@@ -84,11 +84,11 @@ def _off_path(
     gap_s = stamps_s[begins] - stamps_s[last]
     if gap_s > _NEAR_S:
         return float("inf")
-    before = min((at for at in a.pictures if stamps_s[last] - stamps_s[at] <= _WAY_OF_S), default=last)
+    before = min((at for at in a.pictures if stamps_s[last] - stamps_s[at] <= _VELOCITY_S), default=last)
     ended, earlier = _middle(_box(pictures, last, a.number)), _middle(_box(pictures, before, a.number))
-    way = (ended - earlier) / max(1e-9, stamps_s[last] - stamps_s[before]) if before != last else np.zeros(2)
+    velocity = (ended - earlier) / max(1e-9, stamps_s[last] - stamps_s[before]) if before != last else np.zeros(2)
     height_px = max(1.0, b.first.height_px)
-    return float(np.linalg.norm(_middle(b.first) - ended - way * gap_s) / height_px)
+    return float(np.linalg.norm(_middle(b.first) - ended - velocity * gap_s) / height_px)
 
 
 def _intervals(pictures: Sequence[Sequence[TrackedBox]]) -> dict[int, _TrackSegment]:

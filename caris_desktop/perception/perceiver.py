@@ -83,7 +83,7 @@ class Perceiver:
         detected_s = time.perf_counter()
         boxes = self._tracker.track(detections, image_bgr, request)
         tracked_s = time.perf_counter()
-        portraits = self._portraits.taken(image_bgr, request.frame, boxes)
+        portraits = self._portraits.extract(image_bgr, request.frame, boxes)
         poses = {}
         if detections.keypoints is not None:
             stamp_s = request.frame.stamp_ns / 1e9
@@ -166,7 +166,7 @@ _BETTER = 1.2
 _LEAST_QUALITY = 0.15
 _TALL_PX = 320
 _MARGIN = 0.05
-_KEPT = 500
+_MAX_PORTRAITS = 500
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +184,7 @@ class PortraitTaker:
     def __init__(self) -> None:
         self._best: dict[int, _Best] = {}
 
-    def taken(self, image_bgr: NDArray[np.uint8], frame: FrameRef, boxes: list[TrackedBox]) -> list[PersonPortrait]:
+    def extract(self, image_bgr: NDArray[np.uint8], frame: FrameRef, boxes: list[TrackedBox]) -> list[PersonPortrait]:
         """New best views in an image: uint8 BGR, shape (height, width, 3)."""
         portraits = []
         for box in boxes:
@@ -200,7 +200,7 @@ class PortraitTaker:
                 continue
             self._best.pop(box.track, None)
             self._best[box.track] = _Best(frame.stamp_ns, worth)
-            if len(self._best) > _KEPT:
+            if len(self._best) > _MAX_PORTRAITS:
                 del self._best[next(iter(self._best))]
             portraits.append(PersonPortrait(frame.stamp_ns, frame.camera, box.track, jpeg, box.quality))
         return portraits

@@ -22,7 +22,7 @@ _VISIBLE = 0.5
 
 # Height of the knees below the hips, in trunk lengths. A thigh is as long as the trunk; of a sitting person it is
 # horizontal, or points at the camera.
-_STANDS_ABOVE, _SITS_BELOW = 0.65, 0.45
+_STANDING_ABOVE, _SITS_BELOW = 0.65, 0.45
 # Position of the nose between the eyes: 0 in the middle, 1 at one of them, as for a head turned by about 50 degrees.
 _FACES_WITHIN, _TURNED_BEYOND = 0.6, 1.0
 
@@ -43,21 +43,21 @@ class Pose:
 def posture_of(points: Points, before: Posture = "") -> Posture:
     """Standing or sitting, empty if unknown; ``before`` decides in between (hysteresis)."""
     trunk = _trunk(points)
-    knees, hips = _seen(points, _KNEES), _seen(points, _HIPS)
+    knees, hips = _visible(points, _KNEES), _visible(points, _HIPS)
     if trunk is None or not len(knees) or not len(hips):
         return ""
     upright, length = trunk
     if not upright:
         return ""
     drop = (knees[:, 1].mean() - hips[:, 1].mean()) / length
-    if drop > _STANDS_ABOVE:
+    if drop > _STANDING_ABOVE:
         return "standing"
     return "sitting" if drop < _SITS_BELOW else before
 
 
 def raises_hand(points: Points, before: bool | None = None) -> bool | None:
     """True if a hand is as high as the head; once raised, until it is lower than the shoulders."""
-    shoulders, wrists = _seen(points, _SHOULDERS), _seen(points, _WRISTS)
+    shoulders, wrists = _visible(points, _SHOULDERS), _visible(points, _WRISTS)
     if not len(shoulders) or not len(wrists):
         return None
     highest_y, shoulders_y = wrists[:, 1].min(), shoulders[:, 1].mean()
@@ -77,11 +77,11 @@ def raises_hand(points: Points, before: bool | None = None) -> bool | None:
 
 def faces_camera(points: Points, before: bool | None = None) -> bool | None:
     """True if the face is turned to the camera; None if neither head nor shoulders are visible."""
-    eyes = _seen(points, _EYES)
+    eyes = _visible(points, _EYES)
     nose_seen = points[_NOSE, 2] > _VISIBLE
     if not nose_seen or len(eyes) < len(_EYES):
         # A head from behind or the side lacks a face; a head outside the image lacks the ears, too.
-        return False if len(_seen(points, _EARS)) and len(_seen(points, _SHOULDERS)) else None
+        return False if len(_visible(points, _EARS)) and len(_visible(points, _SHOULDERS)) else None
     between = abs(eyes[0, 0] - eyes[1, 0]) / 2.0
     if between <= 0.0:
         return False
@@ -91,14 +91,14 @@ def faces_camera(points: Points, before: bool | None = None) -> bool | None:
     return False if aside > _TURNED_BEYOND else before
 
 
-def _seen(points: Points, which: tuple[int, ...]) -> Points:
+def _visible(points: Points, which: tuple[int, ...]) -> Points:
     chosen = points[list(which)]
     return chosen[chosen[:, 2] > _VISIBLE]
 
 
 def _trunk(points: Points) -> tuple[bool, float] | None:
     """Whether the trunk is upright, and its length; None if it is not visible."""
-    shoulders, hips = _seen(points, _SHOULDERS), _seen(points, _HIPS)
+    shoulders, hips = _visible(points, _SHOULDERS), _visible(points, _HIPS)
     if not len(shoulders) or not len(hips):
         return None
     right, down = hips[:, :2].mean(axis=0) - shoulders[:, :2].mean(axis=0)
@@ -119,7 +119,7 @@ class _Held(Generic[T]):
     since_s: float = 0.0
     seen_s: float = 0.0
 
-    def take(self, observed: T, stamp_s: float) -> None:
+    def add(self, observed: T, stamp_s: float) -> None:
         if observed == self.unknown:
             self.candidate = self.value
             if stamp_s - self.seen_s > UNKNOWN_AFTER_S:
@@ -154,7 +154,7 @@ class Poses:
             }
         body = self._bodies.setdefault(track, _Body())
         body.last_s = stamp_s
-        body.posture.take(posture_of(points, body.posture.value), stamp_s)
-        body.hand_raised.take(raises_hand(points, body.hand_raised.value), stamp_s)
-        body.facing.take(faces_camera(points, body.facing.value), stamp_s)
+        body.posture.add(posture_of(points, body.posture.value), stamp_s)
+        body.hand_raised.add(raises_hand(points, body.hand_raised.value), stamp_s)
+        body.facing.add(faces_camera(points, body.facing.value), stamp_s)
         return Pose(body.posture.value, body.hand_raised.value, body.facing.value)

@@ -160,8 +160,8 @@ class PersonTracker:
 _LEAST_CONFIDENCE = 0.3
 _CONFIRM_AFTER = 3
 _LOST_S = 1.2  # 30 frames at 25 Hz, its original frame rate
-_LOOKS_KEPT = 100
-_LOOKS_AT_MOST_APART = 0.3  # cosine distance; 0.2 for the network of the paper, whose vectors are closer together
+_MAX_EMBEDDINGS = 100
+_MAX_DISTANCE = 0.3  # cosine distance; 0.2 for the network of the paper, whose vectors are closer together
 _GATE = 9.4877  # chi-squared with four degrees of freedom, 95 %
 _OVERLAP_AT_LEAST = 0.3
 _NEVER = 1e5
@@ -171,7 +171,7 @@ _NEVER = 1e5
 class _Track(Motion):
     number: int
     hits: int = 1
-    embeddings: deque[Floats] = field(default_factory=lambda: deque(maxlen=_LOOKS_KEPT))
+    embeddings: deque[Floats] = field(default_factory=lambda: deque(maxlen=_MAX_EMBEDDINGS))
 
     @property
     def confirmed(self) -> bool:
@@ -242,7 +242,7 @@ def _by_appearance(
     if not tracks or not boxes:
         return []
     cost = np.array([[_apart(track, corners_px[box], embeddings.get(box)) for box in boxes] for track in tracks])
-    return [(tracks[row], boxes[column]) for row, column in assigned(cost, _LOOKS_AT_MOST_APART)]
+    return [(tracks[row], boxes[column]) for row, column in assigned(cost, _MAX_DISTANCE)]
 
 
 def _apart(track: _Track, corners: Floats, embedding: Floats | None) -> float:
@@ -251,7 +251,7 @@ def _apart(track: _Track, corners: Floats, embedding: Floats | None) -> float:
     if unlikely > _GATE:
         return _NEVER
     if embedding is None or not track.embeddings:
-        return _LOOKS_AT_MOST_APART * unlikely / _GATE
+        return _MAX_DISTANCE * unlikely / _GATE
     return float(1.0 - max(view @ embedding for view in track.embeddings))
 
 
@@ -272,7 +272,7 @@ class _Followed:
     """Our tracker for one camera, and the camera's last direction."""
 
     follower: CameraTracker | DeepSort
-    looked: tuple[float, float] | None = None
+    direction: tuple[float, float] | None = None
 
     def follow(
         self,
@@ -297,11 +297,11 @@ class _Followed:
 
     def _shift_px(self, request: DetectionRequest) -> tuple[float, float]:
         """Image shift by the camera's rotation since the last frame; for small angles, in pixels."""
-        before, self.looked = self.looked, request.looked
-        if before is None or request.looked is None:
+        before, self.direction = self.direction, request.direction
+        if before is None or request.direction is None:
             return 0.0, 0.0
         focal_px = request.focal_per_width * request.frame.width_px
-        return focal_px * (request.looked[0] - before[0]), focal_px * (before[1] - request.looked[1])
+        return focal_px * (request.direction[0] - before[0]), focal_px * (before[1] - request.direction[1])
 
 
 def _size_px(frame: FrameRef) -> tuple[float, float]:

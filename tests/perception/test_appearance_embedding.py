@@ -110,7 +110,7 @@ def test_a_portrait_is_made_once_a_second_at_most_and_only_of_a_better_view() ->
 
     def taken(stamp_s: float, quality: float) -> list[float]:
         box = TrackedBox(1, 50.0, 150.0, 80.0, 250.0, 0.9, 0, quality)
-        return [each.quality for each in portraits.taken(image, look(stamp_s).frame, [box])]
+        return [each.quality for each in portraits.extract(image, look(stamp_s).frame, [box])]
 
     assert taken(0.0, 0.1) == []
     assert taken(0.1, 0.4) == [0.4]

@@ -87,7 +87,7 @@ def test_each_has_a_turn_and_nobody_more_than_two_a_second(network: Path) -> Non
     faces = Faces(FaceModel(network))
     image = np.full((480, 640, 3), 128, np.uint8)
     boxes = [BOX, TrackedBox(2, 300.0, 40.0, 120.0, 320.0, 0.9, 1, quality=0.8)]
-    told = [looks for number in range(20) for looks in faces.taken(image, frame(1.0 + number / 10), boxes, None)]
+    told = [looks for number in range(20) for looks in faces.extract(image, frame(1.0 + number / 10), boxes, None)]
     assert [looks.track for looks in told[:4]] == [1, 2, 1, 2]
     assert len(told) == 8
     assert {looks.kind for looks in told} == {"face"}
@@ -98,9 +98,9 @@ def test_each_has_a_turn_and_nobody_more_than_two_a_second(network: Path) -> Non
 def test_no_face_is_looked_at_unless_the_scenario_says_so(network: Path) -> None:
     faces = StudyFaces(network)
     image = np.full((480, 640, 3), 128, np.uint8)
-    assert faces.taken(image, DetectionRequest(frame()), [BOX], None) == []
-    assert len(faces.taken(image, DetectionRequest(frame(), faces=True), [BOX], None)) == 1
-    assert faces.taken(image, DetectionRequest(frame(9.0)), [BOX], None) == []
+    assert faces.extract(image, DetectionRequest(frame()), [BOX], None) == []
+    assert len(faces.extract(image, DetectionRequest(frame(), faces=True), [BOX], None)) == 1
+    assert faces.extract(image, DetectionRequest(frame(9.0)), [BOX], None) == []
     assert (
         StudyFaces(network.with_name("none.onnx")).taken(image, DetectionRequest(frame(), faces=True), [BOX], None)
         == []
@@ -124,8 +124,8 @@ def test_a_network_that_cannot_be_meant_is_refused_once(
         (tmp_path / "face.onnx.sha256").write_text(f"{checksum}  face.onnx\n")
     faces, image = StudyFaces(path), np.zeros((480, 640, 3), np.uint8)
     with pytest.raises(FaceModelError, match=expected):
-        faces.taken(image, DetectionRequest(frame(), faces=True), [BOX], None)
-    assert faces.taken(image, DetectionRequest(frame(2.0), faces=True), [BOX], None) == []
+        faces.extract(image, DetectionRequest(frame(), faces=True), [BOX], None)
+    assert faces.extract(image, DetectionRequest(frame(2.0), faces=True), [BOX], None) == []
 
 
 def test_the_right_checksum_is_no_obstacle(network: Path, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 UNDECODED = "caris_undecoded"
 """Metadata of models exported by this program: true if the caller has to decode the boxes."""
-_NOTHING = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, np.int64))
+_EMPTY = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, np.int64))
 
 
 class UnknownFormError(Exception):
@@ -132,7 +132,7 @@ class NetworkDetector:
 
     def detect(self, image_bgr: NDArray[np.uint8]) -> Detections:
         if not image_bgr.size:
-            return _NOTHING
+            return _EMPTY
         network = self._network
         size = network.fixed_size or input_size(image_bgr.shape[:2], self._longest_px)
         fitted, how = fit(image_bgr, size, centred=self._centred)

@@ -56,14 +56,14 @@ class OnnxNetwork:
             content, options, providers=[_CUDA, _CPU] if on_gpu else [_CPU]
         )
         on_gpu = _CUDA in self._session.get_providers()
-        (taken, *more) = self._session.get_inputs()
-        if more or taken.type not in ("tensor(float)", "tensor(float16)") or len(taken.shape) != 4:
+        (given, *more) = self._session.get_inputs()
+        if more or given.type not in ("tensor(float)", "tensor(float16)") or len(given.shape) != 4:
             raise UnknownFormError(QT_TR_NOOP("its input is not a single image"))
         facts = facts_of(self._session.get_modelmeta().custom_metadata_map)
         self.facts: ModelFacts = facts if cut is None else replace(facts, undecoded=True)
         self.runtime = f"onnxruntime on {'CUDA' if on_gpu else 'CPU'}"
-        self._input, self._type = taken.name, np.float16 if taken.type == "tensor(float16)" else np.float32
-        height, width = taken.shape[2:]
+        self._input, self._type = given.name, np.float16 if given.type == "tensor(float16)" else np.float32
+        height, width = given.shape[2:]
         fixed = isinstance(height, int) and isinstance(width, int)
         self.fixed_size: tuple[int, int] | None = (height, width) if fixed else None
         self._output = self._session.get_outputs()[0].name

@@ -35,7 +35,7 @@ from caris_desktop.perception.weights import Weights, WeightsError
 
 log = logging.getLogger(__name__)
 
-_LOOKS = 6
+_REPEATS = 6
 _PREFERRED = ("onnxruntime", "OpenVINO", "torch")
 _WORTH_IT = 0.9
 _WORDS_AT_MOST = 120
@@ -56,7 +56,7 @@ class MeasuredChoice:
     why_not: dict[str, str]
 
     @property
-    def shown(self) -> str:
+    def label_suffix(self) -> str:
         """Suffix for the detector's label."""
         others = [f"{name} {ms:.0f} ms" for name, ms in self.ms.items() if name != self.runtime]
         others += [f"{name}: {reason}" for name, reason in self.why_not.items()]
@@ -165,7 +165,7 @@ def _time(opened: dict[str, Detector], pictures: Sequence[NDArray[np.uint8]]) ->
     if len(opened) == 1:
         return {}
     spans_ns: dict[str, list[int]] = {name: [] for name in opened}
-    for number in range(_LOOKS):
+    for number in range(_REPEATS):
         for name, detector in opened.items():
             began_ns = time.perf_counter_ns()
             detector.detect(pictures[number % len(pictures)])
@@ -193,7 +193,7 @@ def _has_all(expected: Detections, found: Detections) -> bool:
 
 
 def _labelled(detector: Detector, choice: MeasuredChoice) -> Detector:
-    detector.label += choice.shown
+    detector.label += choice.label_suffix
     return detector
 
 

@@ -24,13 +24,13 @@ class TfliteNetwork:
 
         self._interpreter: Any = Interpreter(str(path), num_threads=threads)
         self._interpreter.allocate_tensors()
-        (self._taken, *more) = self._interpreter.get_input_details()
-        if more or len(self._taken["shape"]) != 4:
+        (self._input, *more) = self._interpreter.get_input_details()
+        if more or len(self._input["shape"]) != 4:
             raise UnknownFormError(QT_TR_NOOP("its input is not a single image"))
         self._given = self._interpreter.get_output_details()[0]
         self.runtime = "LiteRT on CPU"
         self.facts: ModelFacts = facts_of(metadata_of(path))
-        shape = [int(side) for side in self._taken["shape"]]
+        shape = [int(side) for side in self._input["shape"]]
         self.channels_last = shape[3] == 3
         self.fixed_size: tuple[int, int] | None = (shape[1], shape[2]) if self.channels_last else (shape[2], shape[3])
         # As in ultralytics: relative coordinates, except for boxes of a channels-first network with built-in
@@ -39,11 +39,11 @@ class TfliteNetwork:
         self.relative = self.channels_last or not chosen
 
     def run(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        if self._taken["dtype"] in _WHOLE:
-            limits = np.iinfo(self._taken["dtype"])
-            scale, zero = self._taken["quantization"]
-            values = np.rint(values / scale + zero).clip(limits.min, limits.max).astype(self._taken["dtype"])
-        self._interpreter.set_tensor(self._taken["index"], values)
+        if self._input["dtype"] in _WHOLE:
+            limits = np.iinfo(self._input["dtype"])
+            scale, zero = self._input["quantization"]
+            values = np.rint(values / scale + zero).clip(limits.min, limits.max).astype(self._input["dtype"])
+        self._interpreter.set_tensor(self._input["index"], values)
         self._interpreter.invoke()
         output = self._interpreter.get_tensor(self._given["index"])
         if self._given["dtype"] in _WHOLE:

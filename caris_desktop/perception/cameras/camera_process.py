@@ -85,7 +85,7 @@ class _Running:
         self._frames = frames
         self._open = open_one
         self._refusals_reported: set[str] = set()
-        self._hears = False
+        self._streams_sound = False
 
     def serve(self) -> None:
         """Run until a recorded video ends. Raises EOFError when the connection closes."""
@@ -181,10 +181,10 @@ class _Running:
         if self._connection.poll(seconds):
             message = self._connection.recv()
             if isinstance(message, HearCamera):
-                self._hears = message.on
+                self._streams_sound = message.on
 
     def _send_sound(self, stamp_ns: int, samples: NDArray[np.int16]) -> None:
-        if self._hears:
+        if self._streams_sound:
             self._connection.send(AudioChunk(stamp_ns, ROBOT_MICROPHONE, SOUND_RATE_HZ, samples))
 
     def _report_state(self, state: Literal["connecting", "lost", "ended"], detail: str = "", advice: str = "") -> None:

@@ -42,7 +42,7 @@ _REASONS = {200: "OK", 201: "Created", 204: "No Content", 400: "Bad Request", 40
 MOST_WEBRTC_CONNECTIONS = 4
 """Each encodes for itself, which costs the small computer on a robot about half a core."""
 CLOCK_RATE_HZ = 90_000
-_STAMPS_KEPT = 300
+_MAX_STAMPS = 300
 
 
 class WebRtcError(Exception):
@@ -76,7 +76,7 @@ class WebRtcServer:
         # Without external STUN or TURN servers: clients are in the same network.
         connection = aiortc.RTCPeerConnection(aiortc.RTCConfiguration(iceServers=[]))
         key = secrets.token_urlsafe(12)
-        stamps: deque[int] = deque(maxlen=_STAMPS_KEPT)
+        stamps: deque[int] = deque(maxlen=_MAX_STAMPS)
         self._connections[key], self._stamps[key] = connection, stamps
 
         async def on_state_change() -> None:

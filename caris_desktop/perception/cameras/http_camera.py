@@ -69,7 +69,7 @@ class HttpCamera:
     def read(self) -> Picture | None:
         head, content = self._first or self._newest()
         self._first = None
-        moment = self._taken(head)
+        moment = self._capture_time(head)
         image = decode_compressed(content)
         return Picture(image) if moment is None else Picture(image, taken_ns=moment[0], taken_uncertainty_ns=moment[1])
 
@@ -106,7 +106,7 @@ class HttpCamera:
             QT_TR_NOOP("Check the camera and its network connection."),
         )
 
-    def _taken(self, head: dict[str, str]) -> tuple[int, int] | None:
+    def _capture_time(self, head: dict[str, str]) -> tuple[int, int] | None:
         stamp = head.get(CAPTURED_HEADER, "")
         if self._clock is None or not stamp.isdecimal() or len(stamp) > 20:
             return None

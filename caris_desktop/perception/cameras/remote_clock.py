@@ -13,7 +13,7 @@ _log = logging.getLogger(__name__)
 _FIRST_ROUND_TRIPS = 8
 _ASK_EVERY_NS = 2_000_000_000
 
-_KEPT = 30
+_HISTORY = 30
 # Maximum drift between ordinary computers' clocks, in ns per ns.
 _DRIFT = 50e-6
 
@@ -24,7 +24,7 @@ class RemoteClockEstimate:
     def __init__(self, ask: Callable[[], int], *, now_ns: Callable[[], int] = clock.now_ns) -> None:
         self._ask = ask
         self._now_ns = now_ns
-        self._measured: deque[tuple[int, int, int]] = deque(maxlen=_KEPT)
+        self._measured: deque[tuple[int, int, int]] = deque(maxlen=_HISTORY)
 
     def measure(self) -> None:
         """Measure one round trip; the shortest ones are the most accurate. Raises what ``ask`` raises."""

@@ -72,7 +72,7 @@ class WebRtcCamera:
     def read(self) -> Picture | None:
         frame = self._first if self._first is not None else self._next(SILENCE_S)
         self._first = None
-        moment = self._taken(frame)
+        moment = self._capture_time(frame)
         image_bgr = bgr_of(frame)
         if moment is None:
             return Picture(image_bgr)
@@ -148,11 +148,11 @@ class WebRtcCamera:
     def _on_track(self, track: Any) -> None:
         if track.kind == "audio":
             if self._chosen.sound and self._listening is None:
-                self._listening = self._loop.create_task(self._hear_all(track))
+                self._listening = self._loop.create_task(self._receive_sound(track))
         elif self._reading is None:
             self._reading = self._loop.create_task(self._read_all(track))
 
-    async def _hear_all(self, track: Any) -> None:
+    async def _receive_sound(self, track: Any) -> None:
         import av
         from aiortc.mediastreams import MediaStreamError
 
@@ -196,7 +196,7 @@ class WebRtcCamera:
             )
         return frame
 
-    def _taken(self, frame: Any) -> tuple[int, int] | None:
+    def _capture_time(self, frame: Any) -> tuple[int, int] | None:
         if self._clock is None:
             return None
         now_ns = clock.now_ns()
@@ -219,7 +219,7 @@ class CaptureMoments:
     """
 
     def __init__(self) -> None:
-        self._seen: deque[int] = deque(maxlen=8)
+        self._recent: deque[int] = deque(maxlen=8)
         self._beginning: int | None = None
 
     @property
@@ -227,15 +227,15 @@ class CaptureMoments:
         return self._beginning is not None
 
     def note(self, pts: int) -> None:
-        self._seen.append(pts)
+        self._recent.append(pts)
 
     def match(self, reported_ticks: Sequence[int]) -> None:
         """Match the server's list of capture times."""
-        if len(self._seen) < 4:
+        if len(self._recent) < 4:
             return
         in_order = sorted(reported_ticks)
-        beginnings = [tick - self._seen[-1] for tick in in_order]
-        fitting = [begun for begun in beginnings if all(_holds(in_order, begun + pts) for pts in self._seen)]
+        beginnings = [tick - self._recent[-1] for tick in in_order]
+        fitting = [begun for begun in beginnings if all(_holds(in_order, begun + pts) for pts in self._recent)]
         if len(fitting) == 1:
             self._beginning = fitting[0]
 
