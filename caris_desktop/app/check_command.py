@@ -161,14 +161,14 @@ def recogniser_finding(scenario: Scenario) -> Finding:
             # Soft noise: some servers do not answer to silence.
             noise = np.random.default_rng(0).normal(0.0, 0.003, _SECOND_OF_SOUND).astype(np.float32)
             engine.transcribe(noise, "", careful=True)
-            took_s, asked_with = time.monotonic() - began_s, engine.asked_with
+            took_s, request_form = time.monotonic() - began_s, engine.request_form
     except NoEngineError as error:
         return Finding("Speech to text", False, error.what, error.advice)
     except EngineUnavailableError as error:
         advice = "Check the server, and check listening.server and listening.model in the scenario."
         return Finding("Speech to text", False, error.what, advice)
     answer = f"{engine.model} transcribes one second of audio in {took_s:.1f} s"
-    return Finding("Speech to text", True, f"{answer}; {asked_with}" if asked_with else answer)
+    return Finding("Speech to text", True, f"{answer}; {request_form}" if request_form else answer)
 
 
 def _language_model(model: str, scenario: Scenario) -> Finding:

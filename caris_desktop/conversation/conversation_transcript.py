@@ -61,10 +61,10 @@ class Transcript:
         self._turns: dict[str, Turn] = {}
         self._corrections = Corrections()
 
-    def take(self, event: UtteranceReport) -> None:
+    def add(self, event: UtteranceReport) -> None:
         turn_id = event.utterance_id
         if isinstance(event, UtteranceCorrected):
-            self._corrections.take(event)
+            self._corrections.add(event)
         else:
             known = self._recognized.get(turn_id)
             self._recognized[turn_id] = _first(event) if known is None else _next(known, event)
@@ -91,7 +91,7 @@ def turns_of(events: Iterable[UtteranceReport]) -> tuple[Turn, ...]:
     """Turns from events, in order of their first event."""
     transcript = Transcript()
     for event in events:
-        transcript.take(event)
+        transcript.add(event)
     return transcript.turns
 
 

@@ -61,11 +61,11 @@ _MEANS: dict[UtteranceOrigin, ReplyMeans] = {
     "typed": "typed", "phrase": "phrase", "filler": "filler", "assistant": "assistant", "suggestion": "suggestion",
     "dictated": "dictated", "own_voice": "own_voice",
 }  # fmt: skip
-_TURNS_KEPT = 8
+_MAX_TURNS = 8
 
 
 @dataclass(slots=True)
-class _Heard:
+class _ParticipantTurn:
     """Turn of the participant, with replies that began during it."""
 
     turn_id: str
@@ -85,12 +85,12 @@ class ResponseTimes:
     """
 
     def __init__(self) -> None:
-        self._turns: list[_Heard] = []
+        self._turns: list[_ParticipantTurn] = []
         self._requested_ns: dict[str, int] = {}
         self._suggested_ns: dict[str, int] = {}
         self._edited: set[str] = set()
 
-    def take(self, event: UtteranceReport | SuggestionChanged, at_ns: int) -> list[ResponseTimed]:
+    def add(self, event: UtteranceReport | SuggestionChanged, at_ns: int) -> list[ResponseTimed]:
         """Process an event, heard of at ``at_ns``."""
         match event:
             case SuggestionChanged(state="displayed"):
@@ -107,7 +107,7 @@ class ResponseTimes:
                 return self._answer(event, at_ns)
         return []
 
-    def _turn(self, turn_id: str) -> _Heard | None:
+    def _turn(self, turn_id: str) -> _ParticipantTurn | None:
         return next((turn for turn in reversed(self._turns) if turn.turn_id == turn_id), None)
 
     def _correct(self, event: UtteranceCorrected, at_ns: int) -> list[ResponseTimed]:
@@ -118,7 +118,7 @@ class ResponseTimes:
             turn.person_id = event.person_id
         return []
 
-    def _take_back(self, turn: _Heard, at_ns: int) -> list[ResponseTimed]:
+    def _take_back(self, turn: _ParticipantTurn, at_ns: int) -> list[ResponseTimed]:
         """Remove a turn that was not a participant's: its replies answered the turn before."""
         self._turns.remove(turn)
         return [timed for reply in turn.replies for timed in self._answer(reply, at_ns)]
@@ -128,8 +128,8 @@ class ResponseTimes:
         if event.state == "failed":
             return [] if turn is None else self._take_back(turn, at_ns)
         if turn is None:
-            turn = _Heard(event.utterance_id, event.stamp_ns)
-            self._turns = [*self._turns, turn][-_TURNS_KEPT:]
+            turn = _ParticipantTurn(event.utterance_id, event.stamp_ns)
+            self._turns = [*self._turns, turn][-_MAX_TURNS:]
         turn.person_id = event.person_id or turn.person_id
         if event.state not in ("finished", "interrupted"):
             return []
@@ -146,7 +146,7 @@ class ResponseTimes:
             return []
         return self._timed(turn, reply, at_ns)
 
-    def _timed(self, turn: _Heard, reply: UtteranceChanged, at_ns: int) -> list[ResponseTimed]:
+    def _timed(self, turn: _ParticipantTurn, reply: UtteranceChanged, at_ns: int) -> list[ResponseTimed]:
         ended_ns = turn.ended_ns or turn.began_ns
         means = _MEANS[reply.origin]
         filler = means == "filler"

@@ -28,7 +28,7 @@ LONGEST_WRITTEN = 20_000
 def spoken(written: str) -> str:
     """One line of text, list items as sentences; empty if nothing is speakable."""
     part = SpokenPart()
-    text = "".join((*part.take(written[:LONGEST_WRITTEN]), *part.end(whole=True)))
+    text = "".join((*part.process(written[:LONGEST_WRITTEN]), *part.end(whole=True)))
     lines = [spoken_line for line in _without_tags(_FENCE.sub("", text)).splitlines() if (spoken_line := _line(line))]
     # List items need sentence ends to be audible as a list.
     ended = [line if line[-1] in _ENDS or line is lines[-1] else f"{line}." for line in lines]

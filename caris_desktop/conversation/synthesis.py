@@ -97,7 +97,7 @@ def _read_console(connection: Connection, inbox: "queue.SimpleQueue[tuple[int, A
         inbox.put((_CONSOLE, message))
 
 
-class _HeardSound:
+class _SynthesisedSound:
     """Synthesised audio of one utterance so far. ``started_ns`` is 0 until playback."""
 
     def __init__(self, utterance: Speak) -> None:
@@ -166,7 +166,7 @@ class _Synthesis:
         self._started = False
         self._number = 0
         self._played_s = 0.0
-        self._sound = _HeardSound(Speak("", "", "typed"))
+        self._sound = _SynthesisedSound(Speak("", "", "typed"))
         self._to_prepare: tuple[str, ...] = ()
         self._voice = ""
         self._audible: bool | None = None
@@ -292,7 +292,7 @@ class _Synthesis:
         self._now = self._waiting.popleft()
         self._started = False
         self._played_s = 0.0
-        self._sound = _HeardSound(self._now)
+        self._sound = _SynthesisedSound(self._now)
         text = speakable(self._now.text)
         self._number += 1
         engine.say(text, self._number)

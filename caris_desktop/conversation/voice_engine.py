@@ -35,10 +35,10 @@ from caris_desktop.conversation.voices.utterance_sound import (
 from caris_desktop.conversation.voices.voice_selection import VoiceChoice, every_voice, open_voice
 from caris_desktop.domain.process_title import title_process
 
-KEPT_AT_MOST_BYTES = 24_000_000
+MAX_STORED_BYTES = 24_000_000
 """Nine minutes of a usual voice."""
 
-Told = Callable[[int, Samples], None]
+OnPart = Callable[[int, Samples], None]
 
 
 class _Making:
@@ -53,13 +53,13 @@ class _Making:
         self.stop = Stop()
         self.parts: list[Samples] = []
         self._telling = threading.Lock()
-        self._listener: tuple[StreamingBuffer, Told] | None = None
+        self._listener: tuple[StreamingBuffer, OnPart] | None = None
 
     @property
-    def is_heard(self) -> bool:
+    def is_playing(self) -> bool:
         return self._listener is not None
 
-    def hear(self, sound: StreamingBuffer, on_part: Told) -> None:
+    def play(self, sound: StreamingBuffer, on_part: OnPart) -> None:
         """Send the ready parts at once, and others as they come. Before `finish`."""
         with self._telling:
             for part in self.parts:
@@ -84,7 +84,7 @@ class Rendering:
     One voice with its cached audio. ``run`` is the thread function; other methods are for other threads.
     """
 
-    def __init__(self, voice: Voice, *, cache_bytes: int = KEPT_AT_MOST_BYTES) -> None:
+    def __init__(self, voice: Voice, *, cache_bytes: int = MAX_STORED_BYTES) -> None:
         self._voice = voice
         self._cache = SoundCache(cache_bytes)
         self._changed = threading.Condition()
@@ -96,18 +96,18 @@ class Rendering:
         self._tuned: tuple[float, float] | None = None
         self._ended = False
 
-    def say(self, text: str, sound: StreamingBuffer, on_part: Told) -> None:
+    def say(self, text: str, sound: StreamingBuffer, on_part: OnPart) -> None:
         """Render now into ``sound``; ``told(frame, samples)`` is called with each part as it is ready.
 
         Advance rendering pauses until this is complete; if it is rendering this text, it is continued.
         """
         with self._changed:
             making = self._making
-            if making is not None and making.text == text and not (making.is_heard or making.stop.is_set):
-                making.hear(sound, on_part)
+            if making is not None and making.text == text and not (making.is_playing or making.stop.is_set):
+                making.play(sound, on_part)
                 return
             self._pending = _Making(text)
-            self._pending.hear(sound, on_part)
+            self._pending.play(sound, on_part)
             if making is not None:
                 making.stop.set()
             self._changed.notify()
@@ -116,7 +116,7 @@ class Rendering:
         """Cancel the requested text."""
         with self._changed:
             self._pending = None
-            if self._making is not None and self._making.is_heard:
+            if self._making is not None and self._making.is_playing:
                 self._making.stop.set()
 
     def draft(self, text: str) -> None:
@@ -126,7 +126,12 @@ class Rendering:
         with self._changed:
             self._draft = "" if self._cache.get(text) is not None else text
             making = self._making
-            if making is not None and not making.is_heard and making.text != text and (self._draft or making.is_draft):
+            if (
+                making is not None
+                and not making.is_playing
+                and making.text != text
+                and (self._draft or making.is_draft)
+            ):
                 making.stop.set()
             self._changed.notify()
 
@@ -166,12 +171,12 @@ class Rendering:
                     continue
                 making = self._next()
                 cached = self._cache.get(making.text)
-                if cached is not None and not making.is_heard:
+                if cached is not None and not making.is_playing:
                     continue
                 self._making = making
             begun_s = time.monotonic()
             self._make(making, cached)
-            if not (making.is_draft or making.is_heard):
+            if not (making.is_draft or making.is_playing):
                 # Not urgent: leave half of the processor time to others.
                 with self._changed:
                     if not (self._ended or self._pending or self._draft):
@@ -216,7 +221,7 @@ _STALL_S = 4.0
 _HEARTBEAT_S = 0.5
 # At its start a device requests its full buffer, possibly more than is ready by then.
 _LEAST_AHEAD_S = 0.05
-_LOOK_S = 0.003
+_POLL_S = 0.003
 # Added to the computed end, which some drivers report slightly early.
 _TAIL_S = 0.03
 _AWAKE_LATENCY_S = 0.5
@@ -280,8 +285,8 @@ class _Playback:
             self._requested_ns = self._now_ns()
         with self._waiting:
             while self._may_wait(frames, self._requested_ns):
-                time.sleep(_LOOK_S)
-        out[:] = self._sound.take(frames).tobytes()
+                time.sleep(_POLL_S)
+        out[:] = self._sound.read(frames).tobytes()
         if self.started_ns is None:
             self.started_ns = self._now_ns() + int(buffered_s * 1e9)
             self._woken.set()

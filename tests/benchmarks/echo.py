@@ -306,10 +306,10 @@ def heard(scene: Scene, engine: LocalEngine, canceller: EchoCanceller, own_words
         while to_end and to_end[0][0] <= now:
             own_words.robot_says(to_end.pop(0)[1])
         if not any(first <= now < end for first, end in scene.lost):
-            ear.hear(chunk)
-        while (stretch := ear.wanted(engine.every_s)) is not None:
+            ear.process(chunk)
+        while (stretch := ear.next_interval(engine.every_s)) is not None:
             heard = engine.transcribe(stretch.sound, stretch.before, careful=stretch.at_pause, voice_s=stretch.voice_s)
-            ear.take(stretch, heard)
+            ear.add_result(stretch, heard)
     return finished
 
 

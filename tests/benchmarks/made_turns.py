@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.local_agreement import HeardWord
+from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 from caris_desktop.conversation.listening.local_engine import LocalEngine
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from tests.conversation.listening.speech import RATE_HZ, room, spoken
@@ -122,7 +122,7 @@ def _parts(sentence: str, voice: str) -> tuple[tuple[NDArray[np.int16], ...], tu
     plain = " ".join(sentence.replace("|", "").replace("/", "").split())
     sound = said(plain, voice)
     heard = _engine().transcribe(sound.astype(np.float32) / 32768, "", careful=True).words
-    place_of = _places([HeardWord(word, 0, 0).spoken for word in plain.split()], [word.spoken for word in heard])
+    place_of = _places([RecognisedWord(word, 0, 0).spoken for word in plain.split()], [word.spoken for word in heard])
     cuts, in_clause, at = [], [], 0
     for mark, part in zip(marks, sentence.replace("/", "|").split("|"), strict=False):
         at += len(part.split())
@@ -140,7 +140,7 @@ def _places(said_words: list[str], heard_words: list[str]) -> dict[int, int]:
     return {block.a + at: block.b + at for block in blocks for at in range(block.size)}
 
 
-def _quietest(sound: NDArray[np.int16], heard: tuple[HeardWord, ...], at: int) -> int:
+def _quietest(sound: NDArray[np.int16], heard: tuple[RecognisedWord, ...], at: int) -> int:
     """Quietest sample between word ``at`` and the previous one."""
     about = round((heard[at - 1].end_s + heard[at].start_s) / 2 * RATE_HZ)
     first = max(0, about - _LOOK)

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from caris_desktop.conversation.listening.echo import EchoCanceller
 from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
 from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
-from caris_desktop.conversation.listening.engine import HeardText
+from caris_desktop.conversation.listening.engine import RecognisedText
 from caris_desktop.conversation.listening.heard_turn import TurnInterval
 from caris_desktop.conversation.listening.local_engine import LocalEngine
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
@@ -119,17 +119,17 @@ class Participant:
             turn_over=self._judge,
             tell=self._on_reported,
         )
-        coming: tuple[float, TurnInterval, HeardText] | None = None
+        coming: tuple[float, TurnInterval, RecognisedText] | None = None
         for at in range(0, len(turn.sound), _CHUNK):
             # A chunk is available after its last sample.
             self._now_s = max(self._now_s, (at + _CHUNK) / RATE_HZ)
             if coming is not None and self._now_s >= coming[0]:
                 _, stretch, text = coming
                 coming = None
-                ear.take(stretch, text)
+                ear.add_result(stretch, text)
             sound = turn.sound[at : at + _CHUNK, np.newaxis]
-            ear.hear(AudioChunk(1 + round(at * 1e9 / RATE_HZ), ROBOT_MICROPHONE, RATE_HZ, sound))
-            wanted = ear.wanted(self._engine.every_s) if coming is None else None
+            ear.process(AudioChunk(1 + round(at * 1e9 / RATE_HZ), ROBOT_MICROPHONE, RATE_HZ, sound))
+            wanted = ear.next_interval(self._engine.every_s) if coming is None else None
             if wanted is not None:
                 began_s = time.process_time()
                 text = self._engine.transcribe(
@@ -167,7 +167,7 @@ def silence_alone(turn: MadeTurn, silences_s: tuple[float, ...]) -> dict[float, 
         voices = VoiceActivity()
         made = ends.setdefault(silence_s, [])
         for at in range(0, len(sound) - 511, 512):
-            change = turns.hear(at * 1_000_000_000 // RATE_HZ, 32_000_000, voices.probability(sound[at : at + 512]))
+            change = turns.process(at * 1_000_000_000 // RATE_HZ, 32_000_000, voices.probability(sound[at : at + 512]))
             if change == "over":
                 made.append((turns.voice_ended_ns / 1e9, (at + 512) / RATE_HZ))
     return ends
@@ -201,7 +201,7 @@ def main() -> None:
     for name, turns in made_turns(given.turns, given.seed, given.voice, HELD_OUT if given.held_out else SENTENCES):
         participant, own = Participant(engine, turn_model), Kept()
         for turn in turns:
-            participant.hear(turn)
+            participant.process(turn)
             for kept in (ours, own):
                 kept.add(turn, participant.ends)
             for silence_s, ends in silence_alone(turn, _SILENCES_S).items():

@@ -29,7 +29,7 @@ def heard(turn_id: str, state: UtteranceState, at_s: float) -> UtteranceChanged:
 def told(*events: UtteranceChanged | UtteranceCorrected | SuggestionChanged) -> list[ResponseTimed]:
     """Each event is reported 0.3 s after it happened."""
     times = ResponseTimes()
-    return [timed for event in events for timed in times.take(event, event.stamp_ns + 300_000_000)]
+    return [timed for event in events for timed in times.add(event, event.stamp_ns + 300_000_000)]
 
 
 def gaps_s(timed: list[ResponseTimed]) -> list[tuple[str, str, str, float]]:

@@ -41,7 +41,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # The live service receives each event at its report, which for the end of a turn is later.
     times = ResponseTimes()
     happened = sorted([*told, *((event.stamp_ns, event) for event in replies)], key=lambda pair: pair[0])
-    timed = [answer for at_ns, event in happened for answer in times.take(event, at_ns)]
+    timed = [answer for at_ns, event in happened for answer in times.add(event, at_ns)]
     folder = tmp_path_factory.mktemp("sound") / "s"
     audio = [
         {"file_name": name, "source": source, "first_stamp_ns": at(0.0)}
@@ -68,10 +68,10 @@ def listened(samples: NDArray[np.int16]) -> list[tuple[int, UtteranceChanged]]:
     chunk = RATE_HZ // 10
     for first in range(0, len(samples) - chunk, chunk):
         stamp_ns = at(first / RATE_HZ)
-        bench.ear.hear(AudioChunk(stamp_ns, ROBOT_MICROPHONE, RATE_HZ, samples[first : first + chunk, None]))
+        bench.ear.process(AudioChunk(stamp_ns, ROBOT_MICROPHONE, RATE_HZ, samples[first : first + chunk, None]))
         stretch = bench.ear.wanted(0.5)
         if stretch is not None:
-            bench.ear.take(stretch, bench.answer(stretch))
+            bench.ear.add_result(stretch, bench.answer(stretch))
         told += [(stamp_ns + 100_000_000, event) for event in bench.utterances[len(told) :]]
     return told
 

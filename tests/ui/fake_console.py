@@ -323,7 +323,7 @@ class FakeConsole:
     def say_turn(self, *events: UtteranceReport) -> None:
         """Add speech events to the transcript and the state."""
         for event in events:
-            self.transcript.take(event)
+            self.transcript.add(event)
             self.state.take(event)
         self.state.transcript.reset_value(self.transcript.turns)
 

@@ -26,7 +26,7 @@ from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.value_class import dataclass
 
 _log = logging.getLogger(__name__)
-TOLD_AT_LEAST_EVERY_S = 1.0
+HEARTBEAT_EVERY_S = 1.0
 """Keep-alive interval in s."""
 _MOST_PAGES = 8
 _CLOSES_WITHIN_S = 1.0
@@ -151,7 +151,7 @@ class FacePage:
         try:
             while True:
                 try:
-                    async with asyncio.timeout(TOLD_AT_LEAST_EVERY_S):
+                    async with asyncio.timeout(HEARTBEAT_EVERY_S):
                         await changed.wait()
                 except TimeoutError:
                     pass

@@ -105,7 +105,7 @@ class PlaybackReference:
         self._pieces = [piece for piece in self._pieces if piece.end_ns >= moment_ns]
 
 
-_KEPT = 6 * SAMPLE_RATE_HZ
+_HISTORY = 6 * SAMPLE_RATE_HZ
 _HINDSIGHT = 30 * SAMPLE_RATE_HZ
 _EARLY = 256
 """Samples by which the reported time of a sound may be late: 16 ms."""
@@ -120,14 +120,14 @@ _SURE_PEAK = 16.0
 """Before the robot is heard peaks of chance go up to 15; its own are 20 and more."""
 _SURE_PEAK_ELSEWHERE = 20.0
 """Where it is not expected."""
-_LOOKED_FOR_EVERY = 30
+_SEARCH_EVERY = 30
 """Frames: 0.5 s."""
-_LOOKED_THROUGH, _LOOKED_THROUGH_AGAIN = 38_400, 24_000
+_SEARCHED, _SEARCHED_AGAIN = 38_400, 24_000
 """In the last 2.4 s it is looked for, and in the last 1.5 s once it was found."""
 _NEW_PLACE = 40
 """The same place is found again within so many samples."""
-_HEARD_AGAIN = 0.3
-_LEARNT_ANEW, _LEARNT_ANEW_FROM = 2, 48 * HOP
+_ALIKE_AGAIN = 0.3
+_RELEARN, _RELEARN_FROM = 2, 48 * HOP
 """Times, and samples back, that the room is relearned where the robot was found but is not explained."""
 _EXPLAINED, _EXPLAINED_FRAMES = 0.5, 8
 """Where the robot speaks alone it explains more of what is heard than this."""
@@ -138,7 +138,7 @@ _CATCHES_UP_EVERY = 8 * HOP
 _PIECE, _LEAD = 24_000, 8_000
 """1.5 s; what was played 0.5 s before still resounds in it."""
 _BANDS = np.unique(np.geomspace(5, 225, 25).astype(int))
-_GOES_ON, _LOUDER = 0.58, 4.0
+_CONTINUES, _LOUDER = 0.58, 4.0
 """Energy of a room from one frame to the next (60 dB in 0.4 s); so much louder than usual is somebody else."""
 _BREATH_NS = 150_000_000
 """Between two words of one sentence."""
@@ -148,7 +148,7 @@ _USUAL_LOUDNESS = 1.0
 _MARGIN = 4.0
 """Who expects too little of the robot takes it for somebody else."""
 
-_NOTHING = np.zeros(0, np.float32)
+_EMPTY = np.zeros(0, np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,7 +164,7 @@ class CleanSound:
     stamp_ns: int
     samples: NDArray[np.float32] = field(metadata={"shape": (-1,)})
     echo_share: float
-    again: NDArray[np.float32] = field(default_factory=lambda: _NOTHING, metadata={"shape": (-1,)})
+    again: NDArray[np.float32] = field(default_factory=lambda: _EMPTY, metadata={"shape": (-1,)})
 
 
 class EchoCanceller:
@@ -197,13 +197,13 @@ class EchoCanceller:
         """The first frame in which what was played may be heard, however late; None while nothing may."""
         self._found: int | None = None
         """Delay from reported to found robot sound since then; samples."""
-        self._looked_at = -_HINDSIGHT
-        self._learns_anew = 0
+        self._searched_at = -_HINDSIGHT
+        self._relearning = 0
         self._lost: list[tuple[int, int]] = []
         """What of the sound is missing, from one place to another."""
         self._reported_late_from: int | None = None
         self._caught_up_at = -_CATCHES_UP_EVERY
-        self._anew_from: int | None = None
+        self._relearn_from: int | None = None
         """From where on what was given is known better by now."""
         self._energies: dict[int, _Energies] = {}
 
@@ -225,7 +225,7 @@ class EchoCanceller:
     def process(self, chunk: AudioChunk) -> CleanSound:
         """Remove the robot from a chunk."""
         resampler, lost = self._placed(chunk)
-        new = resampler.take(chunk.samples.mean(axis=1, dtype=np.float32) / np.float32(32768.0))
+        new = resampler.process(chunk.samples.mean(axis=1, dtype=np.float32) / np.float32(32768.0))
         if lost:
             until = self._microphone_from + len(self._microphone)
             self._lost = [each for each in self._lost if each[1] > self._microphone_from] + [(until, until + lost)]
@@ -248,7 +248,7 @@ class EchoCanceller:
         """
         self._recompute()
         last = self._next_frame - HOP
-        if self._may_sound_from is not None and last - self._looked_at >= _LOOKED_FOR_EVERY // 2 * HOP:
+        if self._may_sound_from is not None and last - self._searched_at >= _SEARCH_EVERY // 2 * HOP:
             self._find_robot(last)
         return self._share(self._place_of(started_ns), self._place_of(ended_ns))
 
@@ -257,7 +257,7 @@ class EchoCanceller:
         breath = samples_in(_BREATH_NS)
         return bool(self._reference(self._place_of(moment_ns) - breath, breath + HOP).any())
 
-    def heard_in(self, started_ns: int, ended_ns: int) -> "RobotHeard | None":
+    def heard_in(self, started_ns: int, ended_ns: int) -> "RobotEcho | None":
         """The robot as it is heard in the very sound of a turn, wherever it was found before; None where it is not.
 
         In pieces, as it may have been given nothing for a moment in between.
@@ -280,7 +280,7 @@ class EchoCanceller:
             late.append(lag)
             played = self._played.sound(self._base_ns + ns_of(first - lag - _LEAD), last - first + _LEAD)
             beyond += _beyond_robot(microphone, _resounding(_spectral_energies(played))[-len(microphone) :])
-        return RobotHeard(late[0] / SAMPLE_RATE_HZ, beyond / max(total, 1e-12)) if late else None
+        return RobotEcho(late[0] / SAMPLE_RATE_HZ, beyond / max(total, 1e-12)) if late else None
 
     def _recompute(self) -> None:
         """Recompute frames processed before their playback was reported."""
@@ -312,8 +312,8 @@ class EchoCanceller:
             self._microphone = self._robot = np.zeros(0, np.float32)
             self._microphone_from = self._given_until = self._next_frame = 0
             self._frames[:] = 0
-            self._began = self._reported_late_from = self._may_sound_from = self._found = self._anew_from = None
-            self._looked_at = -_HINDSIGHT
+            self._began = self._reported_late_from = self._may_sound_from = self._found = self._relearn_from = None
+            self._searched_at = -_HINDSIGHT
             self._lost = []
             self._caught_up_at = -_CATCHES_UP_EVERY
             self._energies = {}
@@ -328,10 +328,10 @@ class EchoCanceller:
         self._microphone = self._robot = np.zeros(0, np.float32)
         self._microphone_from = self._given_until = self._next_frame = 0
         self._lost = []
-        self._reported_late_from, self._anew_from, self._caught_up_at = None, None, -_CATCHES_UP_EVERY
+        self._reported_late_from, self._relearn_from, self._caught_up_at = None, None, -_CATCHES_UP_EVERY
         self._energies = {at - later: energies for at, energies in self._energies.items() if at < later}
         self._last_played -= later
-        self._looked_at -= later
+        self._searched_at -= later
         if self._may_sound_from is not None:
             self._may_sound_from -= later
         if self._began is not None:
@@ -369,13 +369,13 @@ class EchoCanceller:
         start_ns = self._base_ns + ns_of(at)
         if not self._played.anything(start_ns - ns_of(_LATEST), start_ns + ns_of(FRAME + _AHEAD)):
             self._may_sound_from = self._found = None
-            self._learns_anew = 0
+            self._relearning = 0
             return
         if self._may_sound_from is None:
             self._may_sound_from = at
         if self._began is not None and (at - self._began) // HOP in _MEASURED_AFTER_FRAMES:
             self._measure(at)
-        elif (at - self._may_sound_from) // HOP % _LOOKED_FOR_EVERY == _LOOKED_FOR_EVERY - 1:
+        elif (at - self._may_sound_from) // HOP % _SEARCH_EVERY == _SEARCH_EVERY - 1:
             self._find_robot(at)
 
     def _begin(self, at: int) -> None:
@@ -392,7 +392,7 @@ class EchoCanceller:
         if any(first < at + FRAME and at < end for first, end in self._lost):
             # Inserted silence would distort the room estimate.
             return
-        split = self._room.take(spectrum(self._microphone_at(at, FRAME)), self._frames)
+        split = self._room.process(spectrum(self._microphone_at(at, FRAME)), self._frames)
         self._robot[at - self._microphone_from :][:FRAME] += part_of_sound(split.robot)
         self._note(at, _Energies(split.microphone_energy, split.others_energy, played=True))
 
@@ -402,7 +402,7 @@ class EchoCanceller:
 
     def _measure(self, at: int) -> None:
         """Measure delay and loudness of the robot; on a deviation, relearn the room."""
-        start = max(self._began or 0, self._microphone_from, at + FRAME - _LOOKED_THROUGH)
+        start = max(self._began or 0, self._microphone_from, at + FRAME - _SEARCHED)
         lag, peak, loudness = self._find(start, at)
         if peak < (_SURE_PEAK if lag <= _USUALLY_LATEST else _SURE_PEAK_ELSEWHERE):
             return
@@ -418,24 +418,24 @@ class EchoCanceller:
 
     def _find_robot(self, at: int) -> None:
         """Search for another delay, if the robot is not heard where expected."""
-        self._looked_at = at
+        self._searched_at = at
         bad_from = self._unexplained_from(at)
         if self._found is not None and bad_from is None:
             return
-        through = _LOOKED_THROUGH if self._found is None else _LOOKED_THROUGH_AGAIN
+        through = _SEARCHED if self._found is None else _SEARCHED_AGAIN
         start = max(self._may_sound_from or 0, self._microphone_from, at + FRAME - through)
-        if at + FRAME - start < _LOOKED_FOR_EVERY * HOP:
+        if at + FRAME - start < _SEARCH_EVERY * HOP:
             return
         lag, peak, loudness = self._find(start, at)
         if peak < _SURE_PEAK_ELSEWHERE:
             return
         before, self._found = self._found, lag
         same = before is not None and abs(lag - before) <= _NEW_PLACE
-        if (same and not self._learns_anew) or (before is None and lag - self._late in _WELL_PLACED):
+        if (same and not self._relearning) or (before is None and lag - self._late in _WELL_PLACED):
             return
-        self._learns_anew = self._learns_anew - 1 if same else _LEARNT_ANEW if before is not None else 0
+        self._relearning = self._relearning - 1 if same else _RELEARN if before is not None else 0
         self._late = lag - _EARLY if not same else self._late
-        first = max(self._first_audible(at), at - _LEARNT_ANEW_FROM if same else 0)
+        first = max(self._first_audible(at), at - _RELEARN_FROM if same else 0)
         if before is not None and bad_from is not None:
             first = max(first, bad_from)
         start = first if before is None else self._again_from(first, at, loudness)
@@ -468,7 +468,7 @@ class EchoCanceller:
         for end in range(at + HOP, start, -_EXPLAINED_FRAMES * HOP):
             frames = range(max(start, end - _EXPLAINED_FRAMES * HOP), end, HOP)
             expected = loudness * sum(energy_of(self._reference(each, FRAME)) for each in frames)
-            if sum(energy_of(self._microphone_at(each, FRAME)) for each in frames) < _HEARD_AGAIN * expected:
+            if sum(energy_of(self._microphone_at(each, FRAME)) for each in frames) < _ALIKE_AGAIN * expected:
                 return min(end, at)
         return start
 
@@ -487,7 +487,7 @@ class EchoCanceller:
     def _learn_again(self, start: int, until: int) -> None:
         """Relearn the frames from ``start`` up to ``until`` (exclusive)."""
         if start < self._given_until:
-            self._anew_from = start if self._anew_from is None else min(start, self._anew_from)
+            self._relearn_from = start if self._relearn_from is None else min(start, self._relearn_from)
         self._robot[start - self._microphone_from :] = 0
         self._recompute_from(start - HOP)
         for at in range(start, until, HOP):
@@ -501,11 +501,13 @@ class EchoCanceller:
 
     def _give(self, until: int) -> CleanSound:
         start, until = self._given_until, max(until, self._given_until)
-        again = _NOTHING if self._anew_from is None else self._clean(max(self._anew_from, self._microphone_from), start)
+        again = (
+            _EMPTY if self._relearn_from is None else self._clean(max(self._relearn_from, self._microphone_from), start)
+        )
         clean = self._clean(start, until)
         sound = CleanSound(self._base_ns + ns_of(start), clean, self._share(start, until) or 0.0, again)
-        self._given_until, self._anew_from = until, None
-        old = (min(until, self._next_frame) - self._microphone_from - _KEPT) // HOP * HOP
+        self._given_until, self._relearn_from = until, None
+        old = (min(until, self._next_frame) - self._microphone_from - _HISTORY) // HOP * HOP
         if old > SAMPLE_RATE_HZ:
             self._microphone, self._robot = self._microphone[old:], self._robot[old:]
             self._microphone_from += old
@@ -525,7 +527,7 @@ class EchoCanceller:
 
 
 @dataclass(frozen=True, slots=True)
-class RobotHeard:
+class RobotEcho:
     """Robot sound in a turn. ``late_s``: delay from its reported time. ``beyond``: share of the energy that its
     loudness in time and pitch does not explain, even before the room is learnt; 0 is the robot alone.
     """
@@ -545,7 +547,7 @@ def _resounding(energies: NDArray[np.float32]) -> NDArray[np.float32]:
     """Add the decay of a usual room."""
     sounding = energies.copy()
     for at in range(1, len(sounding)):
-        sounding[at] += _GOES_ON * sounding[at - 1]
+        sounding[at] += _CONTINUES * sounding[at - 1]
     return sounding
 
 

@@ -6,7 +6,7 @@ from collections import OrderedDict, deque
 LEAST_S, MOST_S = 0.5, 3.0
 _USUAL_S = (0.25, 0.3, 0.4, 0.5, 0.75)
 """Pauses of people in conversation, for as long as little is known of this one."""
-_KEPT = 40
+_MAX_PAUSES = 40
 _SHARE = 0.9
 _BEYOND = 1.15
 _PEOPLE_AT_MOST, _TURNS_AT_MOST = 50, 30
@@ -18,7 +18,7 @@ class EndpointDelayModel:
     """
 
     def __init__(self) -> None:
-        self._pauses_s: deque[float] = deque(maxlen=_KEPT)
+        self._pauses_s: deque[float] = deque(maxlen=_MAX_PAUSES)
 
     def learn(self, pause_s: float) -> None:
         """Add a pause after which they continued."""

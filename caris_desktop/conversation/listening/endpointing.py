@@ -65,13 +65,13 @@ class TurnTaking:
         """Duration of voice that is not a turn yet, including short silences."""
         return self._audio_end_ns - self.started_ns if self._voiced_ns and not self.under_way else 0
 
-    def hear(self, stamp_ns: int, length_ns: int, voice: float) -> Change | None:
+    def process(self, stamp_ns: int, length_ns: int, voice: float) -> Change | None:
         """Process the next window with its voice probability."""
         end_ns = self._audio_end_ns = stamp_ns + length_ns
         self.voiced = voice >= (VOICE_UNTIL if self.voiced else VOICE_FROM)
         if self.voiced:
-            return self._hear_voice(stamp_ns, end_ns)
-        return self._hear_silence(end_ns)
+            return self._process_voice(stamp_ns, end_ns)
+        return self._process_silence(end_ns)
 
     def judge(self, turn_over: float) -> None:
         """Set the probability that the turn is over at this pause. Before, the person's learned delay applies."""
@@ -87,7 +87,7 @@ class TurnTaking:
         """The robot answered: silence after the last turn was not a pause in it."""
         self._last_turn = ""
 
-    def _hear_voice(self, stamp_ns: int, end_ns: int) -> Change | None:
+    def _process_voice(self, stamp_ns: int, end_ns: int) -> Change | None:
         change: Change | None = None
         if not self.under_way:
             if self._voiced_ns == 0:
@@ -104,7 +104,7 @@ class TurnTaking:
         self.voice_ended_ns = max(self.started_ns, end_ns - _LATE_NS)
         return change
 
-    def _hear_silence(self, end_ns: int) -> Change | None:
+    def _process_silence(self, end_ns: int) -> Change | None:
         silent_ns = end_ns - self.voice_ended_ns
         if not self.under_way:
             if silent_ns > _FORGET_NS:

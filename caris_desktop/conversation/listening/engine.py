@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.local_agreement import HeardWord
+from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.value_class import dataclass
 
@@ -19,10 +19,10 @@ class EngineUnavailableError(UserFacingError):
 
 
 @dataclass(frozen=True, slots=True)
-class HeardText:
+class RecognisedText:
     """Transcript of an interval."""
 
-    words: tuple[HeardWord, ...]
+    words: tuple[RecognisedWord, ...]
     language: str
 
 
@@ -33,7 +33,9 @@ class Engine(Protocol):
     language: str
     every_s: float
 
-    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> HeardText:
+    def transcribe(
+        self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0
+    ) -> RecognisedText:
         """Transcribe ``sound``: 16 kHz, mono. ``before`` is the preceding text. ``careful``: possibly the final pass,
         worth more time. ``voice_s``: end of known voice in the sound. Raises EngineUnavailableError.
         """

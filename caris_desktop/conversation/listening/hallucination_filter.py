@@ -5,9 +5,9 @@ import unicodedata
 from collections.abc import Mapping, Sequence
 from functools import cache
 
-from caris_desktop.conversation.listening.local_agreement import HeardWord
+from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 
-_NOTHING_SAID = 0.6
+_NO_SPEECH = 0.6
 _UNLIKELY = -1.0
 _WORST = -1.6
 _AFTER_VOICE_S = 0.15
@@ -147,7 +147,7 @@ def is_nothing(text: str, *, no_speech: float, log_probability: float, language:
     plain = _plain(text)
     if not plain or _BRACKETED.match(text.strip()) or _CREDITS.search(plain):
         return True
-    if log_probability < _WORST or (no_speech > _NOTHING_SAID and log_probability < _UNLIKELY):
+    if log_probability < _WORST or (no_speech > _NO_SPEECH and log_probability < _UNLIKELY):
         return True
     return no_speech > _UNSURE_OF_SUBTITLE and plain in _subtitles(language)
 
@@ -166,18 +166,18 @@ def _subtitles(language: str) -> frozenset[str]:
     return frozenset(_plain(phrase) for each in languages for phrase in _SUBTITLES[each])
 
 
-def within_voice(words: Sequence[HeardWord], voice_ended_s: float) -> list[HeardWord]:
+def within_voice(words: Sequence[RecognisedWord], voice_ended_s: float) -> list[RecognisedWord]:
     """Words that begin while there is voice: later ones were not said."""
     return [word for word in words if word.start_s < voice_ended_s + _AFTER_VOICE_S]
 
 
-def without_repetition(words: Sequence[HeardWord]) -> list[HeardWord]:
+def without_repetition(words: Sequence[RecognisedWord]) -> list[RecognisedWord]:
     """Reduce repetitions of a stuck recogniser: a phrase of one to six words over and over, or twice in the time of
     one.
 
     People do repeat a word three times, and a question twice.
     """
-    remaining = _said_once(list(words))
+    remaining = _without_repeats(list(words))
     for length in range(1, 7):
         at = 0
         while at + length <= len(remaining):
@@ -191,7 +191,7 @@ def without_repetition(words: Sequence[HeardWord]) -> list[HeardWord]:
     return remaining
 
 
-def _said_once(words: list[HeardWord]) -> list[HeardWord]:
+def _without_repeats(words: list[RecognisedWord]) -> list[RecognisedWord]:
     for length in range(len(words) // 2, _LONG_PHRASE - 1, -1):
         for at in range(len(words) - 2 * length + 1):
             both = words[at : at + 2 * length]
@@ -201,7 +201,7 @@ def _said_once(words: list[HeardWord]) -> list[HeardWord]:
     return _without_half_again(words)
 
 
-def _without_half_again(words: list[HeardWord]) -> list[HeardWord]:
+def _without_half_again(words: list[RecognisedWord]) -> list[RecognisedWord]:
     """The same for a second repetition that breaks off with the sound."""
     for length in range(len(words) // 2, _LONG_PHRASE - 1, -1):
         tail = [word.spoken for word in words[-length:]]

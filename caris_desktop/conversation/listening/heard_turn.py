@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.engine import HeardText
+from caris_desktop.conversation.listening.engine import RecognisedText
 from caris_desktop.conversation.listening.hallucination_filter import within_voice, without_repetition
-from caris_desktop.conversation.listening.local_agreement import AgreedWords, HeardWord
+from caris_desktop.conversation.listening.local_agreement import AgreedWords, RecognisedWord
 from caris_desktop.conversation.listening.turn_model import SECONDS as JUDGED_S
 from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
 from caris_desktop.domain.value_class import dataclass
@@ -43,7 +43,7 @@ class TurnInterval:
         return self.voice_ended_s - self.from_s
 
 
-class HeardTurn:
+class TurnAudio:
     """Turn that grows by windows. Costs are bounded: committed sound is not processed again."""
 
     def __init__(
@@ -71,7 +71,7 @@ class HeardTurn:
         self.reported_began_ns = 0
         self.robots_words = 0
         """So many of its first words are the robot's, whose sentence somebody took up at once."""
-        self.asked = False
+        self.requested = False
         self._sound_from_ns = sound_from_ns
         self._windows = sound
         self._last_window = last_window
@@ -82,7 +82,7 @@ class HeardTurn:
         self._requested_until_ns = 0
         self._known_until_ns = 0
 
-    def hear(self, window: NDArray[np.float32], number: int, *, voiced: bool) -> None:
+    def add_window(self, window: NDArray[np.float32], number: int, *, voiced: bool) -> None:
         """Add the microphone's window ``number``."""
         self._windows.append(window)
         self._last_window = number
@@ -90,7 +90,7 @@ class HeardTurn:
         if self._silent <= _SILENCE_JUDGED:
             self._to_judge.append(window)
 
-    def hear_again(self, windows: Sequence[NDArray[np.float32]], last: int) -> None:
+    def replace_windows(self, windows: Sequence[NDArray[np.float32]], last: int) -> None:
         """Replace recent windows up to ``last`` after better echo cancellation; changed ones must
         be transcribed again.
         """
@@ -118,7 +118,7 @@ class HeardTurn:
         return self.words.texts_from(self.robots_words)
 
     @property
-    def own_words(self) -> tuple[HeardWord, ...]:
+    def own_words(self) -> tuple[RecognisedWord, ...]:
         """All words except the robot's."""
         return self.words.words[self.robots_words :]
 
@@ -144,23 +144,23 @@ class HeardTurn:
 
     def ask(self, *, at_pause: bool) -> TurnInterval:
         """Interval to transcribe now. ``take`` must follow."""
-        self.asked = True
+        self.requested = True
         self._requested_until_ns = self._sound_from_ns + round(self._seconds * 1e9)
         self._cut()
         before = " ".join(self.words.committed.split()[-_CONTEXT_WORDS:]) if self._from_s else ""
         ended_s = (self.voice_ended_ns - self._sound_from_ns) / 1e9
         return TurnInterval(self.turn_id, self._sound_of(self._from_s), self._from_s, ended_s, before, at_pause)
 
-    def take(self, stretch: TurnInterval, recognised: HeardText | None) -> bool:
+    def add_result(self, stretch: TurnInterval, recognised: RecognisedText | None) -> bool:
         """Add a transcript; None if recognition failed. True if the words changed."""
-        self.asked = False
+        self.requested = False
         self._known_until_ns = self._requested_until_ns
         if recognised is None:
             return False
         self.language = recognised.language
         before = self.words.committed, self.words.tentative
         words = [word.later_by(stretch.from_s) for word in recognised.words]
-        self.words.take(without_repetition(within_voice(words, stretch.voice_ended_s)))
+        self.words.add(without_repetition(within_voice(words, stretch.voice_ended_s)))
         return self._changed_since(before)
 
     def commit_all(self) -> bool:
@@ -221,7 +221,7 @@ class HeardTurn:
 _FRAME = RATE_HZ // 100
 _ABOVE_NOISE, _BELOW_TOP = 3.0, 0.02
 """A voice is 10 dB above the noise around it, and not 34 dB below its loudest moment: that is the room's echo."""
-_TOLD_APART = 2.0
+_MIN_MARGIN = 2.0
 """If the loudest is hardly above that, voice and noise are indistinguishable."""
 _CLOSED_FRAMES = 15
 """A plosive, or the breath between two words, ends no voice."""
@@ -236,7 +236,7 @@ def voiced_spans(sound: NDArray[np.float32]) -> list[tuple[float, float]]:
     levels = np.sqrt((frames.astype(np.float64) ** 2).mean(axis=1))
     top = float(np.quantile(levels, 0.95))
     least = max(_ABOVE_NOISE * float(np.quantile(levels, 0.1)), _BELOW_TOP * top)
-    if top < _TOLD_APART * least or not top:
+    if top < _MIN_MARGIN * least or not top:
         return []
     edges = np.flatnonzero(np.diff(np.concatenate(([0], levels > least, [0])).astype(np.int8)))
     spans: list[tuple[int, int]] = []

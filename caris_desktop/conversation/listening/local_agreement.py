@@ -17,7 +17,7 @@ _NOT_SPOKEN = re.compile(r"[^\w']+")
 
 
 @dataclass(frozen=True, slots=True)
-class HeardWord:
+class RecognisedWord:
     """Recognised word without surrounding spaces; seconds from the start of the sound. ``probability`` is None if the
     engine does not provide it.
     """
@@ -32,7 +32,7 @@ class HeardWord:
         """Normalised form, for comparison."""
         return _NOT_SPOKEN.sub("", self.text.casefold())
 
-    def later_by(self, seconds: float) -> "HeardWord":
+    def later_by(self, seconds: float) -> "RecognisedWord":
         """Shift the times by ``seconds``."""
         return replace(self, start_s=self.start_s + seconds, end_s=self.end_s + seconds)
 
@@ -41,8 +41,8 @@ class AgreedWords:
     """Words of one turn. Committed words never change."""
 
     def __init__(self) -> None:
-        self._committed: list[HeardWord] = []
-        self._tentative: list[HeardWord] = []
+        self._committed: list[RecognisedWord] = []
+        self._tentative: list[RecognisedWord] = []
 
     @property
     def committed(self) -> str:
@@ -59,7 +59,7 @@ class AgreedWords:
         return " ".join(word.text for word in committed), " ".join(word.text for word in tentative)
 
     @property
-    def words(self) -> tuple[HeardWord, ...]:
+    def words(self) -> tuple[RecognisedWord, ...]:
         """All words, committed and tentative."""
         return (*self._committed, *self._tentative)
 
@@ -67,7 +67,7 @@ class AgreedWords:
     def committed_until_s(self) -> float:
         return self._committed[-1].end_s if self._committed else 0.0
 
-    def take(self, recognised: Sequence[HeardWord]) -> None:
+    def add(self, recognised: Sequence[RecognisedWord]) -> None:
         """Add the result of another pass, from any start to the end of the sound so far."""
         new = list(recognised[self._already(recognised) :])
         agreed = 0
@@ -90,7 +90,7 @@ class AgreedWords:
         ends = [word.end_s for word in self._committed if not sentences or word.text.endswith(_SENTENCE_END)]
         return ends[-1] if ends else None
 
-    def _already(self, recognised: Sequence[HeardWord]) -> int:
+    def _already(self, recognised: Sequence[RecognisedWord]) -> int:
         """Number of leading words that repeat committed ones."""
         if not self._committed:
             return 0

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.engine import HeardText, NoEngineError
+from caris_desktop.conversation.listening.engine import RecognisedText, NoEngineError
 from caris_desktop.conversation.listening.hallucination_filter import is_nothing
-from caris_desktop.conversation.listening.local_agreement import HeardWord
+from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 from caris_desktop.conversation.listening.recogniser_files import OFFLINE_PACKAGE, find_recogniser
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file, expected_of
@@ -20,9 +20,9 @@ _NO_TEXT = QT_TR_NOOP("Speech is not transcribed; everything else works.")
 _FRAMES_PER_S = 100
 # Whisper always processes 30 s. Padding with silence costs four fifths of the time: this much is enough.
 _BEAM_AT_PAUSE = 5
-_MORE_IS_SAID_S = 0.5
+_SPEECH_GOES_ON_S = 0.5
 _TOKENS_AT_LEAST, _TOKENS_A_SECOND = 16, 10  # limits the output if the model repeats a phrase endlessly
-_SILENCE_BEHIND_S, _SEEN_AT_LEAST_S, _SEEN_AT_MOST_S = 2, 5, 30
+_SILENCE_BEHIND_S, _WINDOW_MIN_S, _WINDOW_MAX_S = 2, 5, 30
 
 
 class LocalEngine:
@@ -73,10 +73,12 @@ class LocalEngine:
             )
         self.transcribe(np.zeros(_RATE_HZ, np.float32), "", careful=False)  # warm-up: the first run is slower
 
-    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> HeardText:
+    def transcribe(
+        self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0
+    ) -> RecognisedText:
         """See Engine."""
         seconds = math.ceil(len(sound) / _RATE_HZ) + _SILENCE_BEHIND_S
-        self._model.see_s = min(_SEEN_AT_MOST_S, max(_SEEN_AT_LEAST_S, seconds))
+        self._model.see_s = min(_WINDOW_MAX_S, max(_WINDOW_MIN_S, seconds))
         segments, info = self._model.transcribe(
             sound,
             language=self.language or None,
@@ -88,7 +90,7 @@ class LocalEngine:
             max_new_tokens=_TOKENS_AT_LEAST + round(_TOKENS_A_SECOND * len(sound) / _RATE_HZ),
         )
         words = [
-            HeardWord(word.word.strip(), float(word.start), float(word.end), float(word.probability))
+            RecognisedWord(word.word.strip(), float(word.start), float(word.end), float(word.probability))
             for segment in itertools.takewhile(lambda each: _is_of_voice(each, voice_s), segments)
             if not is_nothing(
                 segment.text,
@@ -99,7 +101,7 @@ class LocalEngine:
             for word in segment.words or ()
             if word.word.strip()
         ]
-        return HeardText(tuple(words), str(info.language))
+        return RecognisedText(tuple(words), str(info.language))
 
     def close(self) -> None:
         """See Engine."""
@@ -109,7 +111,7 @@ def _is_of_voice(segment: Any, voice_s: float) -> bool:
     """False for text from silence: after ending at the first of two sentences, the model may decode the rest, and
     invents text for silence after the last word.
     """
-    return bool(segment.seek == 0 or segment.seek / _FRAMES_PER_S <= voice_s - _MORE_IS_SAID_S)
+    return bool(segment.seek == 0 or segment.seek / _FRAMES_PER_S <= voice_s - _SPEECH_GOES_ON_S)
 
 
 def _open(folder: str, threads: int) -> Any:
@@ -124,5 +126,5 @@ def _open(folder: str, threads: int) -> Any:
     def encode(features: NDArray[np.float32]) -> Any:
         return encode_all(np.ascontiguousarray(features[..., : model.see_s * _FRAMES_PER_S]))
 
-    model.see_s, model.encode = _SEEN_AT_MOST_S, encode
+    model.see_s, model.encode = _WINDOW_MAX_S, encode
     return model

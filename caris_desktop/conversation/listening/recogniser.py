@@ -26,7 +26,7 @@ from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeech
 from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
 from caris_desktop.conversation.listening.turn_model import TurnModel
 from caris_desktop.conversation.listening.voice_activity import NoVoiceActivity, VoiceActivity
-from caris_desktop.conversation.listening.words_thread import WordsHeard, WordsReady, WordsThread
+from caris_desktop.conversation.listening.words_thread import RecognitionResult, WordsReady, WordsThread
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged
 from caris_desktop.domain.failure import UserFacingError
@@ -37,10 +37,10 @@ from caris_desktop.domain.sound_values import WIZARD_MICROPHONE, PlayedSound, Pl
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
 _log = logging.getLogger(__name__)
-_LOOK_EVERY_S = 0.02
+_POLL_EVERY_S = 0.02
 _NO_SOUND_NS = 700_000_000
 """A microphone from which nothing has come for so long is closed, and the turn at it is over."""
-_UNDER_WAY_NS = 300_000_000
+_IN_PROGRESS_NS = 300_000_000
 """By so much sound may be late."""
 _ROOM = 1.5
 """From one pass to the next it takes so many times as long as a pass does: others want the processor too."""
@@ -63,7 +63,7 @@ class _Recogniser:
         self._signal = SignalWatch()
         self._turn_model: TurnModel | None = None
         self._words = WordsThread(settings)
-        self._ears: dict[str, SpeechSegmenter] = {}
+        self._segmenters: dict[str, SpeechSegmenter] = {}
         self._turns: list[TurnTaking] = []
         self._played: deque[PlayedSound] = deque(maxlen=_PLAYED_AT_MOST)
         self._ready: RecogniserReady | None = None
@@ -89,40 +89,40 @@ class _Recogniser:
             self._fail(NoEngineError(str(error), no_text, GET_WEIGHTS_ANEW))
         try:
             while True:
-                while self._connection.poll(_LOOK_EVERY_S):
-                    self._take(self._connection.recv())
-                    self._take_news()
-                self._take_news()
-                self._close_ears()
+                while self._connection.poll(_POLL_EVERY_S):
+                    self._process(self._connection.recv())
+                    self._process_news()
+                self._process_news()
+                self._close_segmenters()
                 self._ask()
         finally:
             self._words.end()
 
-    def _take(self, message: Any) -> None:
+    def _process(self, message: Any) -> None:
         match message:
             case AudioChunk():
-                self._hear(message)
+                self._process_sound(message)
             case PlayedSound():
                 self._played.append(message)
-                for ear in self._ears.values():
-                    ear.canceller.play(message)
+                for segmenter in self._segmenters.values():
+                    segmenter.canceller.play(message)
             case PlayedSoundEnded():
-                for ear in self._ears.values():
-                    ear.canceller.play_ended(message)
+                for segmenter in self._segmenters.values():
+                    segmenter.canceller.play_ended(message)
             case UtteranceChanged():
                 self._robot_speech.robot_says(message)
-                for ear in self._ears.values():
+                for segmenter in self._segmenters.values():
                     if message.state == "started":
-                        ear.another_spoke()
+                        segmenter.another_spoke()
                     elif message.state != "requested":
-                        ear.another_ended(message.stamp_ns)
-                    ear.reassign_robot_turns()
+                        segmenter.another_ended(message.stamp_ns)
+                    segmenter.reassign_robot_turns()
             case SpokenBy(utterance_id, person_id):
                 self._silence.spoken_by(utterance_id, person_id)
             case EndTurns():
-                for source, ear in self._ears.items():
+                for source, segmenter in self._segmenters.items():
                     if source != WIZARD_MICROPHONE:
-                        ear.end_turn()
+                        segmenter.end_turn()
             case UseSilence(at_least_s, at_most_s):
                 self._bounds = SilenceBounds(at_least_s, at_most_s)
                 for turns in self._turns:
@@ -130,19 +130,19 @@ class _Recogniser:
             case other:
                 _log.error("unknown message %r", other)
 
-    def _hear(self, chunk: AudioChunk) -> None:
+    def _process_sound(self, chunk: AudioChunk) -> None:
         if self._ready is None:
             return
-        ear = self._ears.get(chunk.source)
-        if ear is None:
-            ear = self._ears[chunk.source] = self._new_segmenter(chunk.source)
+        segmenter = self._segmenters.get(chunk.source)
+        if segmenter is None:
+            segmenter = self._segmenters[chunk.source] = self._new_segmenter(chunk.source)
         if chunk.source != WIZARD_MICROPHONE:
             peak = int(np.abs(chunk.samples.astype(np.int32)).max(initial=0)) / 32768
-            if self._signal.hear(chunk.source, chunk.stamp_ns, peak):
+            if self._signal.process(chunk.source, chunk.stamp_ns, peak):
                 self._connection.send(_silent(chunk.source))
-        ear.hear(chunk)
+        segmenter.process(chunk)
         self._ask()
-        ear.judge()
+        segmenter.judge()
 
     def _new_segmenter(self, source: str) -> SpeechSegmenter:
         canceller = EchoCanceller()
@@ -161,26 +161,26 @@ class _Recogniser:
             tell=self._connection.send,
         )
 
-    def _close_ears(self) -> None:
+    def _close_segmenters(self) -> None:
         """Treat missing sound as silence, so that the last words before a microphone was closed are reported."""
         now_ns = clock.now_ns()
-        for ear in self._ears.values():
-            if ear.busy and now_ns - ear.heard_until_ns > _NO_SOUND_NS:
-                self._signal.closed(ear.source)
-                ear.hear_nothing(now_ns - _UNDER_WAY_NS)
+        for segmenter in self._segmenters.values():
+            if segmenter.busy and now_ns - segmenter.heard_until_ns > _NO_SOUND_NS:
+                self._signal.closed(segmenter.source)
+                segmenter.add_silence(now_ns - _IN_PROGRESS_NS)
 
     def _ask(self) -> None:
         if self._transcribing is not None or self._ready is None:
             return
         every_s = self._every_s if time.monotonic() >= self._not_before_s else float("inf")
-        for ear in self._ears.values():
-            stretch = ear.wanted(every_s)
+        for segmenter in self._segmenters.values():
+            stretch = segmenter.next_interval(every_s)
             if stretch is not None:
-                self._transcribing = ear
+                self._transcribing = segmenter
                 self._words.ask(stretch)
                 return
 
-    def _take_news(self) -> None:
+    def _process_news(self) -> None:
         while not self._words.news.empty():
             match self._words.news.get():
                 case WordsReady() as ready:
@@ -194,11 +194,11 @@ class _Recogniser:
                     self._connection.send(self._ready)
                 case NoEngineError() as failure:
                     self._fail(failure)
-                case WordsHeard() as result:
-                    self._take_words(result)
+                case RecognitionResult() as result:
+                    self._process_result(result)
 
-    def _take_words(self, result: WordsHeard) -> None:
-        ear, self._transcribing = self._transcribing, None
+    def _process_result(self, result: RecognitionResult) -> None:
+        segmenter, self._transcribing = self._transcribing, None
         self._not_before_s = time.monotonic() + (_ROOM - 1) * result.took_s
         if result.away is not None and not self._away:
             self._away = result.away.what
@@ -206,8 +206,8 @@ class _Recogniser:
         elif result.away is None and self._away and self._ready is not None:
             self._away = ""
             self._connection.send(self._ready)
-        if ear is not None:
-            ear.take(result.stretch, result.text)
+        if segmenter is not None:
+            segmenter.add_result(result.stretch, result.text)
         self._ask()
 
     def _fail(self, failure: UserFacingError) -> None:
@@ -232,9 +232,9 @@ def _silent(source: str) -> Problem:
     )
 
 
-_NOTHING = 0.0008
+_SILENT = 0.0008
 """A peak, of 1: the noise of a microphone that is on is louder even in a quiet room."""
-_TOLD_AFTER_NS = 45_000_000_000
+_REPORT_AFTER_NS = 45_000_000_000
 
 
 class SignalWatch:
@@ -247,14 +247,14 @@ class SignalWatch:
         self._received_ns: dict[str, int] = {}
         self._reported: set[str] = set()
 
-    def hear(self, source: str, stamp_ns: int, peak: float) -> bool:
+    def process(self, source: str, stamp_ns: int, peak: float) -> bool:
         """Add the peak level. True when a missing signal is to be reported."""
-        if peak > _NOTHING:
+        if peak > _SILENT:
             self._received_ns[source] = stamp_ns
             self._reported.discard(source)
             return False
         since_ns = self._received_ns.setdefault(source, stamp_ns)
-        if source in self._reported or stamp_ns - since_ns < _TOLD_AFTER_NS:
+        if source in self._reported or stamp_ns - since_ns < _REPORT_AFTER_NS:
             return False
         self._reported.add(source)
         return True

@@ -18,11 +18,11 @@ from statistics import median
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.value_class import dataclass
 
-_KEPT = 40
-_NOTHING_BUT_ROBOT = 0.97
-_LETTERS_OF_WHAT_IS_LEFT = 45.0
+_MAX_UTTERANCES = 40
+_ROBOT_ONLY = 0.97
+_LETTERS_OF_RESIDUE = 45.0
 """A word or two may be made out of what is left of the robot: nine letters where seven tenths of it were the robot."""
-_HARDLY_ANYTHING_LEFT, _MORE_LETTERS = 0.87, 300.0
+_HARDLY_RESIDUE, _MORE_LETTERS = 0.87, 300.0
 """And a sentence where next to nothing else was heard: a participant is never so much softer than the robot."""
 _LEAST_BESIDE_ROBOT_NS = 450_000_000
 """While the robot speaks less voice than that may be its own first syllable, in a room that is not known yet."""
@@ -32,7 +32,7 @@ _SAME_MOMENT_S = 0.7
 """So exactly it is known when a word is heard and when the robot says it, with a pause in its sentence."""
 _LETTERS_A_SECOND = 22.0
 """Nobody speaks faster: more was made out than was said."""
-_MOSTLY_SOMEBODY_ELSE = 0.5
+_MOSTLY_OTHERS = 0.5
 _SHORT_ANSWER_LETTERS = 18
 """So much of what the robot says may be an answer to it; who says more of it in the same order is the robot."""
 _SECONDS_A_LETTER = 0.07
@@ -44,13 +44,13 @@ _WHOLE_LATE_S, _PART_LATE_S, _EARLY_S = 4.0, 1.5, 1.5
 """Longest delay from reported to heard robot speech on a busy machine: a whole sentence, some words. Last: how early,
 if reported late."""
 _WHOLE, _WHOLE_WORDS, _NOTHING_ELSE = 0.8, 3, 0.8
-_TOLD_LATE_S, _TOLD_LATE_ALIKE = 3.0, 0.72
+_REPORTED_LATE_S, _LATE_ALIKE = 3.0, 0.72
 """How late after its end a robot may report an unprompted sentence."""
 _SOUNDS_ALIKE, _SOUNDS_ALIKE_COUNT = 0.45, 0.6
 """Of consonants in order: 288 pairs of other sentences have 0.2 in common, 0.41 at most. So much counts as enough."""
 _SOUNDS_WITHIN_NS, _LEAST_SOUNDS = 700_000_000, 6
-_LEARNT_FROM_LETTERS = 12
-_HEARD_SHARE = 0.6
+_LEARN_FROM_LETTERS = 12
+_CAPTURED_SHARE = 0.6
 _BREATH_NS = 150_000_000
 """Between two words of one sentence."""
 _LATE_BY_SHARE = 0.3
@@ -74,7 +74,7 @@ _SOUNDS = (
 
 
 @dataclass(frozen=True, slots=True)
-class _Saying:
+class _RobotUtterance:
     utterance_id: str
     words: tuple[str, ...]
     started_ns: int
@@ -95,7 +95,7 @@ class RobotSpeechFilter:
     """The robot's utterances, from its events, and the words of them that one microphone heard."""
 
     def __init__(self) -> None:
-        self._sayings: deque[_Saying] = deque(maxlen=_KEPT)
+        self._sayings: deque[_RobotUtterance] = deque(maxlen=_MAX_UTTERANCES)
         self._late_s = 0.0
         """Last delay from reported to heard."""
         self._captured_until_ns = 0
@@ -109,7 +109,9 @@ class RobotSpeechFilter:
                 self._sayings.remove(known)
             return
         if known is None:
-            known = _Saying(utterance.utterance_id, (), utterance.stamp_ns + _STARTS_AFTER_NS, None, exactly=False)
+            known = _RobotUtterance(
+                utterance.utterance_id, (), utterance.stamp_ns + _STARTS_AFTER_NS, None, exactly=False
+            )
             self._sayings.append(known)
         words = _words(utterance.text) or known.words
         exactly = not utterance.estimated
@@ -141,13 +143,13 @@ class RobotSpeechFilter:
         ``late_s`` is the delay at which the robot is heard in that very sound, None if it is not. ``confidence`` is the
         recogniser's for the words, None if unknown.
         """
-        if echo_share is not None and echo_share >= _NOTHING_BUT_ROBOT:
+        if echo_share is not None and echo_share >= _ROBOT_ONLY:
             return 1.0
         transcribed = _without_loops(_words(text))
         letters = sum(map(len, transcribed))
         if not letters:
             return 0.0
-        if echo_share is not None and letters <= _letters_of_what_is_left(echo_share):
+        if echo_share is not None and letters <= _letters_of_residue(echo_share):
             return 1.0
         if ended_ns - started_ns < _LEAST_BESIDE_ROBOT_NS and (beside_robot or self._speaks_at(started_ns)):
             return 1.0
@@ -166,11 +168,7 @@ class RobotSpeechFilter:
             if late_s is not None and aligned.pairs and abs(transcribed_late_s - late_s) <= _SAME_MOMENT_S:
                 # Nobody says the robot's words with it.
                 most = max(most, aligned.letters / letters)
-            if (
-                aligned.letters <= _SHORT_ANSWER_LETTERS
-                and echo_share is not None
-                and echo_share < _MOSTLY_SOMEBODY_ELSE
-            ):
+            if aligned.letters <= _SHORT_ANSWER_LETTERS and echo_share is not None and echo_share < _MOSTLY_OTHERS:
                 continue
             length_s = (sayings[-1].end_ns - sayings[0].started_ns) / 1e9
             allowed_s = slack_s + slack_of_length * length_s
@@ -184,7 +182,7 @@ class RobotSpeechFilter:
                 and self._may_be_as_late(transcribed_late_s, aligned, sayings, started_ns, echo_share)
             ):
                 most = max(most, share)
-            if echo_share is None or echo_share >= _MOSTLY_SOMEBODY_ELSE:
+            if echo_share is None or echo_share >= _MOSTLY_OTHERS:
                 most = max(most, _sounds_like(transcribed, spoken, (started_ns, ended_ns), sayings))
         return most
 
@@ -199,7 +197,12 @@ class RobotSpeechFilter:
         )
 
     def _may_be_as_late(
-        self, late_s: float, aligned: "_Aligned", sayings: Sequence[_Saying], started_ns: int, echo_share: float | None
+        self,
+        late_s: float,
+        aligned: "_Aligned",
+        sayings: Sequence[_RobotUtterance],
+        started_ns: int,
+        echo_share: float | None,
     ) -> bool:
         """True if the robot's words come at a time at which they may still be heard."""
         spoken = [word for saying in sayings for word in saying.words]
@@ -209,7 +212,7 @@ class RobotSpeechFilter:
             for place in range(len(saying.words))
         ]
         new = [place for _at, place in aligned.pairs if not captured_before[place]]
-        if len(new) < _HEARD_SHARE * len(aligned.pairs) or late_s < -_EARLY_S:
+        if len(new) < _CAPTURED_SHARE * len(aligned.pairs) or late_s < -_EARLY_S:
             return False
         left = sum(len(word) for word, before in zip(spoken, captured_before, strict=True) if not before)
         whole = aligned.letters >= _WHOLE * left and (
@@ -233,14 +236,14 @@ class RobotSpeechFilter:
         most = 0.0
         for saying in self._sayings:
             since_s = (saying.started_ns - started_ns) / 1e9
-            at_most_s = sum(len(word) + 1 for word in saying.words) * _SECONDS_A_LETTER + _TOLD_LATE_S
+            at_most_s = sum(len(word) + 1 for word in saying.words) * _SECONDS_A_LETTER + _REPORTED_LATE_S
             if saying.exactly or len(transcribed) < _WHOLE_WORDS or not -_RINGS_ABOUT_NS / 1e9 <= since_s <= at_most_s:
                 continue
             # All of both: a person who says only some of the words may have asked for the robot's answer.
             alike = _aligned(transcribed, saying.words).letters / max(
                 sum(map(len, transcribed)), sum(map(len, saying.words))
             )
-            most = max(most, alike if alike >= _TOLD_LATE_ALIKE else 0.0)
+            most = max(most, alike if alike >= _LATE_ALIKE else 0.0)
         return most
 
     def was_heard(self, text: str, started_ns: int, ended_ns: int) -> list[tuple[str, bool, bool]]:
@@ -252,12 +255,12 @@ class RobotSpeechFilter:
         found: list[tuple[str, bool, bool]] = []
         for saying in self._near(started_ns, ended_ns):
             aligned = _aligned(transcribed, saying.words)
-            if not aligned.pairs or aligned.letters < _HEARD_SHARE * min(letters, sum(map(len, saying.words))):
+            if not aligned.pairs or aligned.letters < _CAPTURED_SHARE * min(letters, sum(map(len, saying.words))):
                 continue
             late_s = _late_s(aligned, transcribed, (started_ns, ended_ns), [saying])
             if not -_EARLY_S <= late_s <= _WHOLE_LATE_S + self._late_s:
                 continue
-            if saying.exactly and aligned.letters >= max(_LEARNT_FROM_LETTERS, _HEARD_SHARE * letters):
+            if saying.exactly and aligned.letters >= max(_LEARN_FROM_LETTERS, _CAPTURED_SHARE * letters):
                 self._late_s = max(0.0, late_s)
             first, last = aligned.pairs[0], aligned.pairs[-1]
             begins = first[0] <= 1 and first[1] <= 1 and not saying.captured
@@ -277,7 +280,7 @@ class RobotSpeechFilter:
             if saying.ended_ns is None or not saying.exactly or len(saying.captured) == len(saying.words):
                 continue
             share = share_between(saying.started_ns, saying.ended_ns)
-            if share is not None and share >= _HEARD_SHARE:
+            if share is not None and share >= _CAPTURED_SHARE:
                 self._note_captured(saying, frozenset(range(len(saying.words))), saying.ended_ns)
 
     def may_be_heard(self, moment_ns: int, rings_ns: int) -> bool:
@@ -285,7 +288,7 @@ class RobotSpeechFilter:
         until_ns = rings_ns + round(self._late_s * 1e9)
         return any(saying.started_ns - rings_ns <= moment_ns <= saying.end_ns + until_ns for saying in self._sayings)
 
-    def _note_captured(self, saying: _Saying, places: frozenset[int], until_ns: int) -> None:
+    def _note_captured(self, saying: _RobotUtterance, places: frozenset[int], until_ns: int) -> None:
         self._captured_until_ns = max(self._captured_until_ns, until_ns)
         now = replace(
             saying, captured=saying.captured | places, captured_until_ns=max(saying.captured_until_ns, until_ns)
@@ -327,7 +330,7 @@ class RobotSpeechFilter:
                 break
         return most
 
-    def _near(self, started_ns: int, ended_ns: int) -> list[_Saying]:
+    def _near(self, started_ns: int, ended_ns: int) -> list[_RobotUtterance]:
         """Robot utterances around that interval, in order."""
         late_ns = (_WHOLE_LATE_S + self._late_s) * 1e9
         near = [
@@ -337,16 +340,16 @@ class RobotSpeechFilter:
         ]
         return sorted(near, key=lambda saying: saying.started_ns)
 
-    def _around(self, started_ns: int, ended_ns: int) -> list[list[_Saying]]:
+    def _around(self, started_ns: int, ended_ns: int) -> list[list[_RobotUtterance]]:
         """The same: each alone, and all combined."""
         near = self._near(started_ns, ended_ns)
         return [[saying] for saying in near] + ([near] if len(near) > 1 else [])
 
 
-def _letters_of_what_is_left(echo_share: float) -> float:
+def _letters_of_residue(echo_share: float) -> float:
     """Number of letters that may be recognised while only the robot speaks."""
-    beyond = max(0.0, echo_share - _HARDLY_ANYTHING_LEFT)
-    return _LETTERS_OF_WHAT_IS_LEFT * (echo_share - 0.5) + _MORE_LETTERS * beyond
+    beyond = max(0.0, echo_share - _HARDLY_RESIDUE)
+    return _LETTERS_OF_RESIDUE * (echo_share - 0.5) + _MORE_LETTERS * beyond
 
 
 def _words(text: str) -> tuple[str, ...]:
@@ -374,7 +377,7 @@ def _without_loops(words: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _sounds_like(
-    transcribed: Sequence[str], spoken: Sequence[str], interval_ns: tuple[int, int], sayings: Sequence[_Saying]
+    transcribed: Sequence[str], spoken: Sequence[str], interval_ns: tuple[int, int], sayings: Sequence[_RobotUtterance]
 ) -> float:
     """Phonetic similarity of a transcript to the robot's simultaneous words, 0 if too low. Recognisers that hear a
     robot badly produce similar-sounding words: "That's him, I've got the quest" for "That is a good question".
@@ -482,7 +485,7 @@ def _distance(one: str, other: str) -> int:
 
 
 def _late_s(
-    aligned: _Aligned, transcribed: Sequence[str], interval_ns: tuple[int, int], sayings: Sequence[_Saying]
+    aligned: _Aligned, transcribed: Sequence[str], interval_ns: tuple[int, int], sayings: Sequence[_RobotUtterance]
 ) -> float:
     """Median delay of heard words relative to the robot's."""
     transcribed_at_s = _moments(transcribed, *interval_ns)

@@ -22,7 +22,7 @@ _SYNTHESIS = (_WINDOW / (_WINDOW**2).reshape(-1, HOP).sum(axis=0)[0]).astype(np.
 _EXPECTED = np.exp(-np.maximum(np.arange(TAPS) - 2.0, 0.0) / 3.75)
 """Decay of an echo's energy over the frames, assumed for any room: by two thirds in 60 ms."""
 _EXPECTED /= _EXPECTED.sum()
-_KEPT = 0.5
+_RETAINED = 0.5
 """Of what was learnt of a room, while it may be another."""
 _CLOCKS_APART = 3.5e-4
 """Two sound devices do not count the seconds alike: by a ten-thousandth as a rule, always in one direction. That turns
@@ -88,12 +88,12 @@ class RoomFilter:
 
     def reduce_step_size(self, loudness: float, known: NDArray[np.complex64]) -> None:
         """Restart from the ``known`` room with large uncertainty; ``loudness`` is the expected relative energy."""
-        self._weights = known * np.complex64(_KEPT)
+        self._weights = known * np.complex64(_RETAINED)
         self._covariance[:] = 0
         self._covariance[:, _DIAGONAL, _DIAGONAL] = loudness * _EXPECTED
         self._noise[:] = _LEAST_NOISE
 
-    def take(self, microphone: NDArray[np.complex64], played: NDArray[np.complex64]) -> Split:
+    def process(self, microphone: NDArray[np.complex64], played: NDArray[np.complex64]) -> Split:
         """Process a frame; ``played`` has the last played frames, newest first, shape (BINS, TAPS)."""
         seen = np.matmul(self._covariance, np.conj(played)[:, :, np.newaxis])[:, :, 0]
         unsure = np.maximum(np.real((played * seen).sum(axis=1)), 0.0)

@@ -14,9 +14,9 @@ import httpx
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.engine import EngineUnavailableError, HeardText, NoEngineError
+from caris_desktop.conversation.listening.engine import EngineUnavailableError, RecognisedText, NoEngineError
 from caris_desktop.conversation.listening.hallucination_filter import is_nothing
-from caris_desktop.conversation.listening.local_agreement import HeardWord
+from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.models.connection import api_key, connected, send
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
@@ -78,7 +78,9 @@ class ServerEngine:
             self.close()
             raise NoEngineError(error.what, _NO_TEXT, error.advice) from error
 
-    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> HeardText:
+    def transcribe(
+        self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0
+    ) -> RecognisedText:
         """See Engine."""
         fields = {"model": self._endpoint.model, "response_format": "verbose_json", "temperature": "0"}
         if self.language:
@@ -103,7 +105,7 @@ class ServerEngine:
         try:
             answer = parse_json(body)
             language = str(answer.get("language") or self.language)
-            return HeardText(tuple(_words(answer, len(sound) / _RATE_HZ, self.language or language)), language)
+            return RecognisedText(tuple(_words(answer, len(sound) / _RATE_HZ, self.language or language)), language)
         except (ValueError, TypeError, AttributeError, LookupError) as error:
             what = QT_TR_NOOP("The transcription server at {server} returned an invalid transcription.")
             raise self._away(what, QT_TR_NOOP("Correct listening.server.")) from error
@@ -113,7 +115,7 @@ class ServerEngine:
         self._runner.close()
 
     @property
-    def asked_with(self) -> str:
+    def request_form(self) -> str:
         """Fields that the server refuses, as text; empty for none."""
         instead = {
             "json": "json requested, because the server does not support verbose_json",
@@ -192,7 +194,7 @@ def _refused_field(fields: dict[str, str], body: bytes) -> str:
     )  # fmt: skip
 
 
-def _words(answer: Any, seconds: float, language: str) -> Iterator[HeardWord]:
+def _words(answer: Any, seconds: float, language: str) -> Iterator[RecognisedWord]:
     """Words of the segments, or of the whole text without segments."""
     for segment in answer.get("segments") or [{"text": answer["text"], "start": 0.0, "end": seconds}]:
         text = str(segment["text"])
@@ -201,12 +203,12 @@ def _words(answer: Any, seconds: float, language: str) -> Iterator[HeardWord]:
             yield from _spread(text.split(), float(segment["start"]), float(segment["end"]))
 
 
-def _spread(words: list[str], start_s: float, end_s: float) -> Iterator[HeardWord]:
+def _spread(words: list[str], start_s: float, end_s: float) -> Iterator[RecognisedWord]:
     """Words with estimated times, proportional to their length."""
     ends = list(itertools.accumulate(len(word) + 1 for word in words))
     for word, end in zip(words, ends, strict=True):
         per_s = (end_s - start_s) / ends[-1]
-        yield HeardWord(word, start_s + (end - len(word) - 1) * per_s, start_s + end * per_s)
+        yield RecognisedWord(word, start_s + (end - len(word) - 1) * per_s, start_s + end * per_s)
 
 
 def _reason(body: bytes, key: str | None) -> str:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
 from caris_desktop.conversation.listening.endpointing import TurnTaking
-from caris_desktop.conversation.listening.engine import HeardText
-from caris_desktop.conversation.listening.heard_turn import HeardTurn, TurnInterval
+from caris_desktop.conversation.listening.engine import RecognisedText
+from caris_desktop.conversation.listening.heard_turn import TurnAudio, TurnInterval
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
 from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
 from caris_desktop.domain.actor import CONSOLE
@@ -36,7 +36,7 @@ _SETTLED_NS = 500_000_000
 """After so long a silence the words before it are not going to be others."""
 _ROBOT_RINGS_NS = 200_000_000
 """How long a room repeats what the robot has said; until then its words show whose voice it is."""
-_LOOKED_BACK_TURNS = 4
+_EARLIER_TURNS = 4
 """Number of turns as which a robot sentence with pauses may be reported."""
 _ONLY_ROBOT = 0.9
 _ROBOTS_WORDS = 0.6
@@ -61,7 +61,7 @@ class Voices(Protocol):
 
 
 class SpeechSegmenter:
-    """``tell`` receives reports to the console; ``turn_over`` estimates the probability that a turn's sound is
+    """``report`` receives reports to the console; ``turn_over`` estimates the probability that a turn's sound is
     complete.
     """
 
@@ -74,7 +74,7 @@ class SpeechSegmenter:
         canceller: EchoCanceller,
         robot_speech: RobotSpeechFilter,
         turn_over: Callable[[NDArray[np.float32]], float] | None,
-        tell: Callable[[Hearing | UtteranceChanged | UtteranceCorrected], None],
+        report: Callable[[Hearing | UtteranceChanged | UtteranceCorrected], None],
     ) -> None:
         self.source = source
         self.canceller = canceller
@@ -83,7 +83,7 @@ class SpeechSegmenter:
         self._voices = voices
         self._robot_speech = robot_speech
         self._turn_over = turn_over
-        self._tell = tell
+        self._report = report
         self._rest = np.zeros(0, np.float32)
         self._until_ns = 0
         self._lead: list[NDArray[np.float32]] = []
@@ -91,9 +91,9 @@ class SpeechSegmenter:
         self._robot_until_ns = 0
         self._windows = 0
         """So many were heard since the beginning."""
-        self._turn: HeardTurn | None = None
-        self._ending: list[HeardTurn] = []
-        self._finished: deque[_Finished] = deque(maxlen=_LOOKED_BACK_TURNS)
+        self._turn: TurnAudio | None = None
+        self._ending: list[TurnAudio] = []
+        self._finished: deque[_Finished] = deque(maxlen=_EARLIER_TURNS)
 
     @property
     def heard_until_ns(self) -> int:
@@ -105,26 +105,26 @@ class SpeechSegmenter:
         """True while a turn is in progress or being transcribed."""
         return self._turn is not None or bool(self._ending)
 
-    def hear(self, chunk: AudioChunk) -> None:
+    def process(self, chunk: AudioChunk) -> None:
         """Process the next sound of this microphone."""
         clean: CleanSound = self.canceller.process(chunk)
         if len(clean.again):
-            self._hear_again(clean.again)
+            self._reprocess(clean.again)
         if not len(clean.samples):
             return
         hole_ns = clean.stamp_ns - self._until_ns - len(self._rest) * 1_000_000_000 // RATE_HZ
         if abs(hole_ns) > _HOLE_NS:
             if self._until_ns and hole_ns > 0:
-                self.hear_nothing(min(clean.stamp_ns, self._until_ns + _LONGEST_HOLE_NS))
+                self.add_silence(min(clean.stamp_ns, self._until_ns + _LONGEST_HOLE_NS))
             self._rest = np.zeros(0, np.float32)
             self._until_ns = clean.stamp_ns
         sound = np.concatenate((self._rest, clean.samples))
         usable = len(sound) // WINDOW * WINDOW
         for at in range(0, usable, WINDOW):
-            self._hear_window(sound[at : at + WINDOW], clean.echo_share)
+            self._process_window(sound[at : at + WINDOW], clean.echo_share)
         self._rest = sound[usable:]
 
-    def _hear_again(self, sound: NDArray[np.float32]) -> None:
+    def _reprocess(self, sound: NDArray[np.float32]) -> None:
         """Process the newest sound again after better echo cancellation: uncommitted words may change."""
         rest = len(self._rest)
         if rest:
@@ -136,13 +136,13 @@ class SpeechSegmenter:
             window[:] = again
         for turn in (*self._ending, self._turn):
             if turn is not None:
-                turn.hear_again(windows, self._windows)
+                turn.replace_windows(windows, self._windows)
 
-    def hear_nothing(self, until_ns: int) -> None:
+    def add_silence(self, until_ns: int) -> None:
         """Count missing sound until that time as silence."""
         self._rest = np.zeros(0, np.float32)
         for _ in range((until_ns - self._until_ns) // _WINDOW_NS):
-            self._hear_window(np.zeros(WINDOW, np.float32), 0.0)
+            self._process_window(np.zeros(WINDOW, np.float32), 0.0)
 
     def end_turn(self) -> None:
         """End the turn because a recording ends or pauses; later speech is another turn."""
@@ -169,7 +169,7 @@ class SpeechSegmenter:
             return
         for turn in robots:
             self._finished.remove(turn)
-            self._tell(UtteranceCorrected(self._until_ns, turn.turn_id, speaker="robot", person_id="", actor=CONSOLE))
+            self._report(UtteranceCorrected(self._until_ns, turn.turn_id, speaker="robot", person_id="", actor=CONSOLE))
 
     def _late_similarity(self, turns: Sequence[_Finished]) -> float:
         if not turns:
@@ -187,10 +187,10 @@ class SpeechSegmenter:
             if self._judge_words(turn):
                 self._report_hearing(turn)
 
-    def wanted(self, every_s: float) -> TurnInterval | None:
+    def next_interval(self, every_s: float) -> TurnInterval | None:
         """Interval to transcribe now; ``every_s``: minimum new sound during continuous speech."""
         for turn in (*self._ending, self._turn):
-            if turn is None or turn.asked:
+            if turn is None or turn.requested:
                 continue
             if turn.over or not self._turns.speaking:
                 if not turn.known_whole:
@@ -200,12 +200,12 @@ class SpeechSegmenter:
                 return turn.ask(at_pause=False)
         return None
 
-    def take(self, stretch: TurnInterval, recognised: HeardText | None) -> None:
+    def add_result(self, stretch: TurnInterval, recognised: RecognisedText | None) -> None:
         """Add the transcript of an interval; None if recognition failed."""
         for turn in (*self._ending, self._turn):
             if turn is None or turn.turn_id != stretch.turn_id:
                 continue
-            changed = turn.take(stretch, recognised)
+            changed = turn.add_result(stretch, recognised)
             changed |= self._leave_out_the_robot(turn)
             if not turn.reported and turn.own_words and not self._is_robots(turn):
                 self._report_beginning(turn)
@@ -216,13 +216,13 @@ class SpeechSegmenter:
             elif turn.known_whole:
                 self._finish(turn)
 
-    def _hear_window(self, window: NDArray[np.float32], echo_share: float) -> None:
+    def _process_window(self, window: NDArray[np.float32], echo_share: float) -> None:
         began_ns, self._until_ns = self._until_ns, self._until_ns + _WINDOW_NS
         self._windows += 1
         voice = self._voices.probability(window)
         if echo_share >= _ONLY_ROBOT:
             voice = 0.0
-        change = self._turns.hear(began_ns, _WINDOW_NS, voice)
+        change = self._turns.process(began_ns, _WINDOW_NS, voice)
         turn = self._turn
         if turn is None:
             self._lead.append(window)
@@ -231,7 +231,7 @@ class SpeechSegmenter:
             elif len(self._lead) * _WINDOW_NS > _BEFORE_VOICE_NS + self._turns.beginning_ns:
                 del self._lead[0]
             return
-        turn.hear(window, self._windows, voiced=self._turns.voiced)
+        turn.add_window(window, self._windows, voiced=self._turns.voiced)
         turn.voice_ended_ns = self._turns.voice_ended_ns
         match change:
             case "spoke on":
@@ -250,7 +250,7 @@ class SpeechSegmenter:
         lead, self._lead = self._lead, []
         turn_id = f"h-{secrets.token_hex(4)}"
         sound_from_ns = self._until_ns - len(lead) * _WINDOW_NS
-        turn = self._turn = HeardTurn(turn_id, sound_from_ns, self._turns.started_ns, lead, self._windows)
+        turn = self._turn = TurnAudio(turn_id, sound_from_ns, self._turns.started_ns, lead, self._windows)
         turn.voice_began_ns = turn.onset_ns(turn.voice_began_ns)
         turn.voice_ended_ns = self._until_ns
         self._turns.turn = turn_id
@@ -262,7 +262,7 @@ class SpeechSegmenter:
         if self._of_wizard or not robot_audible:
             self._report_beginning(turn)
 
-    def _judge_words(self, turn: HeardTurn) -> bool:
+    def _judge_words(self, turn: TurnAudio) -> bool:
         """Update the end-of-turn estimate by words once the transcript reaches the pause. True if it changed."""
         if self._turns.speaking or not turn.known_whole or turn.sounds_over is None:
             return False
@@ -271,12 +271,12 @@ class SpeechSegmenter:
         self._turns.judge(turn.turn_over)
         return turn.turn_over != before
 
-    def _settle(self, turn: HeardTurn) -> bool:
+    def _settle(self, turn: TurnAudio) -> bool:
         """Commit the words after silence, if all sound was transcribed. True if any were committed."""
         silent_ns = self._until_ns - turn.voice_ended_ns
         return bool(turn.known_whole and silent_ns >= _SETTLED_NS and turn.words.tentative and turn.commit_all())
 
-    def _end(self, turn: HeardTurn) -> None:
+    def _end(self, turn: TurnAudio) -> None:
         turn.over = True
         self._turn = None
         if turn.known_whole:
@@ -284,7 +284,7 @@ class SpeechSegmenter:
         else:
             self._ending.append(turn)
 
-    def _finish(self, turn: HeardTurn) -> None:
+    def _finish(self, turn: TurnAudio) -> None:
         if turn in self._ending:
             self._ending.remove(turn)
         turn.commit_all()
@@ -315,13 +315,13 @@ class SpeechSegmenter:
         else:
             if turn.voice_began_ns != turn.reported_began_ns:
                 began = UtteranceCorrected(self._until_ns, turn.turn_id, start_ns=turn.voice_began_ns, actor=CONSOLE)
-                self._tell(began)
+                self._report(began)
             self._report_utterance(turn, "finished", max(turn.end_ns(turn.voice_ended_ns), turn.voice_began_ns), text)
             self._finished.append(_Finished(turn.turn_id, text, turn.voice_began_ns))
         if self._turn is None:
-            self._tell(Hearing(self._until_ns, self.source, speaking=False, revision=turn.revision + 1))
+            self._report(Hearing(self._until_ns, self.source, speaking=False, revision=turn.revision + 1))
 
-    def _leave_out_the_robot(self, turn: HeardTurn) -> bool:
+    def _leave_out_the_robot(self, turn: TurnAudio) -> bool:
         """Exclude the robot's own words at the start of a turn, as when a participant answers before its voice has
         decayed. True if the number of its words changed.
         """
@@ -343,7 +343,7 @@ class SpeechSegmenter:
         turn.voice_began_ns = min(began_ns, turn.voice_ended_ns)
         return True
 
-    def _is_robots(self, turn: HeardTurn) -> bool:
+    def _is_robots(self, turn: TurnAudio) -> bool:
         text = " ".join(turn.texts)
         self._robot_speech.was_heard_on_time(self.canceller.share_between)
         began_ns, ended_ns = turn.voice_began_ns, turn.voice_ended_ns
@@ -362,12 +362,12 @@ class SpeechSegmenter:
         return robots >= _ROBOTS_WORDS
 
     def _report_utterance(
-        self, turn: HeardTurn, state: UtteranceState, stamp_ns: int, text: str = "", *, detail: str = ""
+        self, turn: TurnAudio, state: UtteranceState, stamp_ns: int, text: str = "", *, detail: str = ""
     ) -> None:
         if self._of_wizard:
             return
         known = state == "finished"
-        self._tell(
+        self._report(
             UtteranceChanged(
                 stamp_ns, turn.turn_id, "participant", text, "heard", state,
                 detail=detail, source=self.source,
@@ -380,16 +380,16 @@ class SpeechSegmenter:
         for utterance_id, begins, ends in captured:
             start_ns, end_ns = began_ns if begins else None, ended_ns if ends else None
             if start_ns is not None or end_ns is not None:
-                self._tell(
+                self._report(
                     UtteranceCorrected(self._until_ns, utterance_id, start_ns=start_ns, end_ns=end_ns, actor=CONSOLE)
                 )
 
-    def _report_beginning(self, turn: HeardTurn) -> None:
+    def _report_beginning(self, turn: TurnAudio) -> None:
         turn.reported, turn.reported_began_ns = True, turn.voice_began_ns
         self._report_utterance(turn, "started", turn.voice_began_ns)
         self._report_hearing(turn)
 
-    def _report_hearing(self, turn: HeardTurn) -> None:
+    def _report_hearing(self, turn: TurnAudio) -> None:
         if not turn.reported:
             return
         speaking = turn is self._turn and self._turns.speaking
@@ -397,7 +397,7 @@ class SpeechSegmenter:
         if speaker == "participant" and turn.own_words and self._is_robots(turn):
             speaker = "robot"
         committed, tentative = turn.texts
-        self._tell(
+        self._report(
             Hearing(
                 self._until_ns, self.source, speaking, speaker, turn.turn_id,
                 committed=committed,
@@ -423,7 +423,7 @@ _GOES_ON = {"en": frozenset(_ENGLISH.split())}
 _ENGLISH_VERBS = (
     "am is are was were be been being have has had do does did will would can could shall should may might must"
 )
-_GOES_ON_WITHOUT_PRONOUN = {"en": frozenset(_ENGLISH_VERBS.split())}
+_CONTINUES_WITHOUT_PRONOUN = {"en": frozenset(_ENGLISH_VERBS.split())}
 """The same, but for short answers: "Yes, I do", "it was"."""
 _ENGLISH_PRONOUNS = ("i", "you", "he", "she", "it", "we", "they", "this", "that", "there")
 _PRONOUNS = {"en": frozenset(_ENGLISH_PRONOUNS)}
@@ -443,7 +443,7 @@ _ALONE = {"en": frozenset(_ENGLISH_ALONE.split())}
 """What a sentence may begin with and is hardly one: the second word at most."""
 _ENGLISH_SUBORDINATE = "when if because since after before while whenever although though once until as unless"
 _SUBORDINATE = {"en": frozenset(_ENGLISH_SUBORDINATE.split())}
-_ASKS = {"en": _GOES_ON_WITHOUT_PRONOUN["en"]}
+_ASKS = {"en": _CONTINUES_WITHOUT_PRONOUN["en"]}
 _SHORT_CLAUSE = 7
 """Words: a clause that begins with "when" and is no longer has another one behind it."""
 _ENDED = (".", "!", "。", "！")
@@ -484,7 +484,7 @@ def goes_on(text: str, language: str) -> bool:
     # A question may end in any of them: where are you from?
     if not written.endswith(_QUESTION) and (
         last in _GOES_ON.get(language, ())
-        or (last in _GOES_ON_WITHOUT_PRONOUN.get(language, ()) and before not in _PRONOUNS.get(language, ()))
+        or (last in _CONTINUES_WITHOUT_PRONOUN.get(language, ()) and before not in _PRONOUNS.get(language, ()))
     ):
         return True
     if any(tuple(words[-len(each) :]) == each for each in _BEGINNINGS.get(language, ())):

@@ -271,7 +271,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
                         if read_characters > MAX_ANSWER_CHARACTERS:
                             raise failures.nonsense(endpoint, QT_TR_NOOP("the answer is too long"))
                         notes.reasoned = notes.reasoned or chunk.alive
-                        answer_pieces = part.take(chunk.text)
+                        answer_pieces = part.process(chunk.text)
                         if ended or closed:
                             answer_pieces += part.end(whole=notes.cut != "length")
                         for piece in answer_pieces:
@@ -307,7 +307,7 @@ async def _one_try(  # noqa: PLR0917 - all of one call
         waited_s = timeouts.between_tokens_s if began else timeouts.first_token_s
         raise failures.too_slow(endpoint, seconds=waited_s, answer_started=began) from error
     if not written_characters:
-        _raise_nothing_said(endpoint, request, notes, reason, useless)
+        _raise_empty_answer(endpoint, request, notes, reason, useless)
     if not ended:
         raise failures.broke_off(endpoint)
 
@@ -322,7 +322,7 @@ def _chunk_of(endpoint: ModelEndpoint, document: str, key: str | None) -> Chunk:
     return chunk
 
 
-def _raise_nothing_said(
+def _raise_empty_answer(
     endpoint: ModelEndpoint, request: Request, notes: AnswerNotes, reason: str, useless: LanguageModelError | None
 ) -> NoReturn:
     limit = next((name for name in TOKEN_LIMITS if name in parameters_sent(request)), "")

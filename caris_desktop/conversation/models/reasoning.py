@@ -45,7 +45,7 @@ class SpokenPart:
         self._over = False
         self._began = False
 
-    def take(self, piece: str) -> list[str]:
+    def process(self, piece: str) -> list[str]:
         """Visible text of a piece; a Withdrawn in it voids earlier text."""
         self._pending += piece
         given: list[str] = []

@@ -27,7 +27,7 @@ class Resampler:
         self._buffered = np.zeros(self._half, np.float32)
         self._phase = 0
 
-    def take(self, samples: NDArray[np.float32]) -> NDArray[np.float32]:
+    def process(self, samples: NDArray[np.float32]) -> NDArray[np.float32]:
         """Add samples, shape (n,); return all final output samples."""
         available = np.concatenate((self._buffered, samples.astype(np.float32, copy=False)))
         width = self._kernels.shape[1]
@@ -49,13 +49,13 @@ class Resampler:
 
     def rest(self) -> NDArray[np.float32]:
         """Rest at the end of the sound."""
-        return self.take(np.zeros(self._half, np.float32))
+        return self.process(np.zeros(self._half, np.float32))
 
 
 def resampled(samples: NDArray[np.float32], from_hz: int, to_hz: int) -> NDArray[np.float32]:
     """Resample a whole sound, shape (n,)."""
     resampler = Resampler(from_hz, to_hz)
-    return np.concatenate((resampler.take(samples), resampler.rest()))
+    return np.concatenate((resampler.process(samples), resampler.rest()))
 
 
 @lru_cache(maxsize=8)

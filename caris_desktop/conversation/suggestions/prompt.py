@@ -79,10 +79,10 @@ def reply_messages(situation: ReplyGrounds, *, with_examples: bool) -> tuple[Cha
     """Messages of a question for replies; ``with_examples`` for small models."""
     messages = [ChatMessage("system", f"{situation.system_prompt.strip()}\n\n{_INSTRUCTION}".strip())]
     for utterance, replies in _EXAMPLES if with_examples else ():
-        messages.append(ChatMessage("user", _said(utterance)))
+        messages.append(ChatMessage("user", _quoted(utterance)))
         messages.append(ChatMessage("assistant", json.dumps(replies)))
     for turn in situation.turns:
-        messages.append(ChatMessage("assistant" if turn.speaker == "robot" else "user", _said(turn.text)))
+        messages.append(ChatMessage("assistant" if turn.speaker == "robot" else "user", _quoted(turn.text)))
     context = "; ".join(
         f"{name}: {quoted(text, MAX_LABEL_CHARACTERS)}"
         for name, text in (
@@ -91,7 +91,7 @@ def reply_messages(situation: ReplyGrounds, *, with_examples: bool) -> tuple[Cha
         if text
     )  # fmt: skip
     messages.append(
-        ChatMessage("user", f"({context}) {_said(situation.utterance)}" if context else _said(situation.utterance))
+        ChatMessage("user", f"({context}) {_quoted(situation.utterance)}" if context else _quoted(situation.utterance))
     )
     return alternating(messages)
 
@@ -105,9 +105,9 @@ def action_messages(messages: Sequence[ChatMessage], replies: str, offer: Offer)
         "use": "use with a control and a value",
         "photo": "photo",
     }
-    lists = [f"Places: {', '.join(map(_said, offer.places))}."] if offer.places else []
+    lists = [f"Places: {', '.join(map(_quoted, offer.places))}."] if offer.places else []
     if offer.controls:
-        titles = (f"{control.id} ({_said(control.title)})" for control in offer.controls.values())
+        titles = (f"{control.id} ({_quoted(control.title)})" for control in offer.controls.values())
         lists.append(f"Controls: {', '.join(titles)}.")
     question = (
         f"What should the robot do now? One of: {'; '.join(can[name] for name in offer.actions)}. {' '.join(lists)} "
@@ -132,5 +132,5 @@ def replies_schema(*, whole_sentences: bool) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _said(text: str) -> str:
+def _quoted(text: str) -> str:
     return quoted(text, MAX_TURN_CHARACTERS)

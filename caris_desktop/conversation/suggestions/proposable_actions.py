@@ -162,7 +162,7 @@ def _checked_gaze(pan_deg: Any, tilt_deg: Any, offer: Offer) -> Proposed:
         if not _is_number(angle) or not lowest <= angle <= highest:
             raise NotOfferedError(f"the head cannot turn to {_bounded_text(angle)} degrees")
     words = localized(
-        _LOOKS[_direction(pan_deg, "left", "right"), _direction(tilt_deg, "down", "up")],
+        _GAZES[_direction(pan_deg, "left", "right"), _direction(tilt_deg, "down", "up")],
         pan=f"{abs(pan_deg):.0f}",
         tilt=f"{abs(tilt_deg):.0f}",
     )
@@ -173,7 +173,7 @@ def _direction(angle_deg: float, more: str, less: str) -> str:
     return more if angle_deg > 0 else less if angle_deg < 0 else ""
 
 
-_LOOKS = {
+_GAZES = {
     ("", ""): QT_TR_NOOP("Look straight ahead"),
     ("left", ""): QT_TR_NOOP("Look {pan}° to the left"),
     ("right", ""): QT_TR_NOOP("Look {pan}° to the right"),

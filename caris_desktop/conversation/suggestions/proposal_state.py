@@ -34,10 +34,10 @@ def arguments_of(proposed: Proposed) -> dict[str, float | str | bool]:
 
 
 class Proposals:
-    """Holds one proposal at a time. ``tell`` receives each event at once."""
+    """Holds one proposal at a time. ``report`` receives each event at once."""
 
-    def __init__(self, tell: Callable[[ProposalChanged], None], new_id: Callable[[], str]) -> None:
-        self._tell = tell
+    def __init__(self, report: Callable[[ProposalChanged], None], new_id: Callable[[], str]) -> None:
+        self._report = report
         self._new_id = new_id
         self.card: Card | None = None
 
@@ -47,11 +47,11 @@ class Proposals:
         acts_ns = None if acts_after_ns is None or proposed.moves else now_ns + acts_after_ns
         lapses_ns = max(now_ns + LAPSES_NS, (acts_ns or 0) + _MISSED_NS)
         self.card = Card(self._new_id(), proposed, begun, model, now_ns + TO_READ_NS, lapses_ns, acts_ns)
-        self._say(self.card, "displayed" if acts_ns is None else "counting", now_ns, actor=MODEL)
+        self._report_state(self.card, "displayed" if acts_ns is None else "counting", now_ns, actor=MODEL)
 
     def refuse(self, begun: Round, model: str, reason: str, now_ns: int) -> None:
         """Record an invalid proposal without displaying it."""
-        self._tell(
+        self._report(
             ProposalChanged(
                 now_ns, self._new_id(), "refused", begun.turn_id, begun.revision, "", {}, model, reason, CONSOLE
             )
@@ -69,7 +69,7 @@ class Proposals:
         """End the proposal with this state."""
         if self.card is not None:
             card, self.card = self.card, None
-            self._say(card, state, now_ns, actor=actor, detail=detail)
+            self._report_state(card, state, now_ns, actor=actor, detail=detail)
 
     def lapse(self, now_ns: int, reason: str) -> None:
         self.end("lapsed", now_ns, CONSOLE, reason)
@@ -100,8 +100,8 @@ class Proposals:
             return None
         return min(self.card.lapses_ns, self.card.acts_ns or self.card.lapses_ns)
 
-    def _say(self, card: Card, state: ProposalState, now_ns: int, *, actor: Actor, detail: str = "") -> None:
-        self._tell(
+    def _report_state(self, card: Card, state: ProposalState, now_ns: int, *, actor: Actor, detail: str = "") -> None:
+        self._report(
             ProposalChanged(
                 now_ns, card.proposal_id, state, card.begun.turn_id, card.begun.revision,
                 type(card.proposed.intent).__name__, arguments_of(card.proposed), card.model, detail, actor,

@@ -9,7 +9,7 @@ from caris_desktop.conversation.spoken_text import spoken
 LONGEST_REPLY = 120
 # Longer output cannot be three short replies.
 _LONGEST_ANSWER = 8_000
-_SPOKEN_OF_ITSELF = re.compile(r"\b(language model|as an ai|i am an ai|i'm an ai)\b", re.IGNORECASE)
+_ABOUT_ITSELF = re.compile(r"\b(language model|as an ai|i am an ai|i'm an ai)\b", re.IGNORECASE)
 # A sentence cut by the grammar rather than ended by the model.
 _CUT_OFF = re.compile(r"(?:[\s,;:]|,\w{1,2})[.!?]$")
 # Small models repeat themselves. "No, no, no" is still natural.
@@ -77,7 +77,7 @@ def fit_to_say(text: str) -> str:
     text = unicodedata.normalize("NFC", text.encode("utf-8", "ignore").decode("utf-8"))
     text = spoken(" ".join(text.split()))
     text = _BEGINS.sub("", text).strip(" \"'“”„«»")
-    if _SPOKEN_OF_ITSELF.search(text) or not re.search(r"\w", text) or set(text) & set("{}<>"):
+    if _ABOUT_ITSELF.search(text) or not re.search(r"\w", text) or set(text) & set("{}<>"):
         # Braces are placeholders, which only the wizard fills.
         return ""
     if _OVER_AND_OVER.search(text):

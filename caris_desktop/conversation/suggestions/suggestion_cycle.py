@@ -21,7 +21,7 @@ PAUSE_NS = 200_000_000
 TO_READ_NS = 300_000_000
 """A reply that takes the place of another one is not said before: the key may have been meant for that."""
 EXPIRES_NS = 60_000_000_000
-_SENTENCES_KEPT = 100
+_MAX_SENTENCES = 100
 _MISSED_NS = 1_000_000_000
 """A countdown that ended unseen while the program was blocked has no effect."""
 
@@ -81,11 +81,11 @@ class SuggestionCycle:
         self._spoken_since = False
         self._cards_removed_ns = -TO_READ_NS
         # A queued sentence starts long after its request, which is what moved the conversation on.
-        self._robot_utterances: deque[str] = deque(maxlen=_SENTENCES_KEPT)
+        self._robot_utterances: deque[str] = deque(maxlen=_MAX_SENTENCES)
 
     # Speech input
 
-    def hear(self, hearing: Hearing) -> None:
+    def add(self, hearing: Hearing) -> None:
         """Process the present state of a microphone."""
         if hearing.source not in PARTICIPANT_SOURCES or hearing.speaker in ("robot", "wizard"):
             return
@@ -159,7 +159,7 @@ class SuggestionCycle:
             (card for card in self.cards if card.suggestion_id == suggestion_id and now_ns >= card.from_ns), None
         )
 
-    def take(self, card: Suggested, text: str, utterance_id: str, actor: Actor, now_ns: int) -> None:
+    def accept(self, card: Suggested, text: str, utterance_id: str, actor: Actor, now_ns: int) -> None:
         """``card`` was said, unchanged or edited, which supersedes the others."""
         distance = characters_changed(card.text, text)
         self._notify(

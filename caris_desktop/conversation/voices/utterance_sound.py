@@ -14,7 +14,7 @@ Samples = NDArray[np.int16]
 """Signed 16 bit, one channel."""
 
 # Voices add up to a third of a second of silence. This much remains, so that sound begins and ends smoothly.
-_SILENCE_KEPT_S = 0.005
+_PADDING_S = 0.005
 
 
 def words_of(error: Exception) -> str:
@@ -83,12 +83,12 @@ class SilenceTrimmer:
     """Removes silence before the first and after the last sample of at least ``least``."""
 
     def __init__(self, rate_hz: int, least: int) -> None:
-        self._margin_frames = round(_SILENCE_KEPT_S * rate_hz)
+        self._margin_frames = round(_PADDING_S * rate_hz)
         self._least = least
         self._begun = False
         self._held = np.zeros(0, np.int16)
 
-    def heard(self, part: Samples) -> Samples:
+    def trim(self, part: Samples) -> Samples:
         """Part of the audio that is certain to be audible; silence is held back until sound follows."""
         sound = np.concatenate([self._held, part])
         loud = np.flatnonzero(np.abs(sound.astype(np.int32)) >= self._least)
@@ -108,7 +108,7 @@ def trimmed(parts: Iterator[Samples], rate_hz: int, least: int | None) -> Iterat
     for part in parts:
         if trimmer is None:
             trimmer = SilenceTrimmer(rate_hz, least if least is not None else _least_of(part))
-        audible = trimmer.heard(part)
+        audible = trimmer.trim(part)
         if audible.size:
             yield audible
 
@@ -159,7 +159,7 @@ class StreamingBuffer:
             self.complete, self.trouble = True, trouble
         self._changed()
 
-    def take(self, frames: int) -> Samples:
+    def read(self, frames: int) -> Samples:
         """Next ``frames`` samples."""
         taken = np.zeros(frames, np.int16)
         with self._lock:

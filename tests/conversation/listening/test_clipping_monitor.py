@@ -5,7 +5,7 @@ from caris_desktop.domain.sound_values import MICROPHONE, ROBOT_MICROPHONE
 
 
 def _told_at(watch: SignalWatch, *, from_s: int, until_s: int, peak: float, source: str = MICROPHONE) -> list[int]:
-    return [second for second in range(from_s, until_s) if watch.hear(source, second * 1_000_000_000, peak)]
+    return [second for second in range(from_s, until_s) if watch.process(source, second * 1_000_000_000, peak)]
 
 
 def test_a_silent_microphone_is_told_once_and_again_only_after_it_was_heard() -> None:

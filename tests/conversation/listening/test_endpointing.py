@@ -20,7 +20,7 @@ class Talk:
     def hear(self, seconds: float, voice: float, *, turn_over: float | None = None) -> "Talk":
         until_ns = self.now_ns + round(seconds * 1e9)
         while self.now_ns < until_ns:
-            change = self.turns.hear(self.now_ns, WINDOW_NS, voice)
+            change = self.turns.process(self.now_ns, WINDOW_NS, voice)
             self.now_ns += WINDOW_NS
             if change == "paused" and turn_over is not None:
                 self.turns.judge(turn_over)

@@ -1,15 +1,15 @@
 import pytest
 
 from caris_desktop.conversation.listening.hallucination_filter import is_nothing, without_repetition
-from caris_desktop.conversation.listening.local_agreement import HeardWord
+from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 
 QUESTION = "Hello, can the robot arm hurt people when it moves?"
 
 
-def _words(text: str, seconds: float) -> list[HeardWord]:
+def _words(text: str, seconds: float) -> list[RecognisedWord]:
     spoken = text.split()
     each_s = seconds / len(spoken)
-    return [HeardWord(word, number * each_s, (number + 1) * each_s) for number, word in enumerate(spoken)]
+    return [RecognisedWord(word, number * each_s, (number + 1) * each_s) for number, word in enumerate(spoken)]
 
 
 def _stored(text: str, seconds: float) -> str:

@@ -3,21 +3,21 @@
 import numpy as np
 
 from caris_desktop.conversation.listening.hallucination_filter import is_nothing, within_voice, without_repetition
-from caris_desktop.conversation.listening.local_agreement import AgreedWords, HeardWord
+from caris_desktop.conversation.listening.local_agreement import AgreedWords, RecognisedWord
 
 
-def heard(text: str, from_s: float = 0.0) -> list[HeardWord]:
+def heard(text: str, from_s: float = 0.0) -> list[RecognisedWord]:
     """Two words a second."""
-    return [HeardWord(word, from_s + at / 2, from_s + at / 2 + 0.4) for at, word in enumerate(text.split())]
+    return [RecognisedWord(word, from_s + at / 2, from_s + at / 2 + 0.4) for at, word in enumerate(text.split())]
 
 
 def test_words_are_committed_once_two_passes_agree() -> None:
     words = AgreedWords()
-    words.take(heard("I came hear"))
+    words.add(heard("I came hear"))
     assert (words.committed, words.tentative) == ("", "I came hear")
-    words.take(heard("I came here with"))
+    words.add(heard("I came here with"))
     assert (words.committed, words.tentative) == ("I came", "here with")
-    words.take(heard("I came here with my sister"))
+    words.add(heard("I came here with my sister"))
     assert (words.committed, words.tentative) == ("I came here with", "my sister")
 
 
@@ -28,41 +28,41 @@ def test_what_is_committed_never_changes_whatever_comes_later() -> None:
         words, before = AgreedWords(), ""
         sentence = chance.choice(vocabulary, 16)
         for length in range(1, 17):
-            words.take(heard(" ".join(np.where(chance.random(length) > 0.2, sentence[:length], "um"))))
+            words.add(heard(" ".join(np.where(chance.random(length) > 0.2, sentence[:length], "um"))))
             assert words.committed.startswith(before)
             before = words.committed
 
 
 def test_a_pass_that_writes_the_committed_words_otherwise_does_not_bring_them_twice() -> None:
     words = AgreedWords()
-    words.take(heard("Where is the robotics lab"))
-    words.take(heard("Where is the robotics lab"))
-    words.take(heard("Wears the robotics lab please?"))
+    words.add(heard("Where is the robotics lab"))
+    words.add(heard("Where is the robotics lab"))
+    words.add(heard("Wears the robotics lab please?"))
     assert (words.committed, words.tentative) == ("Where is the robotics lab", "please?")
 
 
 def test_a_pass_that_leaves_out_the_beginning_does_not_bring_the_rest_twice() -> None:
     words = AgreedWords()
-    words.take(heard("Well I was thinking where is the robotics lab"))
-    words.take(heard("Well I was thinking where is the robotics lab"))
-    words.take(heard("where is the robotics lab please?"))
+    words.add(heard("Well I was thinking where is the robotics lab"))
+    words.add(heard("Well I was thinking where is the robotics lab"))
+    words.add(heard("where is the robotics lab please?"))
     assert (words.committed, words.tentative) == ("Well I was thinking where is the robotics lab", "please?")
 
 
 def test_punctuation_and_case_do_not_keep_passes_from_agreeing() -> None:
     words = AgreedWords()
-    words.take(heard("well, I was"))
-    words.take(heard("Well I was thinking."))
+    words.add(heard("well, I was"))
+    words.add(heard("Well I was thinking."))
     assert words.committed == "Well I was"
 
 
 def test_sound_is_cut_behind_the_last_committed_sentence() -> None:
     words = AgreedWords()
     for _ in range(2):
-        words.take(heard("Good afternoon. Could you"))
+        words.add(heard("Good afternoon. Could you"))
     assert words.cut_at_s() == heard("Good afternoon. Could you")[1].end_s
-    words.take(heard("Could you tell me", from_s=1.0))
-    words.take(heard("Could you tell me", from_s=1.0))
+    words.add(heard("Could you tell me", from_s=1.0))
+    words.add(heard("Could you tell me", from_s=1.0))
     assert words.committed == "Good afternoon. Could you tell me"
 
 
@@ -84,7 +84,7 @@ def test_a_phrase_that_comes_over_and_over_is_kept_once() -> None:
 def test_a_phrase_that_comes_twice_in_the_time_that_it_takes_once_is_kept_once() -> None:
     asked = "where is the robotics lab"
     twice = heard(f"{asked} {asked} please")
-    quick = [HeardWord(word.text, word.start_s / 3, word.end_s / 3) for word in twice]
+    quick = [RecognisedWord(word.text, word.start_s / 3, word.end_s / 3) for word in twice]
     assert [word.text for word in without_repetition(quick)] == [*asked.split(), "please"]
     assert without_repetition(twice) == twice, "people do ask twice"
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
 from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
 from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
-from caris_desktop.conversation.listening.engine import HeardText
+from caris_desktop.conversation.listening.engine import RecognisedText
 from caris_desktop.conversation.listening.heard_turn import TurnInterval
-from caris_desktop.conversation.listening.local_agreement import HeardWord
+from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
 from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter, with_words
 from caris_desktop.domain.actor import CONSOLE
@@ -74,7 +74,7 @@ class Bench:
         self.told: list[Any] = []
         self.now_s = 10.0
         self.asked: list[TurnInterval] = []
-        self.answer: Callable[[TurnInterval], HeardText | None] = self.words
+        self.answer: Callable[[TurnInterval], RecognisedText | None] = self.words
         self.ear = SpeechSegmenter(
             source,
             TurnTaking(SilenceOfPeople(), SilenceBounds()),
@@ -85,27 +85,27 @@ class Bench:
             tell=self.told.append,
         )
 
-    def words(self, stretch: TurnInterval) -> HeardText:
+    def words(self, stretch: TurnInterval) -> RecognisedText:
         loud = np.flatnonzero(np.abs(stretch.sound) > 0.1) / RATE_HZ
         if not len(loud):
-            return HeardText((), "en")
+            return RecognisedText((), "en")
         first = round(stretch.from_s * WORDS_A_SECOND)
         starts = loud[0] + np.arange(int((loud[-1] - loud[0]) * WORDS_A_SECOND)) / WORDS_A_SECOND
-        words = [HeardWord(_word(first + at), start_s, start_s + 0.4, 0.8) for at, start_s in enumerate(starts)]
-        return HeardText(tuple(words), "en")
+        words = [RecognisedWord(_word(first + at), start_s, start_s + 0.4, 0.8) for at, start_s in enumerate(starts)]
+        return RecognisedText(tuple(words), "en")
 
     def hear(self, seconds: float, level: int = 0, *, missing: bool = False) -> "Bench":
         until_s = self.now_s + seconds
         while self.now_s < until_s - 1e-6:
             samples = np.full((round(CHUNK_S * RATE_HZ), 1), level, np.int16)
             if not missing:
-                self.ear.hear(AudioChunk(round(self.now_s * 1e9), self.ear.source, RATE_HZ, samples))
+                self.ear.process(AudioChunk(round(self.now_s * 1e9), self.ear.source, RATE_HZ, samples))
             self.now_s += CHUNK_S
             self.ear.judge()
-            stretch = self.ear.wanted(0.5)
+            stretch = self.ear.next_interval(0.5)
             if stretch is not None:
                 self.asked.append(stretch)
-                self.ear.take(stretch, self.answer(stretch))
+                self.ear.add_result(stretch, self.answer(stretch))
         return self
 
     def say(self, seconds: float) -> "Bench":
@@ -214,18 +214,18 @@ ROBOT_SAYS = "Hello! Welcome to our lab."
 PARTICIPANT_SAYS = "Thank you. What is there to see?"
 
 
-def _said(sound: NDArray[np.float32], texts: dict[int, str]) -> HeardText:
+def _said(sound: NDArray[np.float32], texts: dict[int, str]) -> RecognisedText:
     """Words of each loud interval: its level selects the text."""
-    words: list[HeardWord] = []
+    words: list[RecognisedWord] = []
     for level, text in texts.items():
         at = np.flatnonzero(np.abs(np.abs(sound) - level / 32768) < 1e-3) / RATE_HZ
         if len(at):
             each_s = (at[-1] - at[0]) / len(text.split())
             words += [
-                HeardWord(word, at[0] + number * each_s, at[0] + (number + 1) * each_s)
+                RecognisedWord(word, at[0] + number * each_s, at[0] + (number + 1) * each_s)
                 for number, word in enumerate(text.split())
             ]
-    return HeardText(tuple(words), "en")
+    return RecognisedText(tuple(words), "en")
 
 
 @pytest.mark.parametrize("between_s", [0.1, 1.2], ids=["at once", "after a pause"])
@@ -337,7 +337,7 @@ def test_what_turns_out_to_have_been_the_robot_is_not_listened_to_again(silent_s
 
 def test_sound_without_words_is_told_as_nothing() -> None:
     bench = Bench()
-    bench.answer = lambda _stretch: HeardText((), "en")
+    bench.answer = lambda _stretch: RecognisedText((), "en")
     bench.hear(1).say(1).hear(2)
     assert [each.state for each in bench.utterances] == ["started", "failed"]
 
@@ -374,7 +374,7 @@ def test_the_wizard_dictates_while_the_robot_speaks() -> None:
 def test_the_wizards_own_words_are_no_utterance_and_stay_to_be_read() -> None:
     bench = Bench(WIZARD_MICROPHONE).hear(0.5).say(2)
     for _ in range(6):
-        bench.hear(0.2, missing=True).ear.hear_nothing(round(bench.now_s * 1e9))
+        bench.hear(0.2, missing=True).ear.add_silence(round(bench.now_s * 1e9))
     assert bench.utterances == []
     last = bench.hearings[-1]
     assert (last.speaker, last.speaking, last.turn_over, last.tentative) == ("wizard", False, 1.0, "")

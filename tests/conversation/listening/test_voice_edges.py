@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
 from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
-from caris_desktop.conversation.listening.engine import HeardText
-from caris_desktop.conversation.listening.local_agreement import HeardWord
+from caris_desktop.conversation.listening.engine import RecognisedText
+from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
 from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
 from caris_desktop.conversation.listening.voice_activity import VoiceActivity
@@ -74,19 +74,19 @@ def _heard(
     )  # fmt: skip
     for at in range(0, len(samples), 1600):
         chunk = AudioChunk(_BEGAN_NS + at * 10**9 // RATE_HZ, ROBOT_MICROPHONE, RATE_HZ, samples[at : at + 1600, None])
-        ear.hear(chunk)
+        ear.process(chunk)
         ear.judge()
-        while (stretch := ear.wanted(0.5)) is not None:
+        while (stretch := ear.next_interval(0.5)) is not None:
             from_s = stretch.from_s
             turn = ear._turn if ear._turn is not None and ear._turn.turn_id == stretch.turn_id else ear._ending[0]
             began_s = (turn._sound_from_ns - _BEGAN_NS) / 1e9
             words = [
-                HeardWord(word, from_s + 0.2 + n * 0.01, from_s + 0.2 + n * 0.01 + 0.01, 0.9)
+                RecognisedWord(word, from_s + 0.2 + n * 0.01, from_s + 0.2 + n * 0.01 + 0.01, 0.9)
                 for first_s, end_s, text in text_at
                 if first_s < began_s + from_s + len(stretch.sound) / RATE_HZ and end_s > began_s + from_s
                 for n, word in enumerate(text.split())
             ]
-            ear.take(stretch, HeardText(tuple(words), "en"))
+            ear.add_result(stretch, RecognisedText(tuple(words), "en"))
     return told
 
 

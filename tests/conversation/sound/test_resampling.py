@@ -25,5 +25,5 @@ def test_what_the_lower_rate_cannot_hold_is_left_out() -> None:
 def test_in_pieces_it_is_the_same_as_whole() -> None:
     sound = np.random.default_rng(1).standard_normal(9_000).astype(np.float32)
     resampler = Resampler(44_100, 16_000)
-    pieces = [resampler.take(piece) for piece in np.split(sound, [1, 7, 441, 3_000, 3_001])]
+    pieces = [resampler.process(piece) for piece in np.split(sound, [1, 7, 441, 3_000, 3_001])]
     np.testing.assert_allclose(np.concatenate((*pieces, resampler.rest())), resampled(sound, 44_100, 16_000), atol=1e-6)

@@ -128,7 +128,7 @@ def test_the_one_that_is_said_is_taken_and_the_others_are_superseded(rounds: Sug
     begun(rounds, heard, "It stops at once.", "Would you like to see it?")
     card = rounds.card("s-2", 6 * S)
     assert card is not None
-    rounds.take(card, card.text, "u-7", WIZARD, 6 * S)
+    rounds.accept(card, card.text, "u-7", WIZARD, 6 * S)
     assert heard.fates == [(2, "taken"), (1, "superseded")]
     assert heard.told[2].utterance_id == "u-7" and heard.told[2].actor == WIZARD
     rounds.on_robot(replace(ROBOT, utterance_id="u-7"), 7 * S)
@@ -137,7 +137,7 @@ def test_the_one_that_is_said_is_taken_and_the_others_are_superseded(rounds: Sug
 
 def test_an_edited_one_says_how_much_was_changed(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
-    rounds.take(rounds.cards[0], "It halts at once!", "u-7", WIZARD, 6 * S)
+    rounds.accept(rounds.cards[0], "It halts at once!", "u-7", WIZARD, 6 * S)
     assert [(event.state, event.edit_distance) for event in heard.told[1:]] == [("edited", 5)]
 
 
@@ -145,7 +145,7 @@ def test_a_turn_that_was_replied_to_needs_no_other_reply_when_its_final_words_co
     rounds: SuggestionCycle, heard: Follower
 ) -> None:
     begun(rounds, heard, "It stops at once.")
-    rounds.take(rounds.cards[0], "It stops at once.", "u-7", WIZARD, 6 * S)
+    rounds.accept(rounds.cards[0], "It stops at once.", "u-7", WIZARD, 6 * S)
     rounds.on_participant(replace(FINISHED, text="Can it hurt the people?"), 7 * S)
     rounds.pass_time(9 * S)
     assert len(heard.asked) == 1

@@ -68,7 +68,7 @@ def say(rendering: Rendering) -> Say:
 
 
 def spoken(sound: StreamingBuffer) -> str:
-    return "".join(chr(value) for value in sound.take(sound.end)[::10])
+    return "".join(chr(value) for value in sound.read(sound.end)[::10])
 
 
 def test_what_is_wanted_interrupts_what_is_made_ahead_and_that_is_made_later(

@@ -48,10 +48,10 @@ def test_what_is_appended_is_taken_once_and_in_order(lengths: list[int], frames:
     for number, part in enumerate(np.split(values, np.cumsum(lengths)[:-1])):
         places.append((sound.append(part), part))
         if number % 2:
-            taken.append(sound.take(frames))
+            taken.append(sound.read(frames))
     sound.finish()
     while not sound.over:
-        taken.append(sound.take(frames))
+        taken.append(sound.read(frames))
     everything = np.concatenate(taken)
     assert np.array_equal(everything[everything != 0], values), "all of it, nothing twice"
     assert all(np.array_equal(everything[at : at + len(part)], part) for at, part in places), "where it was told"
@@ -60,9 +60,9 @@ def test_what_is_appended_is_taken_once_and_in_order(lengths: list[int], frames:
 def test_a_sound_of_which_nothing_was_heard_is_played_from_its_beginning() -> None:
     sound = StreamingBuffer(RATE_HZ, lambda: None)
     sound.append(some(1, 2, 3))
-    sound.take(2)
+    sound.read(2)
     sound.rewind()
-    assert sound.take(4).tolist() == [1, 2, 3, 0]
+    assert sound.read(4).tolist() == [1, 2, 3, 0]
     sound.finish("broken")
     assert (sound.over, sound.trouble) == (True, "broken")
 

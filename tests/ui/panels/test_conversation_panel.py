@@ -204,7 +204,7 @@ def test_an_hour_stays_quick(qtbot: QtBot, panel: ConversationPanel, console: Fa
     begin_ns = clock.now_ns() - 3_600_000_000_000
     turns = [utterance(number, stamp_ns=begin_ns + number * 1_000_000_000) for number in range(2_000)]
     for turn in turns:
-        console.transcript.take(turn)
+        console.transcript.add(turn)
     console.state.transcript.reset_value(console.transcript.turns)
     qtbot.waitUntil(lambda: len(panel.view.rows) == 2_005)
     qtbot.waitUntil(lambda: not panel.view._rest.isActive())
@@ -389,7 +389,7 @@ def past(
     turns = [utterance(number, stamp_ns=STARTED_NS + number * 4_000_000_000) for number in range(30)]
     console.transcript = Transcript()
     for turn in turns:
-        console.transcript.take(turn)
+        console.transcript.add(turn)
     console.state.transcript.reset_value(console.transcript.turns)
     qtbot.waitUntil(lambda: len(found.view.rows) == 30)
     yield found, replay, now_ns
@@ -437,7 +437,7 @@ def test_a_replay_shows_the_words_as_they_came(
     begun = utterance(5, text="-", state="started", stamp_ns=STARTED_NS + 20_000_000_000)
     transcript = Transcript()
     for event in (begun, replace(begun, stamp_ns=begun.stamp_ns + 2_000_000_000, state="finished", text="All of it.")):
-        transcript.take(event)
+        transcript.add(event)
     panel.state.transcript.reset_value(transcript.turns)
     now_ns[0] = begun.stamp_ns + 1_000_000_000
     panel.state.take(Hearing(now_ns[0], ROBOT_MICROPHONE, True, "participant", "n5", "All", "off"))
