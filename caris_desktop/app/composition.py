@@ -37,7 +37,7 @@ from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.local_microphone import MicrophoneChoice
 from caris_desktop.live.model_lists import local_models
 from caris_desktop.live.services.assistant_service import AssistantAdapters
-from caris_desktop.live.services.cameras_service import OwnCamera, WantedCameras
+from caris_desktop.live.services.cameras_service import OwnCamera, CameraSelection
 from caris_desktop.live.services.crash_recovery_service import CrashRecoveryAdapters
 from caris_desktop.live.services.microphone_service import MicrophoneAdapters
 from caris_desktop.live.services.people_service import PeopleAdapters
@@ -183,7 +183,7 @@ def parts(
             open_presence=functools.partial(_open_presence, study),
             as_configured=_inference_as_configured,
         ),
-        cameras=functools.partial(wanted_cameras, chosen),
+        cameras=functools.partial(selected_cameras, chosen),
         assistant=AssistantAdapters(
             server=ProcessSpec("language-model", process_entry_points.language_model),
             stream_chat=stream_chat,
@@ -256,9 +256,9 @@ def _recogniser(scenario: Scenario) -> ProcessSpec:
 
 def _forgetting(study: StudyFolder, person_id: str) -> ProcessSpec:
     """Process that forgets the person in the whole study."""
-    from caris_desktop.live.erasure_run import ForgettingAsked
+    from caris_desktop.live.erasure_run import ErasureRequest
 
-    request = ForgettingAsked(
+    request = ErasureRequest(
         study.path, study.people_database, person_id, unknown=True, own_files=own_files(study.path)
     )
     return ProcessSpec("forgetting", process_entry_points.forgetting, (request,))
@@ -288,7 +288,7 @@ def own_files(study: Path) -> "OwnFiles":
     )
 
 
-def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -> WantedCameras:
+def selected_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -> CameraSelection:
     """Cameras of a run: ``given`` on the command line, else those of the scenario."""
     models: dict[str, CameraModel] = {}
     failures: list[UserFacingError] = []
@@ -325,7 +325,7 @@ def wanted_cameras(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -
         camera.name: ProcessSpec(f"camera {camera.name}", process_entry_points.camera, (camera,))
         for camera in own_cameras
     }
-    return WantedCameras(
+    return CameraSelection(
         tuple(OwnCamera(name, body, models.get(name)) for name, body in bodies_of.items()),
         None if "" in of_robot else tuple(of_robot),
         tuple(failures),

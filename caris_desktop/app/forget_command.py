@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.live.erasure_run import ForgettingAsked, forget, person_of
+from caris_desktop.live.erasure_run import ErasureRequest, forget, person_of
 from caris_desktop.recording.forgetting.study_erasure import Forgotten, receipt_words
 from caris_desktop.recording.studies.study_index import study_dir_of
 from caris_desktop.recording.terminal import ProgressLine
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{arguments.study} is not a folder. Nothing was changed.", file=sys.stderr)
         return 1
     study = study_dir_of(arguments.study).absolute()
-    request = ForgettingAsked(
+    request = ErasureRequest(
         study,
         StudyFolder(study).people_database,
         arguments.person,
@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if outcome.complete else 1
 
 
-def _agreed(request: ForgettingAsked, names: tuple[str, ...]) -> bool:
+def _agreed(request: ErasureRequest, names: tuple[str, ...]) -> bool:
     done = "pixelated in" if request.recordings == "mask" else "removed with"
     print(
         f"{' / '.join(names) or request.who} will be permanently erased from {request.study}: removed from the study's "

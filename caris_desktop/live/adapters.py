@@ -7,7 +7,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.services.assistant_service import AssistantAdapters
-from caris_desktop.live.services.cameras_service import WantedCameras
+from caris_desktop.live.services.cameras_service import CameraSelection
 from caris_desktop.live.services.crash_recovery_service import CrashRecoveryAdapters
 from caris_desktop.live.services.microphone_service import MicrophoneAdapters
 from caris_desktop.live.services.people_service import PeopleAdapters
@@ -39,7 +39,7 @@ class Adapters:
     speech: ProcessSpec
     speech_history: Path
     people: PeopleAdapters
-    cameras: Callable[[Scenario], WantedCameras]
+    cameras: Callable[[Scenario], CameraSelection]
     assistant: AssistantAdapters
     scenario: ScenarioAdapters
     robots: RobotAdapters

@@ -59,8 +59,8 @@ def cause_of(problem: Problem) -> str:
 def cause_among(problem: Problem, alarms: Iterable[Alarm]) -> Alarm | None:
     """Existing alarm that explains this problem."""
     causes = (*FOLLOWS_FROM.get(cause_of(problem), ()), cause_of(problem))
-    standing = {alarm.cause: alarm for alarm in alarms}
-    return next((standing[cause] for cause in causes if cause in standing), None)
+    active = {alarm.cause: alarm for alarm in alarms}
+    return next((active[cause] for cause in causes if cause in active), None)
 
 
 @dataclass(slots=True)
@@ -79,7 +79,7 @@ class AlarmBook:
     """
 
     def __init__(self) -> None:
-        self._standing: dict[str, _ActiveAlarm] = {}
+        self._active: dict[str, _ActiveAlarm] = {}
         self._ended: dict[str, tuple[Alarm, int]] = {}
         self._held: list[tuple[int, Problem]] = []
         self._pending: dict[str, tuple[int, int]] = {}  # start of the condition, and when it becomes an alarm
@@ -90,17 +90,17 @@ class AlarmBook:
     @property
     def alarms(self) -> tuple[Alarm, ...]:
         """Current alarms, most severe first, then newest first."""
-        alarms = (standing.alarm for standing in self._standing.values())
+        alarms = (active.alarm for active in self._active.values())
         return tuple(sorted(alarms, key=lambda alarm: (-_GRAVITY[alarm.severity], -alarm.began_ns)))
 
     def causes(self) -> frozenset[str]:
-        return frozenset(self._standing)
+        return frozenset(self._active)
 
     def take_changes(self) -> list[AlarmChanged]:
         changes, self._changes = self._changes, []
         return changes
 
-    def take(self, problem: Problem, now_ns: int) -> None:
+    def add(self, problem: Problem, now_ns: int) -> None:
         """Add a reported problem."""
         if problem.severity == "info":
             return
@@ -137,76 +137,76 @@ class AlarmBook:
             else:
                 self._raise(_alarm_of(problem, now_ns), now_ns)
         true_now = {condition.cause for condition in conditions}
-        for standing in tuple(self._standing.values()):
-            self._find_end(standing, true_now, now_ns)
+        for active in tuple(self._active.values()):
+            self._find_end(active, true_now, now_ns)
 
     def dismiss(self, alarm_id: str, actor: Actor, now_ns: int) -> bool:
         """Dismiss an alarm; False if only the state can end it, or if it is over."""
-        standing = next((each for each in self._standing.values() if each.alarm.alarm_id == alarm_id), None)
-        if standing is None or standing.alarm.ends_by_itself:
+        active = next((each for each in self._active.values() if each.alarm.alarm_id == alarm_id), None)
+        if active is None or active.alarm.ends_by_itself:
             return False
-        self._end(standing, now_ns, actor)
+        self._end(active, now_ns, actor)
         return True
 
     def forget(self, causes: Collection[str], now_ns: int) -> None:
         """End the alarms of these causes, whose subject no longer exists."""
-        for standing in [each for cause, each in self._standing.items() if cause in causes]:
-            self._end(standing, now_ns)
+        for active in [each for cause, each in self._active.items() if cause in causes]:
+            self._end(active, now_ns)
 
     def report_all(self, now_ns: int) -> None:
         """Report all alarms again at the start of a recording."""
-        for standing in self._standing.values():
-            self._notify("raised", standing, now_ns)
+        for active in self._active.values():
+            self._notify("raised", active, now_ns)
 
     def wait_s(self, now_ns: int) -> float | None:
         """Time until the next evaluation in s without a change; None for never."""
         due_ns = [due for due, _ in self._held]
         due_ns += [due for _since, due in self._pending.values()]
-        for standing in self._standing.values():
-            if standing.over_since_ns is not None:
-                due_ns.append(standing.over_since_ns + _steady_ns(standing.alarm))
-            elif _lapses(standing):
-                due_ns.append(standing.reported_ns + LAPSE_NS)
+        for active in self._active.values():
+            if active.over_since_ns is not None:
+                due_ns.append(active.over_since_ns + _steady_ns(active.alarm))
+            elif _lapses(active):
+                due_ns.append(active.reported_ns + LAPSE_NS)
         return max(0.0, (min(due_ns) - now_ns) / 1e9) if due_ns else None
 
     def _check_conditions(self, conditions: Sequence[Condition], now_ns: int) -> None:
         pending: dict[str, tuple[int, int]] = {}
         for condition in conditions:
-            standing = self._standing.get(condition.cause)
-            if standing is not None:
-                if condition.prevails and standing.alarm.what != condition.what:
+            active = self._active.get(condition.cause)
+            if active is not None:
+                if condition.prevails and active.alarm.what != condition.what:
                     # Reasons about the former robot are obsolete.
-                    reason = "" if standing.by_condition else _why(standing.alarm)
-                    standing.alarm = replace(_in_words_of(condition, standing.alarm), why=reason)
-                    standing.by_condition = standing.prevails = True
+                    reason = "" if active.by_condition else _reason(active.alarm)
+                    active.alarm = replace(_in_words_of(condition, active.alarm), why=reason)
+                    active.by_condition = active.prevails = True
                 continue
             since_ns, _due = self._pending.get(condition.cause, (now_ns, 0))
             due_ns = since_ns + round(condition.after_s * 1e9)
             if due_ns > now_ns:
                 pending[condition.cause] = since_ns, due_ns
-            elif not any(cause in self._standing for cause in FOLLOWS_FROM.get(condition.cause, ())):
+            elif not any(cause in self._active for cause in FOLLOWS_FROM.get(condition.cause, ())):
                 raised = Alarm("", condition.cause, condition.severity, "", "", "", now_ns)
                 self._raise(_in_words_of(condition, raised), now_ns, by_condition=True)
-                self._standing[condition.cause].prevails = condition.prevails
+                self._active[condition.cause].prevails = condition.prevails
         self._pending = pending
 
-    def _find_end(self, standing: _ActiveAlarm, true_now: Collection[str], now_ns: int) -> None:
-        alarm = standing.alarm
+    def _find_end(self, active: _ActiveAlarm, true_now: Collection[str], now_ns: int) -> None:
+        alarm = active.alarm
         if alarm.until and alarm.until != "quiet":
             there = alarm.until in self._ends
-            standing.was_not_over |= not there
-            over = there and standing.was_not_over
+            active.was_not_over |= not there
+            over = there and active.was_not_over
         else:
-            over = standing.by_condition and alarm.cause not in true_now
-        if over and standing.over_since_ns is None:
-            standing.over_since_ns = now_ns
-        elif not over and standing.over_since_ns is not None:
-            standing.over_since_ns = None
-            standing.alarm = replace(alarm, times=alarm.times + 1)
-        lapsed = _lapses(standing) and now_ns - standing.reported_ns >= LAPSE_NS
-        steady = standing.over_since_ns is not None and now_ns - standing.over_since_ns >= _steady_ns(standing.alarm)
+            over = active.by_condition and alarm.cause not in true_now
+        if over and active.over_since_ns is None:
+            active.over_since_ns = now_ns
+        elif not over and active.over_since_ns is not None:
+            active.over_since_ns = None
+            active.alarm = replace(alarm, times=alarm.times + 1)
+        lapsed = _lapses(active) and now_ns - active.reported_ns >= LAPSE_NS
+        steady = active.over_since_ns is not None and now_ns - active.over_since_ns >= _steady_ns(active.alarm)
         if steady or lapsed:
-            self._end(standing, now_ns)
+            self._end(active, now_ns)
 
     def _raise(self, alarm: Alarm, now_ns: int, *, by_condition: bool = False) -> None:
         before, ended_ns = self._ended.pop(alarm.cause, (None, 0))
@@ -216,48 +216,48 @@ class AlarmBook:
             self._number += 1
             alarm = replace(alarm, alarm_id=f"a-{self._number}-{now_ns:x}")
         for cause, causes in FOLLOWS_FROM.items():
-            if alarm.cause in causes and cause in self._standing:
-                following = self._standing[cause]
+            if alarm.cause in causes and cause in self._active:
+                following = self._active[cause]
                 alarm = replace(alarm, folded=_with_line(alarm.folded, following.alarm.what))
                 self._end(following, now_ns)
         there = alarm.until in self._ends
-        self._standing[alarm.cause] = _ActiveAlarm(alarm, now_ns, by_condition, was_not_over=not there)
-        self._notify("raised", self._standing[alarm.cause], now_ns)
+        self._active[alarm.cause] = _ActiveAlarm(alarm, now_ns, by_condition, was_not_over=not there)
+        self._notify("raised", self._active[alarm.cause], now_ns)
 
-    def _end(self, standing: _ActiveAlarm, now_ns: int, actor: Actor = CONSOLE) -> None:
-        del self._standing[standing.alarm.cause]
-        self._ended[standing.alarm.cause] = (standing.alarm, now_ns)
-        self._notify("ended", standing, now_ns, actor)
+    def _end(self, active: _ActiveAlarm, now_ns: int, actor: Actor = CONSOLE) -> None:
+        del self._active[active.alarm.cause]
+        self._ended[active.alarm.cause] = (active.alarm, now_ns)
+        self._notify("ended", active, now_ns, actor)
 
-    def _notify(self, state: AlarmState, standing: _ActiveAlarm, now_ns: int, actor: Actor = CONSOLE) -> None:
-        alarm = standing.alarm
+    def _notify(self, state: AlarmState, active: _ActiveAlarm, now_ns: int, actor: Actor = CONSOLE) -> None:
+        alarm = active.alarm
         self._changes.append(
             AlarmChanged(
                 now_ns, alarm.alarm_id, alarm.cause, state, alarm.severity, alarm.what, alarm.meaning, alarm.advice,
-                alarm.times, not standing.by_condition, actor,
+                alarm.times, not active.by_condition, actor,
             )
         )  # fmt: skip
 
     def _fold(self, cause: str, what: str, now_ns: int, *, asked: bool = False) -> None:
-        standing = self._standing[cause]
-        alarm = standing.alarm
+        active = self._active[cause]
+        alarm = active.alarm
         asked_ns = now_ns if asked else alarm.asked_ns
-        standing.alarm = replace(alarm, folded=_with_line(alarm.folded, what), asked_ns=asked_ns)
+        active.alarm = replace(alarm, folded=_with_line(alarm.folded, what), asked_ns=asked_ns)
 
     def _report_again(self, problem: Problem, now_ns: int) -> None:
         """Merge a recurrence: the most severe text wins, of equal ones the newest; others become details."""
-        standing = self._standing[cause_of(problem)]
-        alarm = standing.alarm
-        standing.reported_ns = now_ns
+        active = self._active[cause_of(problem)]
+        alarm = active.alarm
+        active.reported_ns = now_ns
         if problem.what == alarm.what:
-            standing.alarm = replace(alarm, meaning=problem.meaning, advice=problem.advice)
-        elif standing.prevails:
-            standing.alarm = replace(alarm, why=_why(problem))
-        elif standing.by_condition or _GRAVITY[problem.severity] < _GRAVITY[alarm.severity]:
-            standing.alarm = replace(alarm, folded=_with_line(alarm.folded, problem.what))
+            active.alarm = replace(alarm, meaning=problem.meaning, advice=problem.advice)
+        elif active.prevails:
+            active.alarm = replace(alarm, why=_reason(problem))
+        elif active.by_condition or _GRAVITY[problem.severity] < _GRAVITY[alarm.severity]:
+            active.alarm = replace(alarm, folded=_with_line(alarm.folded, problem.what))
         else:
             folded = _with_line(alarm.folded, alarm.what)
-            standing.alarm = replace(
+            active.alarm = replace(
                 alarm, severity=problem.severity, what=problem.what, meaning=problem.meaning, advice=problem.advice,
                 until=problem.until or alarm.until, folded=tuple(line for line in folded if line != problem.what),
             )  # fmt: skip
@@ -270,7 +270,7 @@ def _alarm_of(problem: Problem, now_ns: int) -> Alarm:
     )  # fmt: skip
 
 
-def _why(problem: Problem | Alarm) -> str:
+def _reason(problem: Problem | Alarm) -> str:
     return " ".join(part for part in (problem.what, problem.advice) if part)
 
 
@@ -281,8 +281,8 @@ def _in_words_of(condition: Condition, alarm: Alarm) -> Alarm:
     )  # fmt: skip
 
 
-def _lapses(standing: _ActiveAlarm) -> bool:
-    return standing.alarm.until == "quiet"
+def _lapses(active: _ActiveAlarm) -> bool:
+    return active.alarm.until == "quiet"
 
 
 def _steady_ns(alarm: Alarm) -> int:

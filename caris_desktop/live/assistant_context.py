@@ -45,12 +45,12 @@ class AssistantContext:
         if detail == "history" and "history" in leave_out:
             detail = "names"
         rows: Sequence[PersonRow] = self._state.persons.value
-        labels = {row.person_id: who_is_here(row, "names" if detail == "history" else detail) for row in rows}
+        labels = {row.person_id: describe_person(row, "names" if detail == "history" else detail) for row in rows}
         noted = [f"{mark.label}: {mark.note}" if mark.label else mark.note for mark in self._notes.values()]
         return ContextPart(
             conversation=() if "conversation" in leave_out else self._turns(),
             step="" if "step" in leave_out else self._state.protocol.value.title,
-            people=() if "people" in leave_out else [who_is_here(row, detail) for row in rows if row.here],
+            people=() if "people" in leave_out else [describe_person(row, detail) for row in rows if row.here],
             things=() if "things" in leave_out else self._things_in_view(),
             notes=() if "notes" in leave_out else [*filter(str.strip, [notes]), *noted],
             label_characters=MAX_HISTORY_CHARACTERS if detail == "history" else MAX_LABEL_CHARACTERS,
@@ -94,7 +94,7 @@ class AssistantContext:
         return sorted(most.elements())
 
 
-def who_is_here(person: PersonRow, detail: AssistantPeople) -> str:
+def describe_person(person: PersonRow, detail: AssistantPeople) -> str:
     """A person as described to the language model."""
     if detail == "numbers" or not person.known:
         return f"person {person.number}"

@@ -112,7 +112,7 @@ class Bus(QObject):
         events, latest = self._mailbox.drain(shown_as)
         self._take_events(events)
         for value in latest:
-            self._state.take(value)
+            self._state.add(value)
 
     def _on_woken(self) -> None:
         self._before_work()
@@ -125,7 +125,7 @@ class Bus(QObject):
         for event in events:
             for take in self._followers.get(type(event), ()):
                 take(event)
-            self._state.take(event)
+            self._state.add(event)
 
 
 class Mailbox:

@@ -38,7 +38,7 @@ from caris_desktop.robot.profile import (
 from caris_desktop.scenario.scenario_model import Scenario
 
 _log = logging.getLogger(__name__)
-_FILES_KEPT = 300
+_MAX_FILES = 300
 _PLAIN_NAME = re.compile(r"[A-Za-z0-9_-]+")
 ReferenceKind = Literal["address", "variable", "path", "model", "network", "stop_release", "motion", "held"]
 KIND_TITLES: dict[ReferenceKind, str] = {
@@ -180,7 +180,7 @@ def accept(question: FileQuestion) -> None:
             "path": one.path,
             "named": [[named.kind, named.text, named.place, named.digest] for named in one.named],
         }
-        for one in entries[-_FILES_KEPT:]
+        for one in entries[-_MAX_FILES:]
     ]
     file = _file()
     file.parent.mkdir(parents=True, exist_ok=True)

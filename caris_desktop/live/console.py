@@ -55,7 +55,7 @@ from caris_desktop.live.services.speaking_service import SpeakingService
 from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.services.suggestions_service import SuggestionsService
 from caris_desktop.live.services.transcript_service import ResponseTimeService, SpeakersService, TranscriptService
-from caris_desktop.live.shown_frames import ShownFrames
+from caris_desktop.live.shown_frames import DisplayFrames
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status_tap import StatusTap
 from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
@@ -78,8 +78,8 @@ class Console(QObject):
         self._asyncio = AsyncioThread()
         self._media_ring = FrameRing.create()
         self._frames = FrameRings([self._media_ring])
-        self._shown_frames = ShownFrames(self._frames, state)
-        bus.tap(self._shown_frames.take, (People,))
+        self._shown_frames = DisplayFrames(self._frames, state)
+        bus.tap(self._shown_frames.add, (People,))
         to_read = RingsToRead((self._media_ring.name,))
 
         self._scenario = ScenarioService(
@@ -98,7 +98,7 @@ class Console(QObject):
             state, self._media_ring,
             new_child=self._new_link, publish=bus.publish, problem=bus.problem,
             before_goal=lambda: self._drive.release(QT_TR_NOOP("A goal was set")), asyncio_thread=self._asyncio,
-            wanted_cameras=parts.cameras, slow_work=slow_work, parent=self,
+            selected_cameras=parts.cameras, slow_work=slow_work, parent=self,
         )  # fmt: skip
         self._microphone = MicrophoneService(
             state, bus, children, parts.microphone,

@@ -27,7 +27,7 @@ _PROGRESS_STEP = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class ForgettingAsked:
+class ErasureRequest:
     """Erase request. ``who`` is an id or name, ``also_called`` further names.
 
     ``texts``: treatment of free text that names them, unless ``review``, a list of decisions, says otherwise; empty to
@@ -63,7 +63,7 @@ class ForgettingEnded:
     failure: tuple[str, str, str] | None = None
 
 
-def person_of(request: ForgettingAsked) -> tuple[PersonToForget, Review | None, bool]:
+def person_of(request: ErasureRequest) -> tuple[PersonToForget, Review | None, bool]:
     """Person to erase, decisions on texts, and whether the database knows them. Raises UserFacingError."""
     from caris_desktop.people.person_erasure import PersonToForget, find_person
     from caris_desktop.recording.forgetting.review import read_review
@@ -95,7 +95,7 @@ def person_of(request: ForgettingAsked) -> tuple[PersonToForget, Review | None, 
     )
 
 
-def forget(request: ForgettingAsked, progress: Callable[[float, str], None] = lambda _f, _w: None) -> Forgotten:
+def forget(request: ErasureRequest, progress: Callable[[float, str], None] = lambda _f, _w: None) -> Forgotten:
     """Erase a person, or resume an interrupted run. Takes as long as re-encoding the study's videos. Raises
     UserFacingError.
     """
@@ -129,7 +129,7 @@ def forget(request: ForgettingAsked, progress: Callable[[float, str], None] = la
     return forget_person(forget_request, lambda: erase(request.database, person.person_ids), report_progress)
 
 
-def run_forgetting(connection: Connection, request: ForgettingAsked) -> None:
+def run_forgetting(connection: Connection, request: ErasureRequest) -> None:
     """Process body: sends ForgettingProgress and finally ForgettingEnded."""
     if hasattr(os, "nice"):
         # The robot may be driven meanwhile.

@@ -37,7 +37,7 @@ STALE_NS = 150_000_000
 _HEARTBEAT_NS = 40_000_000
 _CHECK_MS = 50
 _WAIT_MS = 100
-_LOOK_FOR_DEVICES_S = 0.25
+_POLL_DEVICES_S = 0.25
 _TRIGGER_RESTS_BELOW = -0.9
 # SDL without a window: otherwise it would open one, receive nothing in the background, or handle Ctrl+C.
 _ENVIRONMENT = {
@@ -106,7 +106,7 @@ class Gamepads(QObject):
         self._mappings: dict[str, GamepadMapping] = {}
         self._device: GamepadDevice | None = None
         self._mapping = GamepadMapping()
-        self._wish = AT_REST
+        self._command = AT_REST
         self._newest = GamepadSample(0, RawInputs())
         self._taken_ns = 0
         self._down: frozenset[str] = frozenset()
@@ -114,7 +114,7 @@ class Gamepads(QObject):
         self._learning = False
         self._inbox = _Inbox(self._woken.emit)
         self._reader: _Reader | None = None
-        self._woken.connect(self._take, Qt.ConnectionType.QueuedConnection)
+        self._woken.connect(self._process, Qt.ConnectionType.QueuedConnection)
         self._watch = QTimer(self)
         self._watch.setInterval(_CHECK_MS)
         self._watch.timeout.connect(self._check_age)
@@ -147,7 +147,7 @@ class Gamepads(QObject):
     @property
     def command(self) -> TeleopCommand:
         """Command of the sticks."""
-        return self._wish
+        return self._command
 
     # Mapping
 
@@ -189,11 +189,11 @@ class Gamepads(QObject):
 
     # Input from the reader thread
 
-    def _take(self) -> None:
+    def _process(self) -> None:
         messages, newest = self._inbox.drain()
         now_ns = clock.now_ns()
         # The stick may have moved anywhere during a stall: it must return to centre first.
-        if self._wish.moving and now_ns - self._taken_ns > STALE_NS:
+        if self._command.moving and now_ns - self._taken_ns > STALE_NS:
             self._lose(QT_TR_NOOP("The program stalled"))
         self._taken_ns = now_ns
         for message in messages:
@@ -202,11 +202,11 @@ class Gamepads(QObject):
             elif isinstance(message, _Failed):
                 self._state.gamepad.set(GamepadStatus(detail=message.detail))
             elif self._device is not None:
-                self._take_buttons(message)
+                self._process_buttons(message)
         if newest is not None and self._device is not None:
-            self._take_sticks(newest)
+            self._process_sticks(newest)
 
-    def _take_buttons(self, sample: GamepadSample) -> None:
+    def _process_buttons(self, sample: GamepadSample) -> None:
         down = pressed_actions(self._mapping, sample.raw)
         new = down - self._down
         self._hold_down(down)
@@ -220,32 +220,32 @@ class Gamepads(QObject):
         for action in sorted(up):
             self.released.emit(action)
 
-    def _take_sticks(self, sample: GamepadSample) -> None:
+    def _process_sticks(self, sample: GamepadSample) -> None:
         self._newest = sample
-        self._take_buttons(sample)
+        self._process_buttons(sample)
         self.sampled.emit(sample)
-        wish = stick_command(self._mapping, sample.raw)
+        command = stick_command(self._mapping, sample.raw)
         if self._blocked or clock.now_ns() - sample.stamp_ns > STALE_NS:
-            self._blocked = self._blocked and wish.moving
-            wish = AT_REST
-        if wish != self._wish:
-            self._wish = wish
-            if wish.moving:
+            self._blocked = self._blocked and command.moving
+            command = AT_REST
+        if command != self._command:
+            self._command = command
+            if command.moving:
                 self._watch.start()
             else:
                 self._watch.stop()
-            self.moved.emit(wish)
+            self.moved.emit(command)
 
     def _check_age(self) -> None:
-        if self._wish.moving and clock.now_ns() - self._newest.stamp_ns > STALE_NS:
+        if self._command.moving and clock.now_ns() - self._newest.stamp_ns > STALE_NS:
             self._lose(QT_TR_NOOP("The gamepad stopped responding"))
 
     def _lose(self, reason: str) -> None:
         """Release all input; sticks work again after they were centred."""
         self._watch.stop()
         self._blocked = stick_command(self._mapping, self._newest.raw).moving
-        if self._wish.moving:
-            self._wish = AT_REST
+        if self._command.moving:
+            self._command = AT_REST
             self.lost.emit(reason)
 
     def _on_plugged(self, device: GamepadDevice | None) -> None:
@@ -359,7 +359,7 @@ class _Reader:
         while not self._ending.is_set():
             if self._joystick is None:
                 # SDL detects new devices only when polled.
-                self._ending.wait(_LOOK_FOR_DEVICES_S)
+                self._ending.wait(_POLL_DEVICES_S)
                 events = self._pygame.event.get()
             else:
                 first = self._pygame.event.wait(_WAIT_MS if not self._deflected() else _HEARTBEAT_NS // 1_000_000)

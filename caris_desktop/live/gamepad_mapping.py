@@ -404,8 +404,8 @@ def _same_input(first: str, second: str) -> bool:
     return first.strip("+-~") == second.strip("+-~")
 
 
-def _turned(part: str, other_way: bool) -> str:
-    if not other_way:
+def _turned(part: str, inverted: bool) -> str:
+    if not inverted:
         return part
     return part[:-1] if part.endswith("~") else part + ("~" if "a" in part else "")
 

@@ -40,7 +40,7 @@ _TIMEOUTS: dict[Purpose, ChatTimeouts] = {
     "actions": ChatTimeouts(first_token_s=15.0, between_tokens_s=10.0),
 }
 # Intervals of partial text: reading speed for answers, first words for suggestions.
-_TELL_EVERY_NS: dict[Purpose, int] = {"question": 30_000_000, "replies": 10_000_000, "actions": 30_000_000}
+_REPORT_EVERY_NS: dict[Purpose, int] = {"question": 30_000_000, "replies": 10_000_000, "actions": 30_000_000}
 _CUT_WORDS: dict[Cut, str] = {
     "": "",
     "length": QT_TR_NOOP("The answer is cut off: it reached the length limit (assistant.max_tokens)."),
@@ -71,7 +71,7 @@ class _Request:
     photo: str
     turn_id: str
     revision: int
-    asked_ns: int
+    requested_ns: int
     seed: int | None
     slot: int | None
     actor: Actor
@@ -141,13 +141,13 @@ class ModelClient(QObject):
         self._endpoint: ModelEndpoint | None = None
         self._local_only = True
         self._shown_as = ""
-        self._why_none: str = QT_TR_NOOP("No language model is set up.")
+        self._no_model_reason: str = QT_TR_NOOP("No language model is set up.")
         self._versions: dict[ModelEndpoint, str] = {}
         self._asking_version: Future[None] | None = None
         self._running: dict[str, _Running] = {}
         self._to_read: dict[Purpose, Callable[[], Sequence[ChatMessage]]] = {}
         self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
-        self._soon.timeout.connect(self._read_what_waits)
+        self._soon.timeout.connect(self._read_pending)
         self._grew.connect(self._on_grew)
         self._waits.connect(self._on_waits)
         self._ended.connect(self._on_ended)
@@ -177,14 +177,14 @@ class ModelClient(QObject):
         """Whether this computer runs the model."""
         return self._endpoint is not None and not self._endpoint.leaves_computer
 
-    def use(self, endpoint: ModelEndpoint, *, shown_as: str, local_only: bool) -> None:
+    def use(self, endpoint: ModelEndpoint, *, display_name: str, local_only: bool) -> None:
         """Switch the model; with ``local_only`` only if it runs on this computer. Exchanges with the former model are
         cancelled; with the same model they continue.
         """
-        if (endpoint, shown_as, local_only) == (self._endpoint, self._shown_as, self._local_only):
+        if (endpoint, display_name, local_only) == (self._endpoint, self._shown_as, self._local_only):
             return
         self.cancel_all(QT_TR_NOOP("another model was chosen"))
-        self._endpoint, self._shown_as, self._local_only = endpoint, shown_as, local_only
+        self._endpoint, self._shown_as, self._local_only = endpoint, display_name, local_only
         self._find_version(endpoint, local_only=local_only)
         self.model_changed.emit()
 
@@ -202,7 +202,7 @@ class ModelClient(QObject):
         self._to_read[purpose] = messages
         self._soon.start()
 
-    def _read_what_waits(self) -> None:
+    def _read_pending(self) -> None:
         waiting, self._to_read = self._to_read, {}
         if self.embedded:
             for purpose, messages in waiting.items():
@@ -231,7 +231,7 @@ class ModelClient(QObject):
     def use_none(self, reason: str) -> None:
         """Run without a model; ``reason`` is part of the refusals."""
         self.cancel_all(QT_TR_NOOP("the model is no longer available"))
-        self._endpoint, self._why_none = None, reason
+        self._endpoint, self._no_model_reason = None, reason
 
     def ask(
         self,
@@ -264,7 +264,7 @@ class ModelClient(QObject):
             raise UserFacingError(
                 QT_TR_NOOP("The assistant cannot answer now."),
                 QT_TR_NOOP("No question was sent."),
-                self._why_none,
+                self._no_model_reason,
                 severity="warning",
             )
         request = _Request(
@@ -282,7 +282,7 @@ class ModelClient(QObject):
             photo=photo,
             turn_id=turn_id,
             revision=revision,
-            asked_ns=clock.now_ns(),
+            requested_ns=clock.now_ns(),
             seed=secrets.randbelow(_SEEDS) if self._endpoint.takes_seed else None,
             slot=self._slot(purpose),
             actor=actor,
@@ -363,7 +363,7 @@ class ModelClient(QObject):
                     response.pieces.clear()
                 response.first_token_ns = response.first_token_ns or now_ns
                 response.pieces.append(piece)
-                if now_ns - reported_ns >= _TELL_EVERY_NS[request.purpose]:
+                if now_ns - reported_ns >= _REPORT_EVERY_NS[request.purpose]:
                     reported_ns = now_ns
                     self._grew.emit(request.exchange_id, "".join(response.pieces))
         except asyncio.CancelledError:
@@ -417,7 +417,7 @@ def _exchange(request: _Request, response: _Response, outcome: LlmOutcome, detai
         messages=request.recorded,
         answer="".join(response.pieces).strip(),
         outcome=outcome,
-        asked_ns=request.asked_ns,
+        requested_ns=request.requested_ns,
         first_token_ns=response.first_token_ns,
         parameters=parameters,
         detail=detail,

@@ -49,8 +49,8 @@ from caris_desktop.perception.inference_messages import (
 _log = logging.getLogger(__name__)
 _TICK_S = 0.2
 _ANSWER_WITHIN_NS = 5_000_000_000
-_PACE_TOLD_EVERY_NS = 1_000_000_000
-_EVERYBODY_TOLD_EVERY_NS = 1_000_000_000
+_PACE_EVERY_NS = 1_000_000_000
+_EVERYBODY_EVERY_NS = 1_000_000_000
 
 
 class PerceptionWorker(QObject):
@@ -135,9 +135,9 @@ class PerceptionWorker(QObject):
     def offer_evidence(self, value: LaserScan | RobotPose | HeadState | Odometry | DepthGrid) -> None:
         """Add sensor data for people's positions and for camera motion."""
         if isinstance(value, HeadState | Odometry):
-            self._turning.take(value)
+            self._turning.add(value)
         if not isinstance(value, Odometry):
-            self._locator.take(value)
+            self._locator.add(value)
 
     def use_cameras(self, models: dict[str, CameraModel]) -> None:
         """Set the models of the robot's cameras by name; people in other cameras get no map position."""
@@ -288,7 +288,7 @@ class PerceptionWorker(QObject):
             if ready and rested and not busy and child is not None:
                 requested_ns = clock.now_ns()
                 with self._turns_lock:
-                    pending = self._turns.take(now_ns=requested_ns)
+                    pending = self._turns.pop(now_ns=requested_ns)
                 busy = pending is not None and child.send(self._detection_request(pending))
             self._show_persons(presence)
         if child is not None:
@@ -347,7 +347,7 @@ class PerceptionWorker(QObject):
     def _report_pace(self, inference_ms: float) -> None:
         """Update rates once a second: more frequent changes are illegible."""
         now_ns = clock.now_ns()
-        if now_ns - self._pace_reported_ns >= _PACE_TOLD_EVERY_NS:
+        if now_ns - self._pace_reported_ns >= _PACE_EVERY_NS:
             self._pace_reported_ns = now_ns
             looks_per_s = self._detection_rates.per_second(now_ns=now_ns)
             self._set_status(replace(self._status, inference_ms=inference_ms, looks_per_s=looks_per_s))
@@ -360,7 +360,7 @@ class PerceptionWorker(QObject):
             self._shown_persons = shown
             self.persons_changed.emit(rows)
         now_ns = clock.now_ns()
-        if now_ns - self._everybody_reported_ns >= _EVERYBODY_TOLD_EVERY_NS:
+        if now_ns - self._everybody_reported_ns >= _EVERYBODY_EVERY_NS:
             self._everybody_reported_ns = now_ns
             everybody = tuple(replace(row, last_seen_ns=0) if row.here else row for row in presence.everybody())
             if everybody != self._everybody:

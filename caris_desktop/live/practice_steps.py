@@ -132,7 +132,7 @@ class Practice:
         self._happened: Mapping[str, Callable[[Any], bool]] = {
             "drive": lambda _event: self._driven_m >= _DRIVEN_M,
             "type": self._typed_while_driving,
-            "phrase": lambda event: _said(event, "phrase"),
+            "phrase": lambda event: _was_spoken(event, "phrase"),
             "name": lambda event: isinstance(event, PersonRenamed) and bool(event.actor),
             "photo": lambda event: isinstance(event, PhotoTaken),
             "ask": lambda event: (
@@ -165,7 +165,7 @@ class Practice:
     def minutes(self, now_s: float) -> float:
         return (now_s - self.began_s) / 60.0
 
-    def take(self, value: Any, now_s: float) -> EndedStep | None:
+    def add(self, value: Any, now_s: float) -> EndedStep | None:
         """Process an event or robot motion; returns the step that it completed."""
         if isinstance(value, CommandSent):
             self._moving = value.twist.moving
@@ -210,5 +210,5 @@ class Practice:
         return self._latched and isinstance(event, EmergencyStopChanged) and not event.latched
 
 
-def _said(event: Any, origin: str) -> bool:
+def _was_spoken(event: Any, origin: str) -> bool:
     return isinstance(event, UtteranceChanged) and event.origin == origin and event.state in ("started", "finished")

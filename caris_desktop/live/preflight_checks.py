@@ -96,11 +96,11 @@ def automatic_checks(facts: Facts) -> tuple[PreflightCheck, ...]:
 
 
 def ticked_checks(
-    scenario: Scenario, ticks: Mapping[str, ChecklistItem], why_open: str = "", taken_back: Collection[str] = ()
+    scenario: Scenario, ticks: Mapping[str, ChecklistItem], reason_open: str = "", withdrawn: Collection[str] = ()
 ) -> tuple[PreflightCheck, ...]:
-    """The scenario's manual checks. ``why_open``: reason why those in ``taken_back`` are open again."""
+    """The scenario's manual checks. ``reason_open``: reason why those in ``withdrawn`` are open again."""
     return tuple(
-        _ticked(manual, ticks.get(of), why_open if of in taken_back else "")
+        _ticked(manual, ticks.get(of), reason_open if of in withdrawn else "")
         for manual in manual_checks(scenario.preflight)
         for of in (manual_id(manual),)
     )
@@ -110,9 +110,9 @@ def manual_id(manual: ManualCheck) -> str:
     return f"by hand: {manual.check}"
 
 
-def _ticked(manual: ManualCheck, tick: ChecklistItem | None, why_open: str) -> PreflightCheck:
+def _ticked(manual: ManualCheck, tick: ChecklistItem | None, reason_open: str) -> PreflightCheck:
     check = PreflightCheck(
-        manual_id(manual), manual.check, detail=why_open, advice=manual.advice, manual=True, needed=manual.needed
+        manual_id(manual), manual.check, detail=reason_open, advice=manual.advice, manual=True, needed=manual.needed
     )
     return check if tick is None else replace(check, state="passed", detail="", actor=tick.actor, checked_ns=tick.at_ns)
 

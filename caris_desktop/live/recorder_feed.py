@@ -64,7 +64,7 @@ class RecorderFeed:
         """Queue a value; ``raw`` is its pickled form if available."""
         spec = BY_TYPE[type(value)]
         if isinstance(value, UtteranceChanged) and value.origin == "heard":
-            self._put_heard(value, raw)
+            self._put_utterance(value, raw)
             return
         if not (self._recording or spec.latched):
             return
@@ -81,7 +81,7 @@ class RecorderFeed:
                 return
             self._append(raw)
 
-    def _put_heard(self, turn: UtteranceChanged, raw: bytes | None) -> None:
+    def _put_utterance(self, turn: UtteranceChanged, raw: bytes | None) -> None:
         with self._changed:
             known = turn.utterance_id in self._open_turns
             over = turn.state not in ("requested", "started")

@@ -17,7 +17,7 @@ from caris_desktop.live.status import MicrophoneStatus
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.scenario_model import Scenario
 
-_LOOK_EVERY_MS = 200
+_POLL_EVERY_MS = 200
 _SILENT_NS = 3_000_000_000
 _OFF = MicrophoneStatus()
 
@@ -39,23 +39,23 @@ class RemoteMicrophone(QObject):
         self._settled = settled
         self._reachable: Callable[[], bool] = lambda: True
         self._ask: Callable[[bool], object] | None = None
-        self._whose = ""
+        self._robot_name = ""
         self._received_ns = self._requested_ns = self._unreachable_ns = 0
         self._peak = 0
         self._silence_reported = False
-        self._check_timer = QTimer(self, interval=_LOOK_EVERY_MS)
+        self._check_timer = QTimer(self, interval=_POLL_EVERY_MS)
         self._check_timer.timeout.connect(self.update_status)
-        bus.tap(self._hear, (AudioChunk,))
+        bus.tap(self._on_sound, (AudioChunk,))
 
     def open(self, whose: str, ask: Callable[[bool], object], *, reachable: Callable[[], bool] = lambda: True) -> None:
         """Start listening. ``whose``: name of the microphone; ``ask`` requests or ends its audio.
 
         While the source is not ``reachable``, missing audio is not reported, as its cause is known.
         """
-        if self._whose == whose:
+        if self._robot_name == whose:
             return
         self.close()
-        self._whose, self._ask, self._reachable = whose, ask, reachable
+        self._robot_name, self._ask, self._reachable = whose, ask, reachable
         self._requested_ns, self._silence_reported = clock.now_ns(), False
         self._show("starting")
         self._check_timer.start()
@@ -67,13 +67,13 @@ class RemoteMicrophone(QObject):
             self._ask(True)
 
     def close(self) -> None:
-        ask, self._ask, self._whose = self._ask, None, ""
+        ask, self._ask, self._robot_name = self._ask, None, ""
         self._check_timer.stop()
         if ask is not None:
             ask(False)
             self._status.set(_OFF)
 
-    def _hear(self, chunk: AudioChunk, _raw: bytes | None) -> None:  # any thread
+    def _on_sound(self, chunk: AudioChunk, _raw: bytes | None) -> None:  # any thread
         if chunk.source == ROBOT_MICROPHONE:
             self._received_ns = clock.now_ns()
             self._peak = max(self._peak, int(np.abs(chunk.samples.astype(np.int32)).max(initial=0)))
@@ -99,7 +99,7 @@ class RemoteMicrophone(QObject):
             self._silence_reported = True
             self._bus.problem(
                 "warning",
-                tr("An open microphone sends no sound: {microphone}.").format(microphone=self._whose),
+                tr("An open microphone sends no sound: {microphone}.").format(microphone=self._robot_name),
                 tr("Speech there is not heard, recorded or transcribed until the microphone works again."),
                 tr("Check its connection, and check that the robot publishes its sound as specified in the profile."),
                 until="microphone",
@@ -108,5 +108,5 @@ class RemoteMicrophone(QObject):
 
     def _show(self, state: Any, *, level: float = 0.0, detail: str = "") -> None:
         self._status.set(
-            replace(_OFF, state=state, name=self._whose, level=level, detail=detail, source=ROBOT_MICROPHONE)
+            replace(_OFF, state=state, name=self._robot_name, level=level, detail=detail, source=ROBOT_MICROPHONE)
         )

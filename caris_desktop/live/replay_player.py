@@ -42,7 +42,7 @@ from caris_desktop.recording.session.session_reader import Session
 _AHEAD_NS = 1_500_000_000
 _SLICE_NS = 250_000_000
 _MAX_WAITING = 20_000
-_SEEN_WITHIN_NS = 1_000_000_000
+_VISIBLE_NS = 1_000_000_000
 _EVENTS_SHOWN = 40
 _LINK_CHANGES = 20
 # A layout lasts until the next scenario, and each saved place adds a ScenarioOpened event.
@@ -191,7 +191,7 @@ def _situation(timeline: SessionTimeline, generation: int, at_ns: int, shown_ns:
             if not _was_lost(value, arrived_ns, lost_ns)
         }
 
-    latest = newest(timeline.between(shown_ns - _SEEN_WITHIN_NS, shown_ns, types=(FrameRef, People, PeopleInMap)))
+    latest = newest(timeline.between(shown_ns - _VISIBLE_NS, shown_ns, types=(FrameRef, People, PeopleInMap)))
     frames = [value for value in latest.values() if isinstance(value, FrameRef)]
     # Cameras share a topic, whose newest value belongs to one of them.
     values = newest(timeline.arrivals_until(shown_ns))
@@ -218,7 +218,7 @@ def _was_lost(value: Any, arrived_ns: int, lost_ns: dict[str, int]) -> bool:
 _log = logging.getLogger(__name__)
 _TICK_MS = 5
 _BEGINNING_NS = 500_000_000
-_TELL_EVERY_TICKS = 8
+_REPORT_EVERY_TICKS = 8
 _SMALL_EVERY_S = 0.4
 
 
@@ -346,7 +346,7 @@ class ReplayPlayer(QObject):
         if position_ns >= self._clock.end_ns:
             self.pause()
         self._ticks += 1
-        if self._ticks % _TELL_EVERY_TICKS == 0 or not keeps_up:
+        if self._ticks % _REPORT_EVERY_TICKS == 0 or not keeps_up:
             self._notify()
 
     def _show(self, due: list[Any]) -> None:
@@ -365,8 +365,8 @@ class ReplayPlayer(QObject):
         if isinstance(event, (ScenarioOpened, RobotChosen, LayoutChanged)):
             self.standing_changed.emit(event)
         elif isinstance(event, LinkChanged):
-            self._state.forget_what_came_over(event)
-        self._state.take(event)
+            self._state.forget_received(event)
+        self._state.add(event)
 
     def _take_value(self, value: Any) -> None:
         if isinstance(value, FrameRef):
@@ -378,7 +378,7 @@ class ReplayPlayer(QObject):
         elif isinstance(value, StatusShown):
             self._take_status(value)
         else:
-            self._state.take(value)
+            self._state.add(value)
 
     def _show_small(self, ref: FrameRef) -> None:
         """Show another camera as a thumbnail at a low rate, which costs little."""
@@ -416,7 +416,7 @@ class ReplayPlayer(QObject):
             return
         for event in situation.standing:
             if isinstance(event, LinkQuality):
-                self._state.take(event)
+                self._state.add(event)
         self.standing_jumped.emit(
             tuple(
                 event for event in situation.standing if isinstance(event, (ScenarioOpened, RobotChosen, LayoutChanged))
@@ -461,7 +461,7 @@ class ReplayPlayer(QObject):
         if generation != self._generation:
             return
         self._showing_status = True  # the first frame determines the camera
-        self._state.take(ref)
+        self._state.add(ref)
         self._showing_status = False
 
     def _on_failed(self, reason: str) -> None:

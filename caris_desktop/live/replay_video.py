@@ -13,11 +13,11 @@ from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.session_reader import Session
 
 _log = logging.getLogger(__name__)
-_FRAMES_KEPT = 12
+_MAX_FRAMES = 12
 KEY_FRAMES_FROM_RATE = 3.0
 THUMBNAIL_WIDTH_PX = 160
 _PICTURE_HOLDS_NS = 2_000_000_000
-_NOTHING: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
+_EMPTY: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
 
 
 class ReplayFrames:
@@ -30,7 +30,7 @@ class ReplayFrames:
     def add(self, ref: FrameRef, image_bgr: NDArray[np.uint8]) -> None:
         with self._lock:
             self._images[(ref.camera, ref.sequence)] = image_bgr
-            while len(self._images) > _FRAMES_KEPT:
+            while len(self._images) > _MAX_FRAMES:
                 self._images.popitem(last=False)
 
     def read(self, ref: FrameRef) -> NDArray[np.uint8] | None:
@@ -163,6 +163,6 @@ class ReplayThumbnails:
                 except Exception:
                     _log.exception("a thumbnail of %s cannot be made", camera)
                     image_bgr = None
-                self._made(camera, at_ns, _NOTHING if image_bgr is None else image_bgr)
+                self._made(camera, at_ns, _EMPTY if image_bgr is None else image_bgr)
         finally:
             reader.close()

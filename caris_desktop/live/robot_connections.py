@@ -28,7 +28,7 @@ from caris_desktop.live.status import LiveRobotsStatus
 from caris_desktop.live.wizard_console import WizardConsole
 
 _log = logging.getLogger(__name__)
-_LOOK_EVERY_MS = 500
+_POLL_EVERY_MS = 500
 CONFIRMED_WITHIN_MS = 2000
 _LONGEST_LINE_BYTES = 4096
 # Socket addresses are limited to 104 bytes on some systems; Qt appends ten temporarily.
@@ -189,7 +189,7 @@ class LiveRobots(QObject):
         self._unconfirmed: dict[str, list[str]] = {}
         self._slow_work = BackgroundWorker(self)
         self._looking = False
-        self._search_timer = QTimer(self, interval=_LOOK_EVERY_MS)
+        self._search_timer = QTimer(self, interval=_POLL_EVERY_MS)
         self._search_timer.timeout.connect(self._find_consoles)
         self._patience = QTimer(self, singleShot=True, interval=CONFIRMED_WITHIN_MS)
         self._patience.timeout.connect(self._on_not_confirmed)

@@ -71,17 +71,17 @@ class Restarts:
 
     def after_end(
         self,
-        tell: Callable[[str], None],
+        report: Callable[[str], None],
         begin: Callable[[], None],
         *,
         after_ms: int | None = None,
         within: QObject | None = None,
     ) -> None:
-        """Handle an unexpected exit: report it with advice through ``tell``, and restart with ``begin`` unless it
+        """Handle an unexpected exit: report it with advice through ``report``, and restart with ``begin`` unless it
         failed too often; at once, or after ``after_ms`` while ``within`` exists.
         """
         again = self.another()
-        tell(self.advice)
+        report(self.advice)
         if not again:
             return
         if after_ms is None or within is None:

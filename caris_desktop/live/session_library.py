@@ -39,12 +39,12 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 _THIS_PROGRAM = (sys.executable, "-m", "caris_desktop")
 _END_WITHIN_S = 5.0
-_LOOK_AFTER_REPLAYS_MS = 300
+_CHECK_AFTER_REPLAYS_MS = 300
 _LAST_WORDS_BYTES = 4096
 _LAST_LINE_CHARACTERS = 400
 
 
-class _SomethingElseIsWantedError(Exception):
+class _SupersededError(Exception):
     """Interrupts reading for the index: the window closes, or another search was started."""
 
 
@@ -85,7 +85,7 @@ class LiveSessionLibrary(QObject):
         self._exporter_spoke.connect(self._on_exporter_message, Qt.ConnectionType.QueuedConnection)
         self._exporter_ended.connect(self._on_exporter_ended, Qt.ConnectionType.QueuedConnection)
         self._changed = threading.Condition()
-        self._wanted: SessionQuery | None = None
+        self._requested: SessionQuery | None = None
         self._ended = False
         self._searcher: threading.Thread | None = None
         self._exporter: ChildProcess | None = None
@@ -94,7 +94,7 @@ class LiveSessionLibrary(QObject):
         self._slow_work = BackgroundWorker(self)
         self._replays: list[_Replay] = []
         self._replay_watch = QTimer(self)
-        self._replay_watch.setInterval(_LOOK_AFTER_REPLAYS_MS)
+        self._replay_watch.setInterval(_CHECK_AFTER_REPLAYS_MS)
         self._replay_watch.timeout.connect(self._supervise_replays)
 
     def shutdown(self) -> None:
@@ -118,7 +118,7 @@ class LiveSessionLibrary(QObject):
     def find(self, query: SessionQuery) -> None:
         self.found.set(replace(self.found.value, query=query, updating=True))
         with self._changed:
-            self._wanted = query
+            self._requested = query
             self._changed.notify()
         if self._searcher is None:
             self._searcher = threading.Thread(target=self._search, name="session-index", daemon=True)
@@ -131,11 +131,11 @@ class LiveSessionLibrary(QObject):
         try:
             while True:
                 with self._changed:
-                    while self._wanted is None and not self._ended:
+                    while self._requested is None and not self._ended:
                         self._changed.wait()
                     if self._ended:
                         return
-                    query, self._wanted = self._wanted, None
+                    query, self._requested = self._requested, None
                 assert query is not None  # noqa: S101 - waited for above
                 try:
                     index = index or StudyIndex.of_study(self._study)
@@ -143,7 +143,7 @@ class LiveSessionLibrary(QObject):
                     self._looked.emit(_search(index, query, updating=True))
                     index.update(self._go_on)
                     self._looked.emit(_search(index, query, updating=False))
-                except _SomethingElseIsWantedError:
+                except _SupersededError:
                     continue
                 except Exception as error:
                     _log.exception("looking for sessions in %s", self._study)
@@ -158,8 +158,8 @@ class LiveSessionLibrary(QObject):
 
     def _go_on(self, _fraction: float) -> None:
         """Progress callback that interrupts reading; what was read so far is saved."""
-        if self._ended or self._wanted is not None:
-            raise _SomethingElseIsWantedError
+        if self._ended or self._requested is not None:
+            raise _SupersededError
 
     def open_replay(self, folder: Path, *, at_ns: int | None = None) -> None:
         """Open a replay in a separate program, which cannot slow or crash the running session."""

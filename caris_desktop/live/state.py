@@ -61,7 +61,7 @@ from caris_desktop.scenario.phrases import phrase_groups
 LOST_AFTER_S = 2.0
 _FRESHNESS_CHECK_MS = 100
 # Other cameras have a lower detection rate, yet count as simultaneous on the map.
-_SEEN_TOGETHER_NS = 1_000_000_000
+_SAME_MOMENT_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ class PresentClock:
     """
 
     now_ns: Callable[[], int] = clock.now_ns
-    anchor: ClockAnchor = field(default_factory=ClockAnchor.take)
+    anchor: ClockAnchor = field(default_factory=ClockAnchor.add)
     live: bool = True
 
 
@@ -193,7 +193,7 @@ class LiveState(QObject):
     :meth:`frame_of`, :meth:`people_of` and :meth:`state_of` are streams per camera, with their own age. ``own_cameras``
     are those of this computer, a CameraModel or None by name, and ``camera_state`` their state. ``named_person`` is the
     id of the person being named. ``selected_person`` is the id of the selected person, empty for none; ``asked_person``
-    is the suggestion that keys answer, an AskedAbout or None, and ``person_history`` the last lookup, a PersonHistory
+    is the suggestion that keys answer, an IdentityQuestion or None, and ``person_history`` the last lookup, a PersonHistory
     or None. ``everybody`` (tuple of PersonRow) includes former and known people; ``portraits`` maps the keys in their
     rows to images. ``transcript`` (tuple of Turn) is that of the session, in a replay all of it. ``assistant_setup`` is
     an AssistantSetup, ``going_on`` a CrashRecoveryStatus, ``practice`` a PracticeStatus, ``health`` the Health of each
@@ -325,7 +325,7 @@ class LiveState(QObject):
     def _all_streams(self) -> tuple[LiveStream, ...]:
         return (*self._streams.values(), *self._of_camera.values())
 
-    def take(self, value: Any) -> None:
+    def add(self, value: Any) -> None:
         """Publish a value or event to the panels. GUI thread only."""
         spec = BY_TYPE[type(value)]
         if isinstance(value, CameraState):
@@ -450,7 +450,7 @@ class LiveState(QObject):
         """People of this camera, merged with those of others at about the same time."""
         self._places_by_camera[places.camera] = places
         together = [
-            one for one in self._places_by_camera.values() if abs(one.stamp_ns - places.stamp_ns) <= _SEEN_TOGETHER_NS
+            one for one in self._places_by_camera.values() if abs(one.stamp_ns - places.stamp_ns) <= _SAME_MOMENT_NS
         ]
         if len(together) == 1:
             return places
@@ -466,7 +466,7 @@ class LiveState(QObject):
         for stream in self._all_streams():
             stream.update_freshness()
 
-    def forget_what_came_over(self, event: LinkChanged) -> None:
+    def forget_received(self, event: LinkChanged) -> None:
         """Clear the latched values of a lost link, so that nothing old is shown as live."""
         for name in streams_voided_by(event):
             if name != "frame":

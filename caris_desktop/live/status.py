@@ -351,7 +351,7 @@ class LiveRobotsStatus:
 
 
 @dataclass(frozen=True, slots=True)
-class AskedGap:
+class OpenGap:
     """Text with the placeholder that the wizard must fill."""
 
     text: str
@@ -372,7 +372,7 @@ class SpeechStatus:
     waiting: tuple[UtteranceChanged, ...] = ()
     detail: str = ""
     ends_ns: int | None = None
-    gap: AskedGap | None = None
+    gap: OpenGap | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -499,7 +499,7 @@ class LevelsStatus:
 
 
 @dataclass(frozen=True, slots=True)
-class ShownSuggestion:
+class DisplayedReply:
     """Suggested reply, as recorded. ``rank``: its position and key, valid from ``from_ns`` on."""
 
     suggestion_id: str
@@ -518,7 +518,7 @@ class SuggestionsStatus:
     state: Literal["off", "idle", "asking", "shown", "failed"] = "off"
     turn_id: str = ""
     revision: int = 0
-    cards: tuple[ShownSuggestion, ...] = ()
+    cards: tuple[DisplayedReply, ...] = ()
     model: str = ""
     turns: int = 0
     place: str = ""

@@ -97,15 +97,15 @@ class StatusTap(QObject):
 class _Watch(QObject):
     """Observer of one value, which knows its name."""
 
-    def __init__(self, name: str, value: LiveValue, tell: Callable[[str, Any], None], parent: QObject) -> None:
+    def __init__(self, name: str, value: LiveValue, report: Callable[[str, Any], None], parent: QObject) -> None:
         super().__init__(parent)
         self._name = name
-        self._tell = tell
+        self._report = report
         value.changed.connect(self._on_changed)
-        tell(name, value.value)
+        report(name, value.value)
 
     def _on_changed(self, value: Any) -> None:
-        self._tell(self._name, value)
+        self._report(self._name, value)
 
 
 def show_status(state: LiveState, status: StatusShown, *, name_of: Callable[[str], str | None]) -> None:

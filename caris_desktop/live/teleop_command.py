@@ -34,8 +34,8 @@ class TeleopCommand:
 
     def limited_to(self, *, sideways: bool, head: bool) -> "TeleopCommand":
         """Without motions that the robot lacks."""
-        wish = self if sideways else replace(self, left=0.0)
-        return wish if head else replace(wish, pan=0.0, tilt=0.0)
+        limited = self if sideways else replace(self, left=0.0)
+        return limited if head else replace(limited, pan=0.0, tilt=0.0)
 
 
 AT_REST = TeleopCommand()
@@ -44,7 +44,7 @@ AT_REST = TeleopCommand()
 def merged(wishes: Iterable[TeleopCommand]) -> TeleopCommand:
     """Sum of commands, clamped to full speed; opposite ones cancel."""
     forward = left = turn = pan = tilt = 0.0
-    for wish in wishes:
-        forward, left, turn = forward + wish.forward, left + wish.left, turn + wish.turn
-        pan, tilt = pan + wish.pan, tilt + wish.tilt
+    for command in wishes:
+        forward, left, turn = forward + command.forward, left + command.left, turn + command.turn
+        pan, tilt = pan + command.pan, tilt + command.tilt
     return TeleopCommand(*(max(-1.0, min(1.0, total)) for total in (forward, left, turn, pan, tilt)))

@@ -7,7 +7,7 @@ from caris_desktop.domain.person_marks import mark_of
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow, is_unnamed_label
 
-_GOING = ("requested", "active")
+_IN_PROGRESS = ("requested", "active")
 _AT_PLACE_M = 4.0
 """Maximum distance at which the robot counts as being at a place."""
 
@@ -40,7 +40,7 @@ def given_words(gap: str, value: str, person_id: str) -> Words:
 def current_place(state: LiveState) -> str:
     """Name of the goal's place, else of the nearest place; empty if unknown."""
     goal = state.goal.value
-    if goal is not None and goal.state in _GOING and goal.place:
+    if goal is not None and goal.state in _IN_PROGRESS and goal.place:
         return str(goal.place)
     if state.pose.value is None or state.pose.freshness == "lost":
         return ""

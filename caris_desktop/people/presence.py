@@ -170,7 +170,7 @@ class PresenceTracker:
         self._in_frame: dict[str, frozenset[Track]] = {}
         self._patience = PresenceTimeout(round(leave_after_s * 1e9))
         self._speaking = ""
-        self._participant_history = HeardHistory(self._known)
+        self._participant_history = UtteranceHistory(self._known)
         self._portraits_fetched: dict[str, bool] = {}
 
     def use_settings(self, settings: RecognitionSettings, *, may_decide: bool = True) -> None:
@@ -238,7 +238,7 @@ class PresenceTracker:
                 case "doubtful":
                     return []
                 case "somebody else":
-                    return self._somebody_else_stands_there(visit, embedding.stamp_ns)
+                    return self._replace_by_another(visit, embedding.stamp_ns)
         if not self._known.identities.see(visit.visit_id, embedding):
             return []
         visit.embedding_count += 1
@@ -489,7 +489,7 @@ class PresenceTracker:
         may_compare = not decided and not self._known.asks_consents_again
         return may_compare or "face" in self._known.consents(visit.person_id)
 
-    def _somebody_else_stands_there(self, visit: Visit, now_ns: int) -> list[Event]:
+    def _replace_by_another(self, visit: Visit, now_ns: int) -> list[Event]:
         """End the visit and begin another: a track that switched people must not pass on a name."""
         tracks = tuple(visit.tracks)
         events = self._leave(visit, now_ns)
@@ -666,7 +666,7 @@ _MAX_UTTERANCES = 200
 """Utterances that are corrected later than after so many others stay as they are in the history."""
 
 
-class HeardHistory:
+class UtteranceHistory:
     """Participants' utterances in their histories, updated by later corrections.
 
     History entry per utterance.

@@ -149,7 +149,7 @@ SPEECH_ANSWERS_WITHIN_S = 5.0
 _CONNECTS_WITHIN_S = 3.0
 
 
-class NotSaidError(Exception):
+class SpeechRefusedError(Exception):
     """The robot refuses or fails to speak; the reason is for the wizard."""
 
 
@@ -160,10 +160,10 @@ class SpeechBackend(Protocol):
     needs_link: bool
 
     async def say(self, text: str, *, within_s: float) -> None:
-        """Speak; returns when the robot answers. Raises NotSaidError."""
+        """Speak; returns when the robot answers. Raises SpeechRefusedError."""
 
     async def stop(self) -> None:
-        """Stop speaking. Raises NotSaidError."""
+        """Stop speaking. Raises SpeechRefusedError."""
 
     async def close(self) -> None:
         """Close the backend."""
@@ -276,7 +276,7 @@ class RequestSpeech:
     async def _stop(self) -> None:
         try:
             await self._speaker.stop()
-        except NotSaidError as error:
+        except SpeechRefusedError as error:
             _log.warning("the robot's voice was not silenced: %s", error)
 
     async def _say_all(self) -> None:
@@ -284,7 +284,7 @@ class RequestSpeech:
             command = self._waiting[0]
             try:
                 await self._say_one(command)
-            except NotSaidError as error:
+            except SpeechRefusedError as error:
                 report_utterance(self._emit, command, "failed", str(error))
             except Exception as error:
                 _log.exception("an utterance of the robot failed")
@@ -328,7 +328,7 @@ class RequestSpeech:
                     already = False
                     await self._quiet.wait()
         except TimeoutError:
-            raise NotSaidError("the robot did not report that it finished speaking") from None
+            raise SpeechRefusedError("the robot did not report that it finished speaking") from None
         report_utterance(self._emit, command, "finished", estimated=already)
 
     async def _begun(self, answer: "asyncio.Future[Any]") -> None:
@@ -341,7 +341,7 @@ class RequestSpeech:
                     answer.result()
                 await started
         except TimeoutError:
-            raise NotSaidError("the robot did not report that it started speaking") from None
+            raise SpeechRefusedError("the robot did not report that it started speaking") from None
         finally:
             self._start_due = None
             started.cancel()
@@ -394,10 +394,10 @@ class ServiceSpeaker:
         try:
             answer = await self._ros.ask(name, kind, request, timeout_s=within_s)
         except ServiceCallError as error:
-            raise NotSaidError(str(error)) from error
+            raise SpeechRefusedError(str(error)) from error
         if answer.get("success", True) is False:
             message = answer.get("message")
-            raise NotSaidError(
+            raise SpeechRefusedError(
                 message[:200] if isinstance(message, str) and message else QT_TR_NOOP("the robot refused")
             )
 
@@ -441,8 +441,8 @@ class WebSpeaker:
                 self._client.stream(method, url, timeout=within_s, **content) as response,
             ):
                 if not response.is_success:
-                    raise NotSaidError(f"the robot's web interface responded with {response.status_code}")
+                    raise SpeechRefusedError(f"the robot's web interface responded with {response.status_code}")
         except (TimeoutError, httpx.TimeoutException):
-            raise NotSaidError("the robot's web interface does not respond") from None
+            raise SpeechRefusedError("the robot's web interface does not respond") from None
         except (httpx.HTTPError, httpx.InvalidURL) as error:
-            raise NotSaidError(f"the robot's web interface cannot be reached ({error})") from error
+            raise SpeechRefusedError(f"the robot's web interface cannot be reached ({error})") from error

@@ -19,7 +19,7 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.focus_widget import Bar
-from caris_desktop.ui.protocol.step_pills import ShownStep, StepPills, StepState
+from caris_desktop.ui.protocol.step_pills import DisplayedStep, StepPills, StepState
 from caris_desktop.ui.step_intents import PROTOCOL_GROUP, present_step, target_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -153,14 +153,14 @@ class ProtocolStrip(Bar, QWidget):
         elif not self._clock.isActive():
             self._clock.start()
 
-    def shown_steps(self) -> list[ShownStep]:
+    def shown_steps(self) -> list[DisplayedStep]:
         """All steps in their current state."""
         status, now_ns = self.status, self._console.state.present.now_ns()
         present: StepState = "late" if is_late(status, now_ns) else "now"
         return [
-            ShownStep(step.step_id, number, step.title, present, time_words(status, now_ns))
+            DisplayedStep(step.step_id, number, step.title, present, time_words(status, now_ns))
             if step.step_id == status.step_id
-            else ShownStep(step.step_id, number, step.title, _state(step.step_id, status))
+            else DisplayedStep(step.step_id, number, step.title, _state(step.step_id, status))
             for number, step in enumerate(self._console.scenario.protocol.steps, start=1)
         ]
 
@@ -323,7 +323,7 @@ class ProtocolStrip(Bar, QWidget):
         self._asks_for_step = False
         self._hold.ask_no_key()
 
-    def _fill_steps_card(self, steps: list[ShownStep]) -> None:
+    def _fill_steps_card(self, steps: list[DisplayedStep]) -> None:
         step = self._step
         if self._steps_card is not None:
             note = "" if step is None else step.note
@@ -333,7 +333,7 @@ class ProtocolStrip(Bar, QWidget):
                 steps, note, self._ticks_now(step), digits=self._asks_for_step, live=not self._replay
             )
 
-    def _record_words(self, step: ShownStep) -> str:
+    def _record_words(self, step: DisplayedStep) -> str:
         record = self._records.get(step.step_id)
         return step.time if record is None else record_words(record)
 
@@ -525,7 +525,7 @@ class StepsCard(_CardBelow):
         theme.restyle_on_change(self._style)
 
     def show_steps(
-        self, steps: Sequence[ShownStep], note: str, ticks: Sequence[tuple[str, bool]], *, digits: bool, live: bool
+        self, steps: Sequence[DisplayedStep], note: str, ticks: Sequence[tuple[str, bool]], *, digits: bool, live: bool
     ) -> None:
         """``digits``: the next digit selects one of the first nine. ``live``: the checklist can be edited."""
         self._note.setText(note)

@@ -6,7 +6,7 @@ import pytest
 
 from caris_desktop.app import composition
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.live.services.cameras_service import WantedCameras
+from caris_desktop.live.services.cameras_service import CameraSelection
 from caris_desktop.perception.weights import DetectorChoice
 from caris_desktop.scenario.scenario_model import Scenario
 
@@ -29,7 +29,7 @@ def scenario_with(text: str, folder: Path) -> Scenario:
     return composition.find_scenario(str(path), accept_named=True)
 
 
-def names(wanted: WantedCameras) -> list[str]:
+def names(wanted: CameraSelection) -> list[str]:
     return [camera.name for camera in wanted.own]
 
 
@@ -41,7 +41,7 @@ def test_a_scenario_names_its_cameras_and_the_command_line_goes_before_it(tmp_pa
     scenario = scenario_with(text, tmp_path)
 
     of_scenario = composition.parts(study=study).cameras
-    assert of_scenario(plain) == WantedCameras(), "the robot's own, all of them"
+    assert of_scenario(plain) == CameraSelection(), "the robot's own, all of them"
     wanted = of_scenario(scenario)
     assert (names(wanted), wanted.of_robot) == (["desk", "oak"], ("front",))
     assert [camera.body.name for camera in wanted.own] == ["camera desk", "camera oak"]

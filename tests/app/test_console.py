@@ -21,7 +21,7 @@ from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.assistant_service import AssistantService
-from caris_desktop.live.services.cameras_service import OwnCamera, WantedCameras
+from caris_desktop.live.services.cameras_service import OwnCamera, CameraSelection
 from caris_desktop.live.services.robot_service import RobotConnection
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.presence import PersonRow
@@ -114,8 +114,8 @@ def test_the_model_is_told_what_the_cameras_see_beside_people_and_nothing_twice(
     now_ns = clock.now_ns()
     for camera, labels in (("front", ("chair", "chair")), ("desk", ("chair", "dog"))):
         things = tuple(ThingBox(label, 0.0, 0.0, 5.0, 5.0, 0.9) for label in labels)
-        asked.console.state.take(FrameRef(now_ns, None, camera, "", 0, 1, 64, 48))
-        asked.console.state.take(People(now_ns, camera, 1, 64, 48, (), 1.0, things))
+        asked.console.state.add(FrameRef(now_ns, None, camera, "", 0, 1, 64, 48))
+        asked.console.state.add(People(now_ns, camera, 1, 64, 48, (), 1.0, things))
     assert 'In view: "2 chairs, 1 dog".' in asked.ask(qtbot, "What is there?")
 
 
@@ -269,7 +269,7 @@ def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> 
     camera = OwnCamera("computer", ProcessSpec("camera computer", bodies.camera_that_notes, (notes,)))
     inference = ProcessSpec("inference", bodies.brightness, ("test",))
     people = replace(parts.people, inference=inference, as_configured=lambda body, _scenario: body)
-    console = Console(replace(parts, people=people, cameras=lambda _scenario: WantedCameras((camera,))), scenario)
+    console = Console(replace(parts, people=people, cameras=lambda _scenario: CameraSelection((camera,))), scenario)
     statuses: list[PerceptionStatus] = []
     console.state.perception.changed.connect(statuses.append)
     try:
@@ -305,7 +305,7 @@ def test_a_camera_whose_process_dies_is_back_and_the_other_goes_on(qtbot: QtBot,
         OwnCamera(name, ProcessSpec(f"camera {name}", bodies.link_with_camera, (name,))) for name in ("desk", "door")
     )
     people = replace(parts.people, inference=None)
-    console = Console(replace(parts, people=people, cameras=lambda _scenario: WantedCameras(own)), scenario)
+    console = Console(replace(parts, people=people, cameras=lambda _scenario: CameraSelection(own)), scenario)
     state = console.state
     try:
         console.start()

@@ -26,7 +26,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import LinkChanged, SessionEnded, SessionStarted, UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead, RingToWrite
-from caris_desktop.live.erasure_run import ForgettingAsked, ForgettingEnded
+from caris_desktop.live.erasure_run import ErasureRequest, ForgettingEnded
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.perception.backends import runtime_selection
@@ -159,7 +159,7 @@ class Driven:
         PeopleStore(database).close()
         body = Body(
             process_entry_points.forgetting,
-            ForgettingAsked(self.folder / "study", database, "P-1", texts="redact", unknown=True),
+            ErasureRequest(self.folder / "study", database, "P-1", texts="redact", unknown=True),
         )
         body.until(ForgettingEnded)
         return body

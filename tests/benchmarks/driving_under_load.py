@@ -91,7 +91,7 @@ def measure(seconds: float, *, burners: int) -> dict[str, object]:
     load = ConsoleUnderLoad()
     driver = Driver(load)
     for number in range(LOG_ROWS):
-        load.state.take(Marked(clock.now_ns(), f"Before {number}"))
+        load.state.add(Marked(clock.now_ns(), f"Before {number}"))
     foreign = Burners(burners)
     bare = subprocess.Popen(
         [sys.executable, "-m", "tests.benchmarks.ui_stalls", "--bare", "--seconds", str(seconds)],

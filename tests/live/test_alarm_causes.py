@@ -40,7 +40,7 @@ class Desk:
         self.look()
 
     def told(self, what: str, *, severity: Severity = "warning", until: ProblemEnd = "", cause: str = "") -> None:
-        self.book.take(Problem(self.now_ns, severity, what, "", "", until, cause), self.now_ns)
+        self.book.add(Problem(self.now_ns, severity, what, "", "", until, cause), self.now_ns)
         self.look()
 
     def lose(self) -> None:

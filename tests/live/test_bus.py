@@ -36,10 +36,10 @@ def test_what_comes_while_others_are_taken_in_is_not_left_lying(qtbot: QtBot, mo
     bus = Bus(state)
     drain = Mailbox.drain
 
-    def drain_late(mailbox: Mailbox, shown_as: Collection[ShownAs]) -> tuple[list[Any], list[Any]]:
+    def drain_late(mailbox: Mailbox, display_name: Collection[ShownAs]) -> tuple[list[Any], list[Any]]:
         if state.battery.value is None:
             mailbox.put(BatteryState(1, 0.1))
-        return drain(mailbox, shown_as)
+        return drain(mailbox, display_name)
 
     monkeypatch.setattr(Mailbox, "drain", drain_late)
     bus.publish(PICTURE)

@@ -65,8 +65,8 @@ class Desk:
         finally:
             self.closed.set()
 
-    def use(self, endpoint: ModelEndpoint, shown_as: str) -> None:
-        self.asking.use_endpoint(endpoint, shown_as=shown_as, local_only=False)
+    def use(self, endpoint: ModelEndpoint, display_name: str) -> None:
+        self.asking.use_endpoint(endpoint, display_name=display_name, local_only=False)
 
     async def _ask_version(self, endpoint: ModelEndpoint, *, local_only: bool) -> str:
         return await asyncio.to_thread(self.looks_up)

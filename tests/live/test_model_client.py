@@ -36,7 +36,7 @@ class Talk:
         self.waits: list[str] = []
         self.ended: list[LlmExchange] = []
         self.client = ModelClient(asyncio_thread, self._stream, self.published.append, ask_version=_no_version)
-        self.client.use(EMBEDDED, shown_as="Small", local_only=True)
+        self.client.use(EMBEDDED, display_name="Small", local_only=True)
 
     async def _stream(
         self, _endpoint: ModelEndpoint, messages: Sequence[ChatMessage], **given: Any
@@ -131,16 +131,16 @@ def test_a_wait_for_a_busy_server_is_told(talk: Talk, qtbot: QtBot) -> None:
 def test_another_model_ends_all_that_was_asked_of_the_one_before(talk: Talk, qtbot: QtBot) -> None:
     talk.ask("first waits")
     talk.ask("second waits")
-    talk.client.use(ELSEWHERE, shown_as="Large", local_only=False)
+    talk.client.use(ELSEWHERE, display_name="Large", local_only=False)
     assert [(exchange.model, exchange.outcome) for exchange in talk.published] == [("Small", "cancelled")] * 2
     assert (talk.client.model, talk.client.answers_here) == ("Large", False)
 
 
 def test_the_same_model_again_ends_nothing(talk: Talk, qtbot: QtBot) -> None:
     asking = talk.ask("this waits")
-    talk.client.use(EMBEDDED, shown_as="Small", local_only=True)
+    talk.client.use(EMBEDDED, display_name="Small", local_only=True)
     assert talk.client.answering and talk.published == []
-    talk.client.use(EMBEDDED, shown_as="Small", local_only=False)
+    talk.client.use(EMBEDDED, display_name="Small", local_only=False)
     assert [exchange.exchange_id for exchange in talk.published] == [asking.exchange_id]
 
 
@@ -189,7 +189,7 @@ def test_an_error_of_the_program_ends_it_and_tells_no_secret(talk: Talk, qtbot: 
 def test_only_the_model_of_this_program_is_warmed_up_and_nothing_is_recorded_of_it(
     talk: Talk, qtbot: QtBot, endpoint: ModelEndpoint, read: int
 ) -> None:
-    talk.client.use(endpoint, shown_as="Model", local_only=False)
+    talk.client.use(endpoint, display_name="Model", local_only=False)
     talk.client.warm_up([ChatMessage("system", "You guide tours."), ChatMessage("user", "Hello.")], "question")
     talk.ask("Where?")
     qtbot.waitUntil(lambda: bool(talk.ended))
@@ -218,7 +218,7 @@ def test_nothing_is_read_soon_for_a_model_that_answers_elsewhere(talk: Talk, qtb
         return []
 
     talk.client.warm_up_soon(messages, "question")
-    talk.client.use(ELSEWHERE, shown_as="Large", local_only=False)
+    talk.client.use(ELSEWHERE, display_name="Large", local_only=False)
     talk.client._soon.timeout.emit()
     assert read == [] and talk.given == []
 
@@ -232,7 +232,7 @@ def test_what_a_participant_said_is_asked_about_in_one_memory_and_the_wizards_qu
         talk.ask("this waits", purpose=purpose)
     qtbot.waitUntil(lambda: len(talk.given) == 6)
     assert [given["slot"] for given in talk.given] == [REPLIES_SLOT, REPLIES_SLOT, 1, REPLIES_SLOT, 2, 1]
-    talk.client.use(ELSEWHERE, shown_as="Large", local_only=False)
+    talk.client.use(ELSEWHERE, display_name="Large", local_only=False)
     talk.ask("Where?", purpose="replies")
     qtbot.waitUntil(lambda: len(talk.given) == 7)
     assert talk.given[-1]["slot"] is None
@@ -240,9 +240,9 @@ def test_what_a_participant_said_is_asked_about_in_one_memory_and_the_wizards_qu
 
 def test_it_is_told_that_another_model_is_in_use(talk: Talk, qtbot: QtBot) -> None:
     with qtbot.waitSignal(talk.client.model_changed):
-        talk.client.use(ELSEWHERE, shown_as="Large", local_only=False)
+        talk.client.use(ELSEWHERE, display_name="Large", local_only=False)
     with qtbot.assertNotEmitted(talk.client.model_changed):
-        talk.client.use(ELSEWHERE, shown_as="Large", local_only=False)
+        talk.client.use(ELSEWHERE, display_name="Large", local_only=False)
 
 
 def test_what_turns_out_to_be_reasoning_is_not_in_the_answer(talk: Talk, qtbot: QtBot) -> None:

@@ -88,15 +88,15 @@ def _at_step(step_id: str) -> Practice:
 def test_a_step_ends_when_it_has_happened_and_not_before(step_id: str) -> None:
     practice = _at_step(step_id)
     *before, last = DOES[step_id]
-    assert [practice.take(value, 1.0) for value in before] == [None] * len(before)
-    ended = practice.take(last, 2.0)
+    assert [practice.add(value, 1.0) for value in before] == [None] * len(before)
+    ended = practice.add(last, 2.0)
     assert ended is not None and (ended.step.id, ended.done, ended.took_s) == (step_id, True, 2.0)
 
 
 @pytest.mark.parametrize("step_id", DOES_NOT)
 def test_what_looks_like_it_is_not_it(step_id: str) -> None:
     practice = _at_step(step_id)
-    assert [practice.take(value, 1.0) for value in DOES_NOT[step_id]] == [None] * len(DOES_NOT[step_id])
+    assert [practice.add(value, 1.0) for value in DOES_NOT[step_id]] == [None] * len(DOES_NOT[step_id])
 
 
 def test_whoever_does_all_in_the_usual_time_has_all_points() -> None:
@@ -104,7 +104,7 @@ def test_whoever_does_all_in_the_usual_time_has_all_points() -> None:
     for step in STEPS:
         now_s += step.usual_s
         for value in DOES[step.id]:
-            practice.take(value, now_s)
+            practice.add(value, now_s)
     assert (practice.now, practice.done, practice.score) == (None, 10, 100)
     assert practice.minutes(now_s) == pytest.approx(sum(step.usual_s for step in STEPS) / 60)
 
@@ -113,40 +113,40 @@ def test_slow_steps_have_fewer_points_and_skipped_ones_none() -> None:
     practice = Practice(0.0)
     usual_s = STEPS[0].usual_s
     for value in DOES["drive"]:
-        practice.take(value, 2 * usual_s)
+        practice.add(value, 2 * usual_s)
     assert practice.score == 8  # midway between ten and five, rounded
     practice.skip(2 * usual_s + 1)
     assert practice.score == 8
     slow = Practice(0.0)
     for value in DOES["drive"]:
-        slow.take(value, 100 * usual_s)
+        slow.add(value, 100 * usual_s)
     assert slow.score == 5
 
 
 def test_the_last_of_the_way_counts_though_it_is_told_when_the_key_is_up_again() -> None:
     practice = _at_step("drive")
-    assert practice.take(_at(0.0), 0.0) is None
-    assert practice.take(_moves(), 0.0) is None
-    assert practice.take(_moves(STILL), 3.0) is None
-    ended = practice.take(_at(1.1), 3.5)
+    assert practice.add(_at(0.0), 0.0) is None
+    assert practice.add(_moves(), 0.0) is None
+    assert practice.add(_moves(STILL), 3.0) is None
+    ended = practice.add(_at(1.1), 3.5)
     assert ended is not None and ended.done
 
 
 def test_where_a_hand_takes_the_robot_after_that_does_not_count() -> None:
     practice = _at_step("drive")
     for value in (_at(0.0), _moves(), _at(0.5), _moves(STILL), _at(0.6)):
-        assert practice.take(value, 1.0) is None
-    assert practice.take(_at(2.0), 2.0) is None
+        assert practice.add(value, 1.0) is None
+    assert practice.add(_at(2.0), 2.0) is None
 
 
 def test_what_happened_before_a_step_does_not_count_for_it() -> None:
     practice = _at_step("link")
-    practice.take(_link("lost"), 1.0)
+    practice.add(_link("lost"), 1.0)
     practice.skip(2.0)
     assert practice.now is not None and practice.now.id == "emergency"
     practice = _at_step("mark")
-    practice.take(_stop(True), 1.0)
+    practice.add(_stop(True), 1.0)
     for value in (Marked(0, ""), _link("lost"), _moves(), _at(0.0), _at(1.0)):
-        practice.take(value, 2.0)
+        practice.add(value, 2.0)
     assert practice.now is not None and practice.now.id == "emergency"
-    assert practice.take(_stop(False), 3.0) is None
+    assert practice.add(_stop(False), 3.0) is None

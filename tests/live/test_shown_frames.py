@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.live.shown_frames import ShownFrames
+from caris_desktop.live.shown_frames import DisplayFrames
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.scenario_model import BlurSettings
@@ -35,11 +35,11 @@ def kept(image: NDArray[np.uint8] | None, box: PersonBox) -> float:
     return float((image[part] == PICTURE[part]).all(axis=2).mean())
 
 
-def showing(blur: BlurSettings) -> tuple[LiveState, ShownFrames]:
+def showing(blur: BlurSettings) -> tuple[LiveState, DisplayFrames]:
     state = LiveState()
     state.close()
     state.scenario.set(replace(find_scenario("tour-guide"), blur=blur))
-    return state, ShownFrames(Frames(), state)
+    return state, DisplayFrames(Frames(), state)
 
 
 @pytest.mark.parametrize("blur", [BlurSettings(), BlurSettings("everybody"), BlurSettings("nobody", shown=True)])
@@ -52,7 +52,7 @@ def test_people_are_covered_where_they_probably_are_by_now(qapp: QApplication) -
     _, frames = showing(BlurSettings("everybody", shown=True))
     for at_s, left_px in ((1.0, 20.0), (1.1, 30.0)):
         moved = replace(ADA, left_px=left_px)
-        frames.take(People(round(at_s * SECOND_NS), "front", 1, 320, 240, (moved,), 50.0))
+        frames.add(People(round(at_s * SECOND_NS), "front", 1, 320, 240, (moved,), 50.0))
     shown = frames.read(frame(1.3))
     assert kept(shown, replace(ADA, left_px=50.0)) < 0.02
     assert kept(shown, BEN) == 1.0
@@ -62,8 +62,8 @@ def test_people_are_covered_where_they_probably_are_by_now(qapp: QApplication) -
 def test_where_nobody_was_looked_for_lately_all_of_it_is_covered(qapp: QApplication) -> None:
     _, frames = showing(BlurSettings("everybody", shown=True))
     assert kept(frames.read(frame(1.0)), BEN) < 0.02
-    frames.take(People(SECOND_NS, "front", 1, 320, 240, (ADA,), 50.0))
-    frames.take(People(round(1.9 * SECOND_NS), "rear", 1, 320, 240, (), 50.0))
+    frames.add(People(SECOND_NS, "front", 1, 320, 240, (ADA,), 50.0))
+    frames.add(People(round(1.9 * SECOND_NS), "rear", 1, 320, 240, (), 50.0))
     assert kept(frames.read(frame(1.4)), BEN) == 1.0
     assert kept(frames.read(frame(1.6)), BEN) < 0.02
 
@@ -71,7 +71,7 @@ def test_where_nobody_was_looked_for_lately_all_of_it_is_covered(qapp: QApplicat
 def test_who_agreed_is_shown(qapp: QApplication) -> None:
     state, frames = showing(BlurSettings("without_consent", shown=True))
     state.persons.set((PersonRow("p-ben", 2, "Ben", True, 0, 0, consents=("video",)),))
-    frames.take(People(SECOND_NS, "front", 1, 320, 240, (ADA, BEN), 50.0))
+    frames.add(People(SECOND_NS, "front", 1, 320, 240, (ADA, BEN), 50.0))
     shown = frames.read(frame(1.1))
     assert kept(shown, BEN) == 1.0 and kept(shown, ADA) < 0.02
 
@@ -81,7 +81,7 @@ def test_what_is_given_away_is_covered_as_what_is_kept_whatever_the_window_shows
     state.persons.set(
         (PersonRow("p-ben", 2, "Ben", True, 0, 0, consents=("photo",)), PersonRow("p-ada", 1, "Ada", True, 0, 0))
     )
-    frames.take(People(SECOND_NS, "front", 1, 320, 240, (ADA, BEN), 50.0))
+    frames.add(People(SECOND_NS, "front", 1, 320, 240, (ADA, BEN), 50.0))
     given = frames.read_to_give(frame(1.1))
     assert kept(given, BEN) == 1.0 and kept(given, ADA) < 0.02
     assert kept(frames.read(frame(1.1)), ADA) == 1.0

@@ -27,38 +27,38 @@ def state(qapp: object) -> LiveState:
 
 
 def knows_the_clock(state: LiveState, *, uncertainty_ms: float = 1.0) -> None:
-    state.take(LinkQuality(clock.now_ns(), 10.0, OFFSET_NS / 1e6, uncertainty_ms))
+    state.add(LinkQuality(clock.now_ns(), 10.0, OFFSET_NS / 1e6, uncertainty_ms))
 
 
 def test_a_value_that_was_long_under_way_is_stale_on_arrival(state: LiveState) -> None:
     knows_the_clock(state)
-    state.take(odometry(late_s=0.1))
+    state.add(odometry(late_s=0.1))
     assert state.odometry.freshness == "fresh"
-    state.take(odometry(late_s=0.9))
+    state.add(odometry(late_s=0.9))
     assert state.odometry.freshness == "stale"
     assert 0.85 < (state.odometry.age_s() or 0.0) < 1.5
-    state.take(odometry(late_s=3.0))
+    state.add(odometry(late_s=3.0))
     assert state.odometry.freshness == "lost"
 
 
 def test_without_the_robots_clock_its_arrival_counts(state: LiveState) -> None:
-    state.take(odometry(late_s=3.0))
+    state.add(odometry(late_s=3.0))
     assert state.odometry.freshness == "fresh"
-    state.take(LinkQuality(clock.now_ns(), 10.0))
-    state.take(odometry(late_s=3.0))
+    state.add(LinkQuality(clock.now_ns(), 10.0))
+    state.add(odometry(late_s=3.0))
     assert state.odometry.freshness == "fresh"
 
 
 def test_a_delay_that_may_be_an_error_of_the_clock_is_none(state: LiveState) -> None:
     knows_the_clock(state, uncertainty_ms=1000.0)
-    state.take(odometry(late_s=0.9))
+    state.add(odometry(late_s=0.9))
     assert state.odometry.freshness == "fresh"
 
 
 @pytest.mark.parametrize(("late_s", "known"), [(3600.0, False), (10.0, False), (-3600.0, False), (-0.4, True)])
 def test_a_stamp_of_another_clock_makes_nothing_old_or_young(state: LiveState, late_s: float, known: bool) -> None:
     knows_the_clock(state)
-    state.take(odometry(late_s=late_s))
+    state.add(odometry(late_s=late_s))
     assert state.odometry.freshness == "fresh"
     assert state.odometry.age_known is known
     assert (text_formatting.stream_age(state.odometry) == "age unknown") is not known
@@ -69,7 +69,7 @@ def test_a_stamp_of_another_clock_makes_nothing_old_or_young(state: LiveState, l
 
 def test_what_arrives_old_is_not_said_to_be_silent(state: LiveState) -> None:
     knows_the_clock(state)
-    state.take(odometry(late_s=3.0))
+    state.add(odometry(late_s=3.0))
     assert (state.odometry.freshness, state.odometry.arrives_late) == ("lost", True)
     silent_s = state.odometry.silent_s()
     assert silent_s is not None
@@ -81,30 +81,30 @@ def test_without_a_clock_what_comes_later_than_usual_is_known_to_be_old(state: L
     """The sensor's clock is an hour off, and then the network delays its data."""
     knows_the_clock(state)
     for _ in range(3):
-        state.take(odometry(late_s=3600.0))
-    state.take(odometry(late_s=3601.0))
+        state.add(odometry(late_s=3600.0))
+    state.add(odometry(late_s=3601.0))
     assert (state.odometry.freshness, state.odometry.age_known) == ("stale", False)
-    state.take(odometry(late_s=3600.0))
+    state.add(odometry(late_s=3600.0))
     assert state.odometry.freshness == "fresh"
-    state.take(odometry(late_s=-100.0))
+    state.add(odometry(late_s=-100.0))
     assert state.odometry.freshness == "fresh", "its clock was set, and nothing is known of before"
 
 
 def test_of_several_cameras_one_is_on_show(state: LiveState) -> None:
     for camera, sequence in (("front", 1), ("rear", 1), ("front", 2), ("rear", 2)):
-        state.take(FrameRef(clock.now_ns(), None, camera, "ring", 0, sequence, 64, 48))
+        state.add(FrameRef(clock.now_ns(), None, camera, "ring", 0, sequence, 64, 48))
     assert (state.cameras.value, state.camera.value) == (("front", "rear"), "front")
     assert (state.frame.value.camera, state.frame.value.sequence) == ("front", 2)
     state.choose_camera("rear")
     assert state.frame.value.camera == "rear", "what it sent last is known, and young"
-    state.take(FrameRef(clock.now_ns(), None, "front", "ring", 0, 3, 64, 48))
+    state.add(FrameRef(clock.now_ns(), None, "front", "ring", 0, 3, 64, 48))
     assert state.frame.value.camera == "rear"
-    state.take(FrameRef(clock.now_ns(), None, "rear", "ring", 0, 3, 64, 48))
+    state.add(FrameRef(clock.now_ns(), None, "rear", "ring", 0, 3, 64, 48))
     assert state.frame.value.camera == "rear"
     state.choose_camera("ceiling")
     assert state.camera.value == "rear"
     state.forget_cameras()
-    state.take(FrameRef(clock.now_ns(), None, "head", "ring", 0, 1, 64, 48))
+    state.add(FrameRef(clock.now_ns(), None, "head", "ring", 0, 1, 64, 48))
     assert (state.cameras.value, state.camera.value) == (("head",), "head")
 
 
@@ -114,10 +114,10 @@ def test_each_camera_has_an_age_of_its_own(qapp: object) -> None:
     changes: list[str] = []
     state.frame_of("desk").freshness_changed.connect(changes.append)
     for camera in ("front", "desk"):
-        state.take(FrameRef(now_ns[0], None, camera, "ring", 0, 1, 64, 48))
-        state.take(People(now_ns[0], camera, 1, 64, 48, (), 9.0))
+        state.add(FrameRef(now_ns[0], None, camera, "ring", 0, 1, 64, 48))
+        state.add(People(now_ns[0], camera, 1, 64, 48, (), 9.0))
     now_ns[0] += 4 * S
-    state.take(FrameRef(now_ns[0], None, "front", "ring", 0, 2, 64, 48))
+    state.add(FrameRef(now_ns[0], None, "front", "ring", 0, 2, 64, 48))
     state.check_freshness()
     assert [state.frame_of(camera).freshness for camera in ("front", "desk")] == ["fresh", "lost"]
     assert state.frame_of("desk").age_s() == pytest.approx(4.0)
@@ -125,7 +125,7 @@ def test_each_camera_has_an_age_of_its_own(qapp: object) -> None:
     assert state.people.value.camera == "front"
     state.choose_camera("desk")
     assert state.frame.freshness == "lost", "nothing old is shown as if it were live"
-    state.take(FrameRef(now_ns[0], None, "desk", "ring", 0, 2, 64, 48))
+    state.add(FrameRef(now_ns[0], None, "desk", "ring", 0, 2, 64, 48))
     assert changes == ["fresh", "lost", "fresh"], "it returns by itself"
     state.close()
 
@@ -133,12 +133,12 @@ def test_each_camera_has_an_age_of_its_own(qapp: object) -> None:
 def test_the_robots_link_takes_only_the_robots_pictures_along(state: LiveState) -> None:
     state.own_cameras.set({"desk": None})
     for camera in ("head", "desk"):
-        state.take(frame_of(camera))
-    state.forget_what_came_over(LinkChanged(clock.now_ns(), "media", "lost", "ws://robot"))
+        state.add(frame_of(camera))
+    state.forget_received(LinkChanged(clock.now_ns(), "media", "lost", "ws://robot"))
     assert (state.frame_of("head").value, state.frame.value) == (None, None)
     assert state.frame_of("desk").freshness == "fresh"
     state.choose_camera("desk")
-    state.forget_what_came_over(LinkChanged(clock.now_ns(), "media", "lost", "ws://robot"))
+    state.forget_received(LinkChanged(clock.now_ns(), "media", "lost", "ws://robot"))
     assert state.frame.freshness == "fresh"
     state.forget_camera("desk")
     assert state.frame_of("desk").value is None
@@ -152,14 +152,14 @@ def frame_of(camera: str) -> FrameRef:
 def test_whichever_camera_is_quicker_the_robots_first_one_is_shown(state: LiveState) -> None:
     cameras = (CameraTopic("head", "/head"), CameraTopic("base", "/base"), CameraTopic("rear", "/rear"))
     state.robot.set(RobotProfile("r", "R", cameras=cameras))
-    state.take(frame_of("rear"))
+    state.add(frame_of("rear"))
     assert state.camera.value == "rear", "better this one than none"
-    state.take(frame_of("head"))
+    state.add(frame_of("head"))
     assert (state.cameras.value, state.camera.value) == (("head", "rear"), "head")
-    state.take(frame_of("rear"))
+    state.add(frame_of("rear"))
     assert state.camera.value == "head"
     state.choose_camera("rear")
-    state.take(frame_of("base"))
+    state.add(frame_of("base"))
     assert (state.cameras.value, state.camera.value) == (("head", "base", "rear"), "rear"), "what was chosen stays"
 
 
@@ -169,22 +169,22 @@ def test_the_map_shows_whom_all_cameras_see(state: LiveState) -> None:
     def seen(camera: str, person: str, *, at_ns: int) -> PeopleInMap:
         return PeopleInMap(at_ns, (PersonPlace(person, 1.0, 2.0, 0.1, "lidar"),), camera)
 
-    state.take(seen("front", "p-1", at_ns=now_ns))
-    state.take(seen("rear", "p-2", at_ns=now_ns + S // 10))
+    state.add(seen("front", "p-1", at_ns=now_ns))
+    state.add(seen("rear", "p-2", at_ns=now_ns + S // 10))
     assert {place.person_id for place in state.people_in_map.value.people} == {"p-1", "p-2"}
-    state.take(seen("front", "p-3", at_ns=now_ns + S // 5))
+    state.add(seen("front", "p-3", at_ns=now_ns + S // 5))
     assert {place.person_id for place in state.people_in_map.value.people} == {"p-2", "p-3"}
-    state.take(seen("front", "p-3", at_ns=now_ns + 2 * S))
+    state.add(seen("front", "p-3", at_ns=now_ns + 2 * S))
     assert {place.person_id for place in state.people_in_map.value.people} == {"p-3"}, "that was too long ago"
 
 
 def test_whom_two_cameras_see_is_on_the_map_once(state: LiveState) -> None:
     now_ns = clock.now_ns()
-    state.take(PeopleInMap(now_ns, (PersonPlace("p-1", 1.0, 2.0, 0.4, "floor", 3),), "desk"))
+    state.add(PeopleInMap(now_ns, (PersonPlace("p-1", 1.0, 2.0, 0.4, "floor", 3),), "desk"))
     by_front = (PersonPlace("p-1", 1.1, 2.0, 0.1, "lidar", 7), PersonPlace("", 5.0, 2.0, 0.1, "lidar", 8))
-    state.take(PeopleInMap(now_ns, by_front, "front"))
+    state.add(PeopleInMap(now_ns, by_front, "front"))
     by_desk = (PersonPlace("p-1", 1.0, 2.0, 0.4, "floor", 3), PersonPlace("", 5.1, 2.0, 0.4, "floor", 4))
-    state.take(PeopleInMap(now_ns, by_desk, "desk"))
+    state.add(PeopleInMap(now_ns, by_desk, "desk"))
     shown = sorted((place.person_id, place.x_m) for place in state.people_in_map.value.people)
     assert shown == [("", 5.0), ("", 5.1), ("p-1", 1.1)], "where the surer one says; who is not known may be anybody"
 
@@ -192,5 +192,5 @@ def test_whom_two_cameras_see_is_on_the_map_once(state: LiveState) -> None:
 def test_those_of_this_computer_come_as_they_were_asked_for_whoever_tells_first(state: LiveState) -> None:
     state.own_cameras.set({"mast": None, "desk": None, "door": None})
     for camera in ("door", "desk", "mast"):
-        state.take(frame_of(camera))
+        state.add(frame_of(camera))
     assert (state.cameras.value, state.camera.value) == (("mast", "desk", "door"), "mast")

@@ -210,7 +210,7 @@ def test_a_network_of_one_megabit_shows_no_old_picture_as_fresh(bench: Bench, qa
         qualities = bench.link.of(LinkQuality)
         for frame in frames:
             known = [quality for quality in qualities if quality.stamp_ns <= frame.stamp_ns]
-            state.take(known[-1])
+            state.add(known[-1])
             assert frame.robot_stamp_ns is not None
             age_s = (frame.stamp_ns + wall_minus_session_ns - frame.robot_stamp_ns) / 1e9
             state.frame.update_value(frame)

@@ -123,7 +123,7 @@ class FakeConsole:
         self._told_marks: list[Marked] = []
         self.transcript = Transcript()
         self.history: dict[str, tuple[HistoryEntry, ...]] = {}
-        self.protocol = ProtocolService(self.state, self.state.take)
+        self.protocol = ProtocolService(self.state, self.state.add)
         self.protocol.use_scenario(scenario)
         self.calls: list[tuple[str, Any]] = []
         self.refuses_speech = self.began_anyway = False
@@ -176,12 +176,12 @@ class FakeConsole:
 
     def stop(self) -> None:
         self.calls.append(("stop", None))
-        self.state.take(StopRequested(clock.now_ns()))
+        self.state.add(StopRequested(clock.now_ns()))
 
     def emergency_stop(self) -> None:
         self.calls.append(("emergency_stop", None))
         self._set_drive(emergency_stop=True)
-        self.state.take(EmergencyStopChanged(clock.now_ns(), latched=True, by="wizard"))
+        self.state.add(EmergencyStopChanged(clock.now_ns(), latched=True, by="wizard"))
 
     def clear_emergency_stop(self) -> None:
         self.calls.append(("clear_emergency_stop", None))
@@ -259,7 +259,7 @@ class FakeConsole:
             return False
         if origin == "typed":
             self.state.speech_history.set((*self.state.speech_history.value, text))
-        self.state.take(UtteranceChanged(clock.now_ns(), f"u{len(self.calls)}", "robot", text, origin, "started"))
+        self.state.add(UtteranceChanged(clock.now_ns(), f"u{len(self.calls)}", "robot", text, origin, "started"))
         return True
 
     def fill_gap(self, words: str) -> None:
@@ -324,7 +324,7 @@ class FakeConsole:
         """Add speech events to the transcript and the state."""
         for event in events:
             self.transcript.add(event)
-            self.state.take(event)
+            self.state.add(event)
         self.state.transcript.reset_value(self.transcript.turns)
 
     def ask_assistant(self, question: str, leave_out: tuple[str, ...] = (), pictures: tuple[str, ...] = ()) -> None:
@@ -364,12 +364,12 @@ class FakeConsole:
                 for person in self.state.persons.value
             )
         )
-        self.state.take(PersonRenamed(clock.now_ns(), person_id, WIZARD))
+        self.state.add(PersonRenamed(clock.now_ns(), person_id, WIZARD))
 
     def attend_person(self, person_id: str) -> None:
         self.calls.append(("attend_person", person_id))
         self.state.selected_person.set(person_id)
-        self.state.take(PersonAttended(clock.now_ns(), person_id, WIZARD))
+        self.state.add(PersonAttended(clock.now_ns(), person_id, WIZARD))
 
     def confirm_person(self, person_id: str, is_person_id: str) -> None:
         self.calls.append(("confirm_person", (person_id, is_person_id)))
@@ -384,12 +384,12 @@ class FakeConsole:
                 is_person_id: None,
             }
         )  # fmt: skip
-        self.state.take(PersonIdentified(clock.now_ns(), person_id, is_person_id, "wizard", 0.82, actor=WIZARD))
+        self.state.add(PersonIdentified(clock.now_ns(), person_id, is_person_id, "wizard", 0.82, actor=WIZARD))
 
     def reject_person(self, person_id: str, is_person_id: str) -> None:
         self.calls.append(("reject_person", (person_id, is_person_id)))
         self._replace_persons({person_id: dataclasses.replace(self._person(person_id), suggestions=())})
-        self.state.take(PersonRejected(clock.now_ns(), person_id, is_person_id, WIZARD))
+        self.state.add(PersonRejected(clock.now_ns(), person_id, is_person_id, WIZARD))
 
     def set_person_group(self, person_id: str, group: str) -> None:
         self.calls.append(("set_person_group", (person_id, group)))
@@ -406,24 +406,24 @@ class FakeConsole:
     def merge_people(self, person_id: str, into_person_id: str) -> None:
         self.calls.append(("merge_people", (person_id, into_person_id)))
         self._replace_persons({person_id: None})
-        self.state.take(PeopleMerged(clock.now_ns(), person_id, into_person_id, WIZARD))
+        self.state.add(PeopleMerged(clock.now_ns(), person_id, into_person_id, WIZARD))
 
     def split_person(self, person_id: str, visit_id: str) -> None:
         self.calls.append(("split_person", person_id))
-        self.state.take(PersonSplit(clock.now_ns(), f"{person_id}-new", person_id, WIZARD))
+        self.state.add(PersonSplit(clock.now_ns(), f"{person_id}-new", person_id, WIZARD))
 
     def note_consent(self, person_id: str, kind: ConsentKind, given: bool) -> None:
         self.calls.append(("note_consent", (person_id, kind, given)))
-        self.state.take(ConsentNoted(clock.now_ns(), person_id, kind, given, WIZARD))
+        self.state.add(ConsentNoted(clock.now_ns(), person_id, kind, given, WIZARD))
 
     def undo_people(self) -> None:
         self.calls.append(("undo_people", None))
-        self.state.take(PeopleUndone(clock.now_ns(), "p1", "named", actor=WIZARD))
+        self.state.add(PeopleUndone(clock.now_ns(), "p1", "named", actor=WIZARD))
 
     def forget_person(self, person_id: str) -> None:
         self.calls.append(("forget_person", person_id))
         self._replace_persons({person_id: None})
-        self.state.take(PersonForgotten(clock.now_ns(), person_id, WIZARD))
+        self.state.add(PersonForgotten(clock.now_ns(), person_id, WIZARD))
 
     def look_up_person(self, person_id: str, text: str) -> None:
         self.calls.append(("look_up_person", (person_id, text)))
@@ -436,7 +436,7 @@ class FakeConsole:
 
     def _describe(self, person_id: str, detail: PersonDetail, **changes: Any) -> None:
         self._replace_persons({person_id: dataclasses.replace(self._person(person_id), **changes)})
-        self.state.take(PersonDescribed(clock.now_ns(), person_id, detail, WIZARD))
+        self.state.add(PersonDescribed(clock.now_ns(), person_id, detail, WIZARD))
 
     def _replace_persons(self, changes: dict[str, PersonRow | None]) -> None:
         for live in (self.state.persons, self.state.everybody):
@@ -511,7 +511,7 @@ class FakeConsole:
     def _keep_mark(self, mark: Marked) -> str:
         self.marks[mark.mark_id] = mark
         self._told_marks.append(mark)
-        self.state.take(mark)
+        self.state.add(mark)
         going_on = tuple(each for each in self.marks.values() if each.state == "open")
         self.state.marks.set(MarksStatus(None if mark.state == "withdrawn" else mark, going_on))
         self.state.notes.set(notes_among(final_marks_of(self._told_marks, ended_ns=mark.stamp_ns)))
@@ -569,7 +569,7 @@ class FakeConsole:
 
     def pause_session(self, paused: bool) -> None:
         self.calls.append(("pause_session", paused))
-        self.state.take(RecordingPaused(clock.now_ns(), paused))
+        self.state.add(RecordingPaused(clock.now_ns(), paused))
         self.state.recording.set(
             dataclasses.replace(self.state.recording.value, state="paused" if paused else "recording")
         )

@@ -134,10 +134,10 @@ def states(scene: Scene, out: Path) -> None:
         map_on_show(map_panel, video)
         scene.save(out / "aiming.png")
         window.hold.escape_pressed.emit()
-    console.state.take(
+    console.state.add(
         Problem(1, "warning", "The camera sends pictures late", "Driving is slowed down.", "Move closer to the router.")
     )
-    console.state.take(Problem(1, "error", "The recording stopped", "Nothing is kept from now on.", "Free disk space."))
+    console.state.add(Problem(1, "error", "The recording stopped", "Nothing is kept from now on.", "Free disk space."))
     console.emergency_stop()
     spin(300)
     scene.save(out / "emergency.png")

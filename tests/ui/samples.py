@@ -46,7 +46,7 @@ from caris_desktop.live.status import (
     PerceptionStatus,
     ProposalStatus,
     RecordingStatus,
-    ShownSuggestion,
+    DisplayedReply,
     SpeechStatus,
     SuggestionsStatus,
 )
@@ -247,9 +247,9 @@ def fill_console(console: FakeConsole) -> None:
         PhotoTaken(now_ns, "front", 3, "photos/photo-0003.png"),
         now,
     ):
-        state.take(event)
-    state.take(floor_plan())
-    state.take(BatteryState(clock.now_ns(), 0.78))
+        state.add(event)
+    state.add(floor_plan())
+    state.add(BatteryState(clock.now_ns(), 0.78))
     refresh_streams(console, pose)
     show_frame(console, image, boxes)
 
@@ -284,7 +284,7 @@ def suggest(console: FakeConsole) -> None:
     state.levels.set(LevelsStatus("suggest", "suggest", "suggest"))
     state.suggestions.set(
         SuggestionsStatus(
-            "shown", "t5", 1, tuple(ShownSuggestion(f"s-{rank}", rank, text) for rank, text in enumerate(replies, 1)),
+            "shown", "t5", 1, tuple(DisplayedReply(f"s-{rank}", rank, text) for rank, text in enumerate(replies, 1)),
             "SmolLM2 (local)", 3, "Robot arm", person_id="p1",
         )
     )  # fmt: skip
@@ -295,8 +295,8 @@ def suggest(console: FakeConsole) -> None:
 
 def show_frame(console: FakeConsole, image: NDArray[np.uint8], boxes: list[tuple[float, float, float, float]]) -> None:
     frame = console.frames.add(image)
-    console.state.take(frame)
-    console.state.take(people_for(frame.sequence, image.shape[1], image.shape[0], boxes))
+    console.state.add(frame)
+    console.state.add(people_for(frame.sequence, image.shape[1], image.shape[0], boxes))
 
 
 def people_for(sequence: int, width_px: int, height_px: int, boxes: list[tuple[float, float, float, float]]) -> People:
@@ -309,24 +309,24 @@ def people_for(sequence: int, width_px: int, height_px: int, boxes: list[tuple[f
 
 def refresh_streams(console: FakeConsole, pose: Pose2D) -> None:
     state = console.state
-    state.take(RobotPose(clock.now_ns(), None, pose))
-    state.take(dataclasses.replace(scan_at(pose), stamp_ns=clock.now_ns()))
-    state.take(Odometry(clock.now_ns(), None, pose, Twist2D(0.35, 0.0, 0.07)))
+    state.add(RobotPose(clock.now_ns(), None, pose))
+    state.add(dataclasses.replace(scan_at(pose), stamp_ns=clock.now_ns()))
+    state.add(Odometry(clock.now_ns(), None, pose, Twist2D(0.35, 0.0, 0.07)))
 
 
 def drive_along(console: FakeConsole) -> None:
     """A trail behind the robot and a path ahead."""
     state = console.state
     for share in np.linspace(0.0, 1.0, 120):
-        state.take(RobotPose(clock.now_ns(), None, Pose2D(2.0 + 4.6 * share, 2.0 + 1.4 * math.sin(1.57 * share), 0.4)))
+        state.add(RobotPose(clock.now_ns(), None, Pose2D(2.0 + 4.6 * share, 2.0 + 1.4 * math.sin(1.57 * share), 0.4)))
     goal = state.goal.value
     if goal is not None:
         target, share = goal.target_in_map, np.linspace(0.0, 1.0, 100)
         points = np.column_stack((6.6 + (target.x_m - 6.6) * share, 3.4 + (target.y_m - 3.4) * share**2))
-        state.take(PlannedPath(clock.now_ns(), None, points.astype(np.float32)))
+        state.add(PlannedPath(clock.now_ns(), None, points.astype(np.float32)))
 
 
 def refresh_people_in_map(console: FakeConsole) -> None:
     places = (PersonPlace("p1", 8.4, 5.0, 0.15, "lidar"), PersonPlace("p3", 5.0, 2.0, 0.4, "depth"))
-    console.state.take(PeopleInMap(clock.now_ns(), places))
-    console.state.take(HeadState(clock.now_ns(), None, 0.0, 0.0))
+    console.state.add(PeopleInMap(clock.now_ns(), places))
+    console.state.add(HeadState(clock.now_ns(), None, 0.0, 0.0))

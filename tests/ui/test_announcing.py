@@ -70,9 +70,9 @@ def test_a_refusal_is_said_and_said_again_when_it_comes_again(
 ) -> None:
     listener = Heard(qapp)
     whole = "Problem: Ana drives now. Nothing was sent. Ask Ana."
-    console.state.take(REFUSAL)
+    console.state.add(REFUSAL)
     assert announced(window) == listener.said == [whole]
-    console.state.take(REFUSAL)
+    console.state.add(REFUSAL)
     assert (
         listener.said[0] == whole
         and len(listener.said) == 2
@@ -102,7 +102,7 @@ def test_the_emergency_stop_is_said_and_its_release(window: MainWindow, console:
     console.state.drive.set(DriveStatus(emergency_stop=True, movement="uncommanded", stopped=True))
     assert announced(window).count(moves) == 1
     console.state.drive.set(DriveStatus(allowed=True))
-    console.state.take(EmergencyStopChanged(clock.now_ns(), latched=False, by="wizard", actor=WIZARD))
+    console.state.add(EmergencyStopChanged(clock.now_ns(), latched=False, by="wizard", actor=WIZARD))
     assert announced(window)[-1] == "Emergency stop released"
 
 
@@ -115,15 +115,15 @@ def test_what_is_asked_is_said(window: MainWindow) -> None:
 
 def test_goals_are_said_and_what_another_wizard_does(window: MainWindow, console: FakeConsole) -> None:
     at, here = clock.now_ns(), Pose2D(1.0, 2.0, 0.0)
-    console.state.take(GoalChanged(at, "g1", "reached", here, "Kitchen", actor=WIZARD))
-    console.state.take(PlacesChanged(at, "Door", here, actor=WIZARD))
+    console.state.add(GoalChanged(at, "g1", "reached", here, "Kitchen", actor=WIZARD))
+    console.state.add(PlacesChanged(at, "Door", here, actor=WIZARD))
     assert announced(window) == ["Arrived at Kitchen"], "a place that this wizard saves is no news"
-    console.state.take(PlacesChanged(at, "Door", here, actor=f"{OTHER_WIZARD}Ana"))
+    console.state.add(PlacesChanged(at, "Door", here, actor=f"{OTHER_WIZARD}Ana"))
     assert announced(window)[1:] == ["Place Door saved · by wizard Ana"]
 
 
 def test_an_announcement_goes_and_shows_nothing(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
-    console.state.take(REFUSAL)
+    console.state.add(REFUSAL)
     one = find(window, "announcement")
     assert isinstance(one, Announcement) and (one.width(), one.height()) == (1, 1)
     assert one._goes.interval() == KEPT_MS and one._goes.isActive()
@@ -133,6 +133,6 @@ def test_an_announcement_goes_and_shows_nothing(window: MainWindow, console: Fak
 
 def test_nothing_comes_up_without_a_screen_reader(window: MainWindow, console: FakeConsole) -> None:
     QAccessible.setActive(False)
-    console.state.take(REFUSAL)
+    console.state.add(REFUSAL)
     console.state.drive.set(DriveStatus(emergency_stop=True))
     assert window.findChildren(Announcement) == []

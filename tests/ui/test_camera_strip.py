@@ -31,7 +31,7 @@ def panel(window: MainWindow, console: FakeConsole) -> VideoPanel:
 def show(console: FakeConsole, *cameras: str, age_s: float = 0.0, shade: int = 0) -> None:
     for camera in cameras:
         image = np.full((120, 160, 3), np.array(COLORS[camera]) + shade, np.uint8)
-        console.state.take(console.frames.add(image, stamp_ns=clock.now_ns() - int(age_s * 1e9), camera=camera))
+        console.state.add(console.frames.add(image, stamp_ns=clock.now_ns() - int(age_s * 1e9), camera=camera))
 
 
 def small(panel: VideoPanel, camera: str) -> SmallPicture:
@@ -102,18 +102,18 @@ def test_a_lost_camera_says_so_in_its_own_picture_and_returns(panel: VideoPanel,
 def test_a_camera_that_never_came_says_why(panel: VideoPanel, console: FakeConsole) -> None:
     console.state.own_cameras.set({"desk": None})
     show(console, "front")
-    console.state.take(CameraState(clock.now_ns(), "desk", "lost", "There is no device /dev/video7."))
+    console.state.add(CameraState(clock.now_ns(), "desk", "lost", "There is no device /dev/video7."))
     assert small(panel, "desk").words()[1] == (
         "No picture yet. The console is trying again. There is no device /dev/video7."
     )
     show(console, "desk")
     assert small(panel, "desk").words() == ("", "")
-    console.state.take(CameraState(clock.now_ns(), "desk", "ended", "The video was played to its end."))
+    console.state.add(CameraState(clock.now_ns(), "desk", "ended", "The video was played to its end."))
     show(console, "desk", age_s=4.0)
     console.state.check_freshness()
     assert small(panel, "desk").words()[1] == "The video was played to its end."
     console.state.forget_camera("desk")
-    console.state.take(CameraState(clock.now_ns(), "desk", "ended", "This scenario does not use this camera."))
+    console.state.add(CameraState(clock.now_ns(), "desk", "ended", "This scenario does not use this camera."))
     assert console.state.cameras.value == ("front",)
 
 
@@ -147,7 +147,7 @@ def test_people_are_boxed_in_the_small_picture(panel: VideoPanel, console: FakeC
     frame = console.state.frame_of("desk").value
     before = small(panel, "desk").grab().toImage()
     box = PersonBox(1, "", 40.0, 30.0, 60.0, 70.0, 0.9)
-    console.state.take(People(frame.stamp_ns, "desk", frame.sequence, 160, 120, (box,), 9.0))
+    console.state.add(People(frame.stamp_ns, "desk", frame.sequence, 160, 120, (box,), 9.0))
     after = small(panel, "desk").grab().toImage()
     x, y = round(after.width() * 40 / 160), round(after.height() * 60 / 120)
     assert any(before.pixel(x + dx, y) != after.pixel(x + dx, y) for dx in range(-2, 3))

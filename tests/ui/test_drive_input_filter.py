@@ -325,7 +325,7 @@ def test_escape_stops_before_a_dialog_and_a_popup_see_it(
 
 def test_what_the_link_ended_needs_a_new_press(view: QWidget, console: FakeConsole) -> None:
     QTest.keyPress(view, Qt.Key.Key_W)
-    console.state.take(DriveEnded(clock.now_ns(), "The console stopped responding for a moment"))
+    console.state.add(DriveEnded(clock.now_ns(), "The console stopped responding for a moment"))
     console.calls.clear()
     QTest.keyPress(view, Qt.Key.Key_A)
     QTest.keyRelease(view, Qt.Key.Key_A)
@@ -345,7 +345,7 @@ def test_a_key_that_is_still_down_after_the_end_is_to_be_let_go(
     reason = find(window, "drive_reason")
     QTest.keyPress(view, Qt.Key.Key_W)
     assert not window.hold.must_let_go
-    console.state.take(DriveEnded(clock.now_ns(), "The console stopped responding for a moment"))
+    console.state.add(DriveEnded(clock.now_ns(), "The console stopped responding for a moment"))
     assert window.hold.must_let_go
     assert "Release and press again to drive" in chips(view)
     assert not any("W A S D" in text for text in chips(view))
@@ -362,7 +362,7 @@ def test_an_arrow_and_a_stick_are_to_be_let_go_too(window: MainWindow, console: 
     window.hold.motion.hold_onscreen("turn_left")
     window.hold.motion.push_onscreen("base", TeleopCommand(forward=0.5))
     window.hold.motion.push_gamepad(TeleopCommand(forward=0.5))
-    console.state.take(DriveEnded(clock.now_ns(), "The console stopped responding for a moment"))
+    console.state.add(DriveEnded(clock.now_ns(), "The console stopped responding for a moment"))
     for let_go in (
         lambda: window.hold.motion.let_go_onscreen("turn_left"),
         lambda: window.hold.motion.push_onscreen("base", TeleopCommand()),

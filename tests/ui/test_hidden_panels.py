@@ -81,8 +81,8 @@ def go_on(console: FakeConsole, number: int) -> None:
     state.goal.set(GoalChanged(now_ns, "g", "active", Pose2D(1.0, 2.0, 0.0), place="Lab", distance_left_m=6.0 - number))
     topic = TopicTraffic("/scan", "sensor_msgs/LaserScan", 10.0 + number, 1000.0, 0.1, 5.0, 0)
     state.traffic.set({"control": TrafficMeasured(now_ns, "control", "cbor", 0, (topic,))})
-    state.take(utterance)
-    state.take(Marked(now_ns, f"Mark {number}", mark_id=f"m{number}"))
+    state.add(utterance)
+    state.add(Marked(now_ns, f"Mark {number}", mark_id=f"m{number}"))
 
 
 @pytest.mark.parametrize("name", [name for name in PANELS if name != "robot"])
@@ -126,7 +126,7 @@ def test_people_who_came_meanwhile_are_there_when_the_panel_is_seen(
 def test_the_log_is_whole_when_it_is_seen_again(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = put_aside(window, "session")
     for number in range(40):
-        console.state.take(Marked(clock.now_ns(), f"Mark {number}"))
+        console.state.add(Marked(clock.now_ns(), f"Mark {number}"))
     window.open_panel("session")
     log = panel.findChild(QWidget, "event_log")
     qtbot.waitUntil(lambda: log.model().rowCount() >= 40)

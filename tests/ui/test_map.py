@@ -143,7 +143,7 @@ def test_a_huge_map_is_shown_soon_and_never_holds_up_the_window(
     view = panel.view
     view.grid.slowest_band_ms = 0.0
     began = time.perf_counter()
-    console.state.take(grid)
+    console.state.add(grid)
     qtbot.waitUntil(lambda: view.grid.displayed_grid is grid, timeout=5000)
     whole_s = time.perf_counter() - began
     slowest_whole_ms = view.grid.slowest_band_ms
@@ -152,7 +152,7 @@ def test_a_huge_map_is_shown_soon_and_never_holds_up_the_window(
     view.grid.slowest_band_ms = 0.0
     update = dataclasses.replace(grid, cells=changed)
     began = time.perf_counter()
-    console.state.take(update)
+    console.state.add(update)
     qtbot.waitUntil(lambda: view.grid.displayed_grid is update, timeout=5000)
     print(
         f"\n4000x4000: shown after {whole_s * 1e3:.0f} ms in goes of at most {slowest_whole_ms:.1f} ms; "
@@ -189,14 +189,14 @@ def fill_layers(console: FakeConsole) -> None:
     state, now_ns = console.state, clock.now_ns()
     state.robot.set(ROBOT)
     for step in range(600):
-        state.take(RobotPose(now_ns, None, Pose2D(2.0 + 0.008 * step, 3.4 + math.sin(step / 60), 0.55)))
-    state.take(RobotPose(clock.now_ns(), None, Pose2D(6.6, 3.4, 0.55)))
-    state.take(samples.scan_at(Pose2D(6.6, 3.4, 0.55)))
+        state.add(RobotPose(now_ns, None, Pose2D(2.0 + 0.008 * step, 3.4 + math.sin(step / 60), 0.55)))
+    state.add(RobotPose(clock.now_ns(), None, Pose2D(6.6, 3.4, 0.55)))
+    state.add(samples.scan_at(Pose2D(6.6, 3.4, 0.55)))
     state.goal.set(GoalChanged(now_ns, "g7", "active", Pose2D(11.0, 6.0, 1.0), place="Kitchen", distance_left_m=5.0))
     curve = np.column_stack((np.linspace(6.6, 11.0, 300), 3.4 + 2.6 * np.linspace(0, 1, 300) ** 2))
-    state.take(PlannedPath(clock.now_ns(), None, curve.astype(np.float32)))
+    state.add(PlannedPath(clock.now_ns(), None, curve.astype(np.float32)))
     people = (PersonPlace("p1", 8.4, 5.0, 0.15, "lidar"), PersonPlace("p3", 5.0, 2.0, 0.4, "depth"))
-    state.take(PeopleInMap(clock.now_ns(), people))
+    state.add(PeopleInMap(clock.now_ns(), people))
 
 
 # Layers
@@ -215,7 +215,7 @@ def changes(panel: MapPanel, before: QImage, where: QRect | None = None) -> int:
 
 def test_people_stand_where_they_were_measured(panel: MapPanel, console: FakeConsole) -> None:
     before = panel.view.grab().toImage()
-    console.state.take(PeopleInMap(clock.now_ns(), (PersonPlace("p1", 3.0, 2.0, 0.2, "lidar"),)))
+    console.state.add(PeopleInMap(clock.now_ns(), (PersonPlace("p1", 3.0, 2.0, 0.2, "lidar"),)))
     spot = at(panel, 3.0, 2.0)
     assert changes(panel, before, QRect(spot.x() - 6, spot.y() - 6, 12, 12)) > 10
     assert panel.view.grab().toImage().pixelColor(spot) == panel.theme.color("green")
@@ -233,7 +233,7 @@ def test_names_of_people_and_places_never_lie_on_one_another(
     console.state.places.set(tuple(places))
     ids = ("p1", "p3")
     people = [PersonPlace(person, 1 + n * apart_m, 2.2, 0.3, "lidar") for n, person in enumerate(ids)]
-    console.state.take(PeopleInMap(clock.now_ns(), tuple(people)))
+    console.state.add(PeopleInMap(clock.now_ns(), tuple(people)))
     panel.view.resize(900, 700)
     panel.view.grab()
     people_named = [name for name in labels if not name.startswith("Place")]
@@ -264,7 +264,7 @@ def test_a_scan_that_has_no_place_is_drawn_nowhere(panel: MapPanel, console: Fak
 def test_the_planned_path_is_shown_only_while_it_is_driven(panel: MapPanel, console: FakeConsole) -> None:
     line = np.array([(6.6, 3.4), (8.0, 3.4), (8.0, 6.0)], np.float32)
     console.go_to(Pose2D(8.0, 6.0, 0.0))
-    console.state.take(PlannedPath(clock.now_ns(), None, line))
+    console.state.add(PlannedPath(clock.now_ns(), None, line))
     green = panel.theme.color("green")
     image = panel.view.grab().toImage()
     assert image.pixelColor(at(panel, 8.0, 4.6)).green() == pytest.approx(green.green(), abs=40)
@@ -274,8 +274,8 @@ def test_the_planned_path_is_shown_only_while_it_is_driven(panel: MapPanel, cons
 
 
 def test_a_stale_layer_says_its_age(panel: MapPanel, console: FakeConsole) -> None:
-    console.state.take(RobotPose(clock.now_ns() - 1_200_000_000, None, Pose2D(6.6, 3.4, 0.5)))
-    console.state.take(
+    console.state.add(RobotPose(clock.now_ns() - 1_200_000_000, None, Pose2D(6.6, 3.4, 0.5)))
+    console.state.add(
         dataclasses.replace(samples.scan_at(Pose2D(6.6, 3.4, 0.5)), stamp_ns=clock.now_ns() - 800_000_000)
     )
     console.state.check_freshness()
@@ -303,7 +303,7 @@ def test_the_trail_is_bounded_and_cleared(panel: MapPanel) -> None:
 def test_goal_end_is_said_with_its_reason(panel: MapPanel, console: FakeConsole) -> None:
     failed = GoalChanged(clock.now_ns(), "g", "failed", Pose2D(1, 1, 0), place="Kitchen", detail="no way found")
     console.state.goal.set(failed)
-    console.state.take(failed)
+    console.state.add(failed)
     assert panel.view.chips == [("Could not reach Kitchen: no way found", "bad")]
 
 
@@ -498,7 +498,7 @@ def test_the_wheel_zooms_about_the_pointer(panel: MapPanel) -> None:
 def test_turning_with_the_robot_puts_its_heading_up(panel: MapPanel, console: FakeConsole) -> None:
     view = panel.view
     QTest.keyClick(view, Qt.Key.Key_R)
-    console.state.take(RobotPose(clock.now_ns(), None, Pose2D(6.6, 3.4, 0.8)))
+    console.state.add(RobotPose(clock.now_ns(), None, Pose2D(6.6, 3.4, 0.8)))
     here = view.to_view(6.6, 3.4)
     ahead = view.to_view(6.6 + math.cos(0.8), 3.4 + math.sin(0.8))
     assert (ahead - here).x() == pytest.approx(0.0, abs=1e-6)
@@ -522,10 +522,10 @@ def test_the_map_is_moved_with_any_button(panel: MapPanel) -> None:
 
 
 def tell_odometry(console: FakeConsole, x_m: float, *, at_ns: int) -> None:
-    console.state.take(Odometry(at_ns, None, Pose2D(x_m, 1.0, 0.0), Twist2D()))
+    console.state.add(Odometry(at_ns, None, Pose2D(x_m, 1.0, 0.0), Twist2D()))
     ranges = np.full(90, 2.0, np.float32)
     laser = Pose2D(0.1, 0.0, 0.0)
-    console.state.take(LaserScan(at_ns, None, "laser", -0.75, 1.5 / 90, 0.1, 10.0, ranges, laser))
+    console.state.add(LaserScan(at_ns, None, "laser", -0.75, 1.5 / 90, 0.1, 10.0, ranges, laser))
 
 
 def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_said(
@@ -551,7 +551,7 @@ def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_said(
     assert view.map_state.tool == "look"
     assert not console.named("go_to")
     assert ("Goals and places need a map", "warning") in view.chips
-    state.take(RobotPose(clock.now_ns(), None, Pose2D(2.0, 3.0, 0.0)))
+    state.add(RobotPose(clock.now_ns(), None, Pose2D(2.0, 3.0, 0.0)))
     assert not any("odometry" in words for words, _role in view.chips)
     assert len(view.map_state.trail) == 1, "what was driven by odometry has no place in the map"
     assert view.place_position("Kitchen") is not None

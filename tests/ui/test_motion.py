@@ -35,8 +35,8 @@ def feed(console: FakeConsole, *, seconds: float) -> None:
     now_ns = clock.now_ns()
     for tick in range(int(seconds * 20)):
         stamp_ns = now_ns - int((seconds - tick / 20) * 1e9)
-        console.state.take(CommandSent(stamp_ns, tick, Twist2D(0.4, 0.0, 0.5), "keyboard"))
-        console.state.take(Odometry(stamp_ns, None, Pose2D(1.0, 2.0, 0.3), Twist2D(0.3, 0.0, 0.4)))
+        console.state.add(CommandSent(stamp_ns, tick, Twist2D(0.4, 0.0, 0.5), "keyboard"))
+        console.state.add(Odometry(stamp_ns, None, Pose2D(1.0, 2.0, 0.3), Twist2D(0.3, 0.0, 0.4)))
 
 
 def test_both_lines_are_drawn_over_the_last_half_minute(panel: MotionPanel, console: FakeConsole) -> None:

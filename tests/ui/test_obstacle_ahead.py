@@ -88,12 +88,12 @@ def test_the_video_says_so(window: MainWindow, console: FakeConsole) -> None:
     panel = window.panels["video"]
     assert isinstance(panel, VideoPanel)
     console.state.robot.set(robot_with(dataclasses.replace(MODEL, on_head=True)))
-    console.state.take(HeadState(clock.now_ns(), None, 0.6, 0.0))
+    console.state.add(HeadState(clock.now_ns(), None, 0.6, 0.0))
     freshen(console)
     panel._refresh()
     chip_text = next(text for text, _role in panel.view.chips if "ahead" in text)
     assert chip_text.endswith("ahead of the base · the camera faces left")
-    console.state.take(dataclasses.replace(scan_from(90, 270, 2.0), stamp_ns=clock.now_ns()))
+    console.state.add(dataclasses.replace(scan_from(90, 270, 2.0), stamp_ns=clock.now_ns()))
     panel._refresh()
     assert any(text.startswith("No LIDAR coverage ahead of the base") for text, _role in panel.view.chips)
 

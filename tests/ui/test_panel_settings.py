@@ -64,7 +64,7 @@ def panel(window: MainWindow, name: PanelName) -> Any:
 
 def pictures_of(console: FakeConsole, camera: str) -> None:
     image_bgr = np.zeros((48, 64, 3), np.uint8)
-    console.state.take(console.frames.add(image_bgr, camera=camera))
+    console.state.add(console.frames.add(image_bgr, camera=camera))
 
 
 def seen(window: MainWindow, console: FakeConsole) -> dict[str, object]:
@@ -170,7 +170,7 @@ def test_a_map_that_follows_is_seen_from_near_though_its_first_map_comes_later(
     console = FakeConsole(scenario)
     view = panel(open_window(qtbot, console, settings, theme), "map").view
     view.show_map(None)
-    console.state.take(samples.floor_plan())
+    console.state.add(samples.floor_plan())
     qtbot.waitUntil(lambda: view.grid.raster is not None)
     pose = view.map_state.pose
     assert pose is not None
@@ -193,10 +193,10 @@ def test_a_map_goes_on_following_after_it_was_drawn_by_odometry(
         console.state.map.clear()
         for second in range(5):
             here = Pose2D(0.0, 0.0, 0.0)
-            console.state.take(Odometry(clock.now_ns() + second * 1_000_000_000, None, here, Twist2D()))
+            console.state.add(Odometry(clock.now_ns() + second * 1_000_000_000, None, here, Twist2D()))
         view = panel(window, "map").view
         assert view.follow
-        console.state.take(RobotPose(clock.now_ns(), None, Pose2D(1.0, 1.0, 0.0)))
+        console.state.add(RobotPose(clock.now_ns(), None, Pose2D(1.0, 1.0, 0.0)))
         assert view.follow is follow
 
 

@@ -94,7 +94,7 @@ def video(window: MainWindow) -> tuple[VideoPanel, FrameView]:
 def show_flat(console: FakeConsole, color_bgr: tuple[int, int, int], *, age_s: float = 0.0) -> FrameRef:
     image = np.full((480, 640, 3), color_bgr, np.uint8)
     frame = console.frames.add(image, stamp_ns=clock.now_ns() - int(age_s * 1e9))
-    console.state.take(frame)
+    console.state.add(frame)
     return frame
 
 
@@ -182,7 +182,7 @@ def test_boxes_carry_names_and_are_solid_only_with_one(window: MainWindow, conso
     _, view = video(window)
     frame = show_flat(console, (0, 0, 0))
     boxes = [(60.0, 100.0, 120.0, 300.0), (260.0, 100.0, 120.0, 300.0), (460.0, 100.0, 120.0, 300.0)]
-    console.state.take(samples.people_for(frame.sequence, 640, 480, boxes))
+    console.state.add(samples.people_for(frame.sequence, 640, 480, boxes))
     assert view.visible_detections() == [("Luis", True), ("Ana Torres", True), ("Person 3", False)]
     named, unnamed = window.theme.color("box_named"), window.theme.color("box_unnamed")
     image, rect = view.grab().toImage(), view.picture_rect()
@@ -203,7 +203,7 @@ def test_boxes_carry_names_and_are_solid_only_with_one(window: MainWindow, conso
 def test_black_frames_without_people_have_no_boxes(window: MainWindow, console: FakeConsole) -> None:
     _, view = video(window)
     frame = show_flat(console, (0, 0, 0))
-    console.state.take(samples.people_for(frame.sequence, 640, 480, []))
+    console.state.add(samples.people_for(frame.sequence, 640, 480, []))
     assert view.visible_detections() == []
 
 
@@ -248,8 +248,8 @@ def test_the_map_is_painted_at_its_own_pace(qtbot: QtBot, window: MainWindow, co
     painted = PaintCount(panel.view)
     for _ in range(20):
         state = console.state
-        state.take(RobotPose(clock.now_ns(), None, Pose2D(6.6, 3.4, 0.55)))
-        state.take(dataclasses.replace(samples.scan_at(Pose2D(6.6, 3.4, 0.55)), stamp_ns=clock.now_ns()))
+        state.add(RobotPose(clock.now_ns(), None, Pose2D(6.6, 3.4, 0.55)))
+        state.add(dataclasses.replace(samples.scan_at(Pose2D(6.6, 3.4, 0.55)), stamp_ns=clock.now_ns()))
     QApplication.processEvents()
     assert painted.count <= 1
     qtbot.waitUntil(lambda: painted.count >= 1)
@@ -662,8 +662,8 @@ def test_a_question_that_is_too_long_is_said_and_not_cut(
 
 
 def test_the_log_tells_events_in_sentences(window: MainWindow, console: FakeConsole) -> None:
-    console.state.take(LinkChanged(clock.now_ns(), "robot", "lost", "ws://x", "no answer for 1 s"))
-    console.state.take(Marked(clock.now_ns(), "laughed"))
+    console.state.add(LinkChanged(clock.now_ns(), "robot", "lost", "ws://x", "no answer for 1 s"))
+    console.state.add(Marked(clock.now_ns(), "laughed"))
     lines = session(window).log_lines()
     assert lines[-2:] == ["The robot is unreachable: no answer for 1 s", "Marked: laughed"]
 
@@ -671,8 +671,8 @@ def test_the_log_tells_events_in_sentences(window: MainWindow, console: FakeCons
 @pytest.mark.panels("session")
 def test_the_log_can_be_narrowed(window: MainWindow, console: FakeConsole) -> None:
     panel = session(window)
-    console.state.take(UtteranceChanged(clock.now_ns(), "u", "robot", "Hello", "typed", "started"))
-    console.state.take(Marked(clock.now_ns(), ""))
+    console.state.add(UtteranceChanged(clock.now_ns(), "u", "robot", "Hello", "typed", "started"))
+    console.state.add(Marked(clock.now_ns(), ""))
     panel.show_category("Said")
     assert panel.log_lines() == ["Robot: “Hello”"]
     panel.show_category("")
@@ -685,13 +685,13 @@ def test_the_log_stays_at_its_newest_line(qtbot: QtBot, window: MainWindow, cons
     assert isinstance(log, QAbstractItemView)
     bar = log.verticalScrollBar()
     for number in range(60):
-        console.state.take(Marked(clock.now_ns(), str(number)))
+        console.state.add(Marked(clock.now_ns(), str(number)))
     qtbot.waitUntil(lambda: bar.maximum() > 0 and bar.value() == bar.maximum())
     log.resize(log.width() - 60, log.height() - 20)
     QApplication.processEvents()
     assert bar.value() == bar.maximum(), "also when there is less room"
     bar.setValue(10)
-    console.state.take(Marked(clock.now_ns(), "later"))
+    console.state.add(Marked(clock.now_ns(), "later"))
     QApplication.processEvents()
     assert bar.value() == 10, "the wizard is reading"
 
@@ -702,11 +702,11 @@ def test_the_log_is_in_order_of_time(window: MainWindow, console: FakeConsole) -
     now_ns = clock.now_ns()
     # Reports of the recorder or a link arrive a moment after the event.
     for later_ns, label in ((0, "one"), (3, "three"), (2, "two"), (3, "three, too")):
-        console.state.take(Marked(now_ns + later_ns, label))
+        console.state.add(Marked(now_ns + later_ns, label))
     expected = ["Marked: one", "Marked: two", "Marked: three", "Marked: three, too"]
     assert panel.log_lines()[-4:] == expected
     panel.show_category("Session")
-    console.state.take(Marked(now_ns + 1, "between"))
+    console.state.add(Marked(now_ns + 1, "between"))
     assert panel.log_lines()[-5:] == [expected[0], "Marked: between", *expected[1:]]
     panel.restore_state(list(reversed(panel.save_state())))
     assert panel.log_lines()[-3] == "Marked: two"
@@ -717,7 +717,7 @@ def test_the_log_is_in_order_of_time(window: MainWindow, console: FakeConsole) -
 def test_the_log_is_bounded(window: MainWindow, console: FakeConsole) -> None:
     panel = session(window)
     for number in range(LOG_ROWS + 20):
-        console.state.take(Marked(clock.now_ns(), str(number)))
+        console.state.add(Marked(clock.now_ns(), str(number)))
     lines = panel.log_lines()
     assert len(lines) == LOG_ROWS
     assert lines[-1] == f"Marked: {LOG_ROWS + 19}"
@@ -766,10 +766,10 @@ def test_a_new_line_costs_the_same_in_a_long_log(window: MainWindow, console: Fa
     looked_at = LookedAt(log.model())
     log.setModel(looked_at)
     for number in range(LOG_ROWS):
-        console.state.take(Marked(clock.now_ns(), str(number)))
+        console.state.add(Marked(clock.now_ns(), str(number)))
     QApplication.processEvents()
     looked_at.rows.clear()
-    console.state.take(Marked(clock.now_ns(), "one more, and as long as a sentence can be. " * 5))
+    console.state.add(Marked(clock.now_ns(), "one more, and as long as a sentence can be. " * 5))
     QApplication.processEvents()
     in_view = log.viewport().height() // LOG_LINE_PX + 2
     assert looked_at.rows, "the newest line is in view"
@@ -851,7 +851,7 @@ def test_a_large_map_is_drawn_in_pieces(qtbot: QtBot, window: MainWindow, consol
     cells[700:1300, 200:1400] = 0
     cells[700:1300, 200:260] = 100
     grid = OccupancyGrid(clock.now_ns(), None, 0.02, Pose2D(-2.0, -12.0, 0.0), cells)
-    console.state.take(grid)
+    console.state.add(grid)
     qtbot.waitUntil(lambda: panel.view.grid.displayed_grid is grid)
     panel.view.fit()
     image = panel.view.grab().toImage()
@@ -896,7 +896,7 @@ def test_a_photo_that_was_kept_is_shown_small(window: MainWindow, console: FakeC
     small = window.findChild(PhotoThumbnail, "photo_thumbnail")
     assert small is not None
     assert not small.isVisible(), "it is not kept yet"
-    console.state.take(PhotoTaken(clock.now_ns(), "front", frame.sequence, "photos/0001.png"))
+    console.state.add(PhotoTaken(clock.now_ns(), "front", frame.sequence, "photos/0001.png"))
     assert small.isVisible()
     assert small.accessibleName() == "Photo saved with the session: photos/0001.png"
     middle = small.grab().toImage().pixelColor(small.width() // 2, 60)
@@ -905,7 +905,7 @@ def test_a_photo_that_was_kept_is_shown_small(window: MainWindow, console: FakeC
     small._going.timeout.emit()
     assert not small.isVisible()
     console.state.recording.set(RecordingStatus())
-    console.state.take(PhotoTaken(clock.now_ns(), "front", 999, "photos/0002.png"))
+    console.state.add(PhotoTaken(clock.now_ns(), "front", 999, "photos/0002.png"))
     assert small.accessibleName() == "Photo saved in the study’s folder: photos/0002.png"
     assert small.image is None, "that picture was not seen here"
 

@@ -79,7 +79,7 @@ def windows(theme: Theme, mark: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
         for value in vars(console.state).values():
             if isinstance(value, LiveValue) and value is not console.state.scenario:
                 value.set(_marked(value.value, f"{mark}&"))
-        console.state.take(Problem(1, "error", f"{mark}what", f"{mark}meaning", f"{mark}advice"))
+        console.state.add(Problem(1, "error", f"{mark}what", f"{mark}meaning", f"{mark}advice"))
 
     monkeypatch.setattr(samples, "fill_console", fill_marked)
     monkeypatch.setattr(every_window, "load_scenario", lambda _path: load_scenario(scenario_file))

@@ -196,7 +196,7 @@ def test_nothing_is_live_and_nothing_is_waited_for(past: MainWindow) -> None:
 
 
 def test_problems_of_the_session_are_history(window: MainWindow, replay: FakeReplay, console: FakeConsole) -> None:
-    console.state.take(Problem(1, "error", "The recording stopped", "Nothing is kept.", "Free disk space."))
+    console.state.add(Problem(1, "error", "The recording stopped", "Nothing is kept.", "Free disk space."))
     assert window.problems.cards == ()
     replay.noticed.emit(Problem(1, "error", "Your annotations are not saved.", "", "Make room."))
     assert [card.problem.what for card in window.problems.cards] == ["Your annotations are not saved."]

@@ -57,7 +57,7 @@ def entry(panel: RobotPanel, control_id: str) -> ControlEntry:
 
 
 def tell(console: FakeConsole, **values: bool | float | str) -> None:
-    console.state.take(ControlReadings(clock.now_ns(), dict(values)))
+    console.state.add(ControlReadings(clock.now_ns(), dict(values)))
 
 
 def answer(console: FakeConsole, control_id: str, status: ControlStatus) -> None:

@@ -80,7 +80,7 @@ def test_every_control_of_every_scenario_can_be_told(
 def test_every_control_of_every_window_and_of_a_replay_can_be_told(theme: Theme) -> None:
     opened, found = EveryWindow(theme, ENGLISH), list[str]()
     for what in ("The microphone is silent.", "No photo was taken."):
-        opened.console.state.take(Problem(clock.now_ns(), "warning", what, "Nothing of it is kept.", "Look after it."))
+        opened.console.state.add(Problem(clock.now_ns(), "warning", what, "Nothing of it is kept.", "Look after it."))
     try:
         for seen in opened.seen():
             if seen.part.isWindow() and seen.part.objectName() == "main_window":
@@ -104,8 +104,8 @@ def test_the_strips_of_motion_are_told_and_take_no_focus(
 
     def told() -> str:
         now_ns = clock.now_ns()
-        console.state.take(CommandSent(now_ns, 1, Twist2D(0.4, 0.0, 0.0), "keyboard"))
-        console.state.take(Odometry(now_ns, None, Pose2D(1.0, 2.0, 0.3), Twist2D(0.0, 0.0, 0.0)))
+        console.state.add(CommandSent(now_ns, 1, Twist2D(0.4, 0.0, 0.0), "keyboard"))
+        console.state.add(Odometry(now_ns, None, Pose2D(1.0, 2.0, 0.3), Twist2D(0.0, 0.0, 0.0)))
         return plot.accessibleDescription()
 
     qtbot.waitUntil(lambda: told().startswith("Commanded: 0.40 m/s forward. Measured: standing still."))

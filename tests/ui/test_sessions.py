@@ -151,9 +151,9 @@ def test_a_mark_is_one_line_of_the_log_whatever_becomes_of_it(window: MainWindow
     before = len(panel.log_lines())
     mark_id = console.begin_mark("Laughs")
     assert panel.log_lines()[before:] == ["Laughs started"]
-    console.state.take(StopRequested(clock.now_ns()))
+    console.state.add(StopRequested(clock.now_ns()))
     began_ns = console.marks[mark_id].start_ns or 0
-    console.state.take(Marked(began_ns + 1, "Laughs", "mark", mark_id, began_ns, began_ns + 12_000_000_000))
+    console.state.add(Marked(began_ns + 1, "Laughs", "mark", mark_id, began_ns, began_ns + 12_000_000_000))
     assert panel.log_lines()[before:] == ["Marked: Laughs, 12 s", "Stop"]
     console.withdraw_mark(mark_id)
     assert panel.log_lines()[before:] == ["Mark removed: Laughs", "Stop"]
@@ -181,7 +181,7 @@ def test_a_replay_records_and_marks_nothing(window: MainWindow, console: FakeCon
         assert not [each for each in panel.findChildren(QWidget, name) if each.isVisible()]
     QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_M, Qt.KeyboardModifier.ControlModifier)
     assert console.calls == []
-    console.state.take(StopRequested(clock.now_ns()))
+    console.state.add(StopRequested(clock.now_ns()))
     assert panel.log_lines() == ["Stop"]
 
 

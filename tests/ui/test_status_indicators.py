@@ -43,7 +43,7 @@ def signs(qtbot: QtBot, theme: Theme, state: LiveState) -> StatusIndicators:
 
 
 def drive(state: LiveState, forward_mps: float) -> None:
-    state.take(Odometry(clock.now_ns(), None, Pose2D(0, 0, 0), Twist2D(forward_mps)))
+    state.add(Odometry(clock.now_ns(), None, Pose2D(0, 0, 0), Twist2D(forward_mps)))
 
 
 def turn_all_on(state: LiveState) -> None:
@@ -82,19 +82,19 @@ def test_no_sign_says_still_without_knowledge(qtbot: QtBot, theme: Theme) -> Non
     state.link.set(LinkStatus("connected"))
     signs = StatusIndicators(theme, state)
     qtbot.addWidget(signs)
-    state.take(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D()))
+    state.add(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D()))
     assert said(signs)[0] == "Still"
     now_ns += 2_500_000_000
     state.check_freshness()
     assert said(signs)[0] == "Unknown", "the odometry is gone"
     state.drive.set(DriveStatus(True, "", target_forward_mps=0.3))
     assert said(signs)[0] == "Unknown", "and it was there before"
-    state.take(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D()))
+    state.add(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D()))
     state.drive.set(DriveStatus(True, "", target_turn_radps=-0.5, movement="not_following"))
     assert (said(signs)[0], text_formatting.drive_line(state.drive.value)) == (
         "Not driving", "turning right 29°/s commanded, but the robot is not following"
     )  # fmt: skip
-    state.take(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D(0.3)))
+    state.add(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D(0.3)))
     state.drive.set(DriveStatus(True, "", movement="uncommanded"))
     assert (said(signs)[0], text_formatting.drive_line(state.drive.value)) == (
         "Moving",
@@ -111,7 +111,7 @@ def test_the_sign_is_as_the_last_odometry_tells(qtbot: QtBot, theme: Theme) -> N
     qtbot.addWidget(signs)
     state.drive.set(DriveStatus(True, "", movement="moving"))
     for forward_mps, word in ((0.3, "Moving"), (0.0, "Still"), (-0.03, "Moving"), (0.004, "Still"), (0.3, "Moving")):
-        state.take(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D(forward_mps)))
+        state.add(Odometry(now_ns, None, Pose2D(0, 0, 0), Twist2D(forward_mps)))
         assert said(signs)[0] == word, f"{forward_mps} m/s are shown beside it"
     now_ns += 1_500_000_000
     state.check_freshness()

@@ -18,7 +18,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.obstacle_ahead import nearest_of, nearest_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
-from caris_desktop.ui.widgets.accessible_pictures import SeenLately
+from caris_desktop.ui.widgets.accessible_pictures import RecentlyVisible
 from caris_desktop.ui.widgets.joystick import Joystick
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
@@ -95,7 +95,7 @@ class Picture:
 
 
 def test_a_box_that_comes_and_goes_is_somebody_who_is_there() -> None:
-    seen, picture, told_of = SeenLately(), Picture(), list[tuple[str, ...]]()
+    seen, picture, told_of = RecentlyVisible(), Picture(), list[tuple[str, ...]]()
     for quarter in range(40):
         picture.boxes = [("Ada", True)] if quarter < 10 and quarter % 2 else []
         seen.add(picture, quarter / 4)  # type: ignore[arg-type]
@@ -156,7 +156,7 @@ def test_no_return_is_no_obstacle() -> None:
 @pytest.mark.panels("map")
 def test_the_map_says_what_the_lidar_finds_nearest(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     plan = find(window, "map_view")
-    console.state.take(scan_of([math.inf, 2.5, math.inf, math.inf], Pose2D(0, 0, 0)))
+    console.state.add(scan_of([math.inf, 2.5, math.inf, math.inf], Pose2D(0, 0, 0)))
 
     def hears() -> str:
         QApplication.sendEvent(plan, QFocusEvent(QEvent.Type.FocusIn))

@@ -52,8 +52,8 @@ def panel(window: MainWindow, console: FakeConsole) -> VideoPanel:
 
 def show_frame(console: FakeConsole, *, age_s: float = 0.0) -> None:
     image = np.full((480, 640, 3), (90, 90, 90), np.uint8)
-    console.state.take(console.frames.add(image, stamp_ns=clock.now_ns() - int(age_s * 1e9)))
-    console.state.take(RobotPose(clock.now_ns(), None, Pose2D(6.6, 3.4, 0.5)))
+    console.state.add(console.frames.add(image, stamp_ns=clock.now_ns() - int(age_s * 1e9)))
+    console.state.add(RobotPose(clock.now_ns(), None, Pose2D(6.6, 3.4, 0.5)))
 
 
 def pixel_of_floor(panel: VideoPanel, x_m: float, y_m: float, model: CameraModel = FRAME_MODEL) -> QPoint:
@@ -105,9 +105,9 @@ def test_the_ring_is_painted_on_the_floor(panel: VideoPanel) -> None:
 def test_the_point_asked_about_stays_on_the_floor(panel: VideoPanel, console: FakeConsole) -> None:
     QTest.mouseClick(panel.view, Qt.MouseButton.LeftButton, pos=pixel_of_floor(panel, 3.0, 0.0))
     ahead = Pose2D(6.6, 3.4, 0.5) @ Pose2D(1.0, 0.0, 0.0)
-    console.state.take(RobotPose(clock.now_ns(), None, ahead))
+    console.state.add(RobotPose(clock.now_ns(), None, ahead))
     image = np.full((480, 640, 3), (90, 90, 90), np.uint8)
-    console.state.take(console.frames.add(image))
+    console.state.add(console.frames.add(image))
     assert panel.view.spot is not None
     assert panel.view.spot.distance_m == pytest.approx(2.0, abs=0.05)
 
@@ -135,7 +135,7 @@ def test_a_picture_that_was_long_under_way_is_not_live(panel: VideoPanel, consol
     )
     arrived = console.frames.add(np.full((480, 640, 3), 255, np.uint8))
     # The robot's clock is five seconds ahead; the frame was taken 0.9 s before it arrived.
-    console.state.take(dataclasses.replace(arrived, robot_stamp_ns=arrived.stamp_ns + 5_000_000_000 - 900_000_000))
+    console.state.add(dataclasses.replace(arrived, robot_stamp_ns=arrived.stamp_ns + 5_000_000_000 - 900_000_000))
     assert console.state.frame.freshness == "stale"
     panel._refresh()
     assert panel.fact == ("delayed · 0.9 s old", "amber")
@@ -149,7 +149,7 @@ def test_a_camera_on_the_head_looks_where_the_head_looks(panel: VideoPanel, cons
     console.state.robot.set(dataclasses.replace(ROBOT, cameras=(CameraTopic("front", "/camera", model=on_head),)))
     show_frame(console)
     assert panel.view.model is None, "a head that may be turned anywhere points nowhere"
-    console.state.take(HeadState(clock.now_ns(), None, 0.3, 0.1))
+    console.state.add(HeadState(clock.now_ns(), None, 0.3, 0.1))
     show_frame(console)
     model = FRAME_MODEL.scaled_to(640, 480)
     turned = dataclasses.replace(model, on_head=True).with_head_at(pan_rad=0.3, tilt_rad=0.1)
@@ -183,7 +183,7 @@ def test_each_state_of_the_guard_has_its_own_shape() -> None:
 def test_the_title_names_the_camera_on_show(window: MainWindow, panel: VideoPanel, console: FakeConsole) -> None:
     assert panel.shown_title == "Front camera"
     frame = console.state.frame.value
-    console.state.take(dataclasses.replace(frame, camera="rear"))
+    console.state.add(dataclasses.replace(frame, camera="rear"))
     console.state.choose_camera("rear")
     assert panel.shown_title == "Rear camera"
     dock = window.dock_host.docks["video"]
@@ -208,7 +208,7 @@ def test_the_people_panel_says_who_is_seen_by_another_camera_only(
     console.state.persons.set(rows)
     assert [people.model.seen(row) for row in rows] == ["here just now", "rear camera · here just now"]
     assert people.fact[0] == "2 here · 1 in another camera"
-    console.state.take(dataclasses.replace(console.state.frame.value, camera="rear"))
+    console.state.add(dataclasses.replace(console.state.frame.value, camera="rear"))
     console.state.choose_camera("rear")
     assert [people.model.seen(row) for row in rows] == ["front camera · here just now", "here just now"]
 
@@ -265,7 +265,7 @@ def test_things_are_boxed_thinly_and_named_and_people_say_what_they_do(panel: Vi
     before = panel.view.grab().toImage()
     chair = ThingBox("chair", 60.0, 200.0, 120.0, 150.0, 0.8)
     person = PersonBox(1, "", 400.0, 100.0, 120.0, 250.0, 0.9, "sitting", hand_raised=True, facing=False)
-    console.state.take(People(frame.stamp_ns, "front", frame.sequence, 640, 480, (person,), 9.0, (chair,)))
+    console.state.add(People(frame.stamp_ns, "front", frame.sequence, 640, 480, (person,), 9.0, (chair,)))
     panel.view.update()
     after = panel.view.grab().toImage()
     differing = {

@@ -247,8 +247,8 @@ def test_the_red_button_acts_on_the_press(window: MainWindow, console: FakeConso
 def test_problems_are_cards_that_can_be_dismissed(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     focused = window.focusWidget()
     for number in range(SHOWN_AT_ONCE + 1):
-        console.state.take(Problem(1, "error", f"Problem {number}", "It means this.", "Do that."))
-    console.state.take(Problem(1, "error", f"Problem {SHOWN_AT_ONCE}", "It means this.", "Do that."))
+        console.state.add(Problem(1, "error", f"Problem {number}", "It means this.", "Do that."))
+    console.state.add(Problem(1, "error", f"Problem {SHOWN_AT_ONCE}", "It means this.", "Do that."))
     cards = window.problems.cards
     assert [card.problem.what for card in cards] == [f"Problem {number}" for number in range(1, SHOWN_AT_ONCE + 1)]
     assert window.focusWidget() is focused
@@ -265,9 +265,9 @@ def test_a_problem_that_is_over_goes_away_by_itself(window: MainWindow, console:
         assert [card.problem.what for card in window.problems.cards] == list(whats)
 
     state.link.set(dataclasses.replace(link, state="lost"))
-    state.take(Problem(1, "error", "Away", "", "", until="connected"))
-    state.take(Problem(1, "error", "Not told", "", "", until="released"))
-    state.take(Problem(1, "error", "Broken", "", ""))
+    state.add(Problem(1, "error", "Away", "", "", until="connected"))
+    state.add(Problem(1, "error", "Not told", "", "", until="released"))
+    state.add(Problem(1, "error", "Broken", "", ""))
     state.link.set(dataclasses.replace(link, state="connecting"))
     lost = "The connection to the robot is lost."
     told(lost, "Not told", "Broken")
@@ -298,7 +298,7 @@ def test_what_came_back_takes_its_problem_away(
 ) -> None:
     value = getattr(console.state, value_of)
     value.set(type(value.value)())
-    console.state.take(Problem(1, "error", "It stopped", "", "", until=until))
+    console.state.add(Problem(1, "error", "It stopped", "", "", until=until))
     assert len(window.problems.cards) == 1
     value.set(dataclasses.replace(value.value, **over))
     assert window.problems.cards == ()
@@ -307,7 +307,7 @@ def test_what_came_back_takes_its_problem_away(
 @pytest.mark.panels("video", "session")
 def test_a_picture_that_is_back_takes_its_problem_away(window: MainWindow, console: FakeConsole) -> None:
     console.state.frame.clear()
-    console.state.take(Problem(1, "error", "No camera", "", "", until="picture"))
+    console.state.add(Problem(1, "error", "No camera", "", "", until="picture"))
     freshen(console)
     assert window.problems.cards == ()
 
@@ -654,8 +654,8 @@ def test_the_status_bar_tells_what_is_old_and_what_was_refused(window: MainWindo
             0.4,
         )
     )
-    console.state.take(RobotPose(now_ns - 1_200_000_000, None, Pose2D(0, 0, 0)))
-    console.state.take(BatteryState(now_ns - 180_000_000_000, 0.6))
+    console.state.add(RobotPose(now_ns - 1_200_000_000, None, Pose2D(0, 0, 0)))
+    console.state.add(BatteryState(now_ns - 180_000_000_000, 0.6))
     bar.refresh()
     assert bar.items["refused"].text == "3 messages refused"
     assert bar.items["pose"].text == "pose delayed 1.2 s"

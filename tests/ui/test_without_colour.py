@@ -22,7 +22,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.panels.people_panel import PeoplePanel
 from caris_desktop.ui.preflight.preflight_list import PreflightRow
-from caris_desktop.ui.protocol.step_pills import ShownStep, StepPill
+from caris_desktop.ui.protocol.step_pills import DisplayedStep, StepPill
 from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.theme import Theme
 from tests.ui.conftest import find
@@ -96,7 +96,7 @@ def test_steps_of_the_protocol(qtbot: QtBot, shown_theme: Theme) -> None:
     for state, time in (
         ("done", ""), ("skipped", ""), ("now", "0:40 of 2:00"), ("late", "2:40 of 2:00 · 0:40 late"), ("ahead", ""),
     ):  # fmt: skip
-        pill.show_step(ShownStep("greet", 1, "Greet", state, time))  # type: ignore[arg-type]
+        pill.show_step(DisplayedStep("greet", 1, "Greet", state, time))  # type: ignore[arg-type]
         images[state], names[state] = grabbed(pill, pill.rect()), pill.accessibleName()
     assert_shapes_differ(images)
     assert_words_differ(names)
@@ -240,7 +240,7 @@ def test_how_a_goal_stands_on_the_map(window: MainWindow, console: FakeConsole) 
         begun = GoalChanged(clock.now_ns(), state, "requested", target, place="Kitchen")
         ended = replace(begun, state=reached, detail="The way is blocked." if state == "failed" else "")
         for goal in (begun, ended):
-            console.state.take(goal)
+            console.state.add(goal)
             console.state.goal.set(goal)
         names[state] = f"{panel.fact[0]} {panel.view.map_state.chips} {panel.view.map_state.goal is not None}"
     assert_words_differ(names)

@@ -53,7 +53,7 @@ class AlarmsService(Service):
 
     def follows(self) -> Follows:
         return {
-            Problem: self.take,
+            Problem: self.add,
             RobotChosen: self._on_robot_chosen,
             SessionStarted: self._on_session_started,
             RecordingPaused: self._on_recording_paused,
@@ -62,10 +62,10 @@ class AlarmsService(Service):
     def handlers(self) -> Handlers:
         return {intents.DismissAlarm: self.dismiss}
 
-    def take(self, problem: Problem) -> None:
+    def add(self, problem: Problem) -> None:
         if problem.severity == "info" and problem.cause not in ("", ANSWER):
             self._book.forget((problem.cause,), self._now_ns())  # reports the end of a problem
-        self._book.take(problem, self._now_ns())
+        self._book.add(problem, self._now_ns())
         self.evaluate()
 
     def evaluate(self) -> None:

@@ -321,7 +321,7 @@ class AssistantService(Service):
     def _choice(self, model: str) -> ModelChoice | None:
         """Model as a choice; None if unknown or not permitted."""
         if model == EMBEDDED:
-            return ModelChoice(model, _embedded_shown(), _here())
+            return ModelChoice(model, _embedded_name(), _here())
         try:
             endpoint = self._parts.resolve_endpoint(model, None)
         except LanguageModelError:
@@ -338,7 +338,7 @@ class AssistantService(Service):
         if not self._scenario.permissions.assistant:
             self._exchanges.show_status(AssistantStatus(state="off"))
         elif self._setup.model == EMBEDDED and self._server_url is None:
-            self._exchanges.show_status(AssistantStatus(state="starting", model=_embedded_shown()))
+            self._exchanges.show_status(AssistantStatus(state="starting", model=_embedded_name()))
             if self._server is None:
                 self._server = self._children.start(
                     self._parts.server, ended=self._on_server_ended, on_message=self._on_heard
@@ -359,8 +359,8 @@ class AssistantService(Service):
         except LanguageModelError as error:
             self._exchanges.show_status(AssistantStatus(state="failed", detail=joined((error.what, error.advice))))
             return
-        shown_as = _embedded_shown() if model == EMBEDDED else endpoint.model
-        self._exchanges.use_endpoint(endpoint, shown_as=shown_as, local_only=local_only)
+        display_name = _embedded_name() if model == EMBEDDED else endpoint.model
+        self._exchanges.use_endpoint(endpoint, display_name=display_name, local_only=local_only)
         self.client.warm_up_soon(lambda: self._messages("Hello.", "numbers"), "question")
 
     def _on_heard(self, message: Any) -> None:
@@ -403,7 +403,7 @@ def _here() -> str:
     return tr("on this computer")
 
 
-def _embedded_shown() -> str:
+def _embedded_name() -> str:
     return tr("SmolLM2 on this computer")
 
 
@@ -516,9 +516,9 @@ class Exchanges(QObject):
 
     # Model
 
-    def use_endpoint(self, endpoint: ModelEndpoint, *, shown_as: str, local_only: bool) -> None:
-        """Switch the model; ``shown_as``: its display name. Pending questions end; existing answers remain usable."""
-        self._client.use(endpoint, shown_as=shown_as, local_only=local_only)
+    def use_endpoint(self, endpoint: ModelEndpoint, *, display_name: str, local_only: bool) -> None:
+        """Switch the model; ``display_name``: its display name. Pending questions end; existing answers remain usable."""
+        self._client.use(endpoint, display_name=display_name, local_only=local_only)
         self._show()
 
     def show_status(self, status: AssistantStatus) -> None:

@@ -21,7 +21,7 @@ from caris_desktop.live.process_manager import ProcessManager
 from caris_desktop.live.service import Restarts, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PerceptionStatus
-from caris_desktop.perception.cameras.camera_process import HearCamera, PlayVideo
+from caris_desktop.perception.cameras.camera_process import StreamSound, PlayVideo
 from caris_desktop.robot.profile import CameraTopic
 from caris_desktop.scenario.scenario_model import Scenario
 
@@ -42,7 +42,7 @@ class OwnCamera:
 
 
 @dataclass(frozen=True, slots=True)
-class WantedCameras:
+class CameraSelection:
     """Cameras requested by scenario or command line. ``of_robot``: names, None for all of the robot's; ``failures``:
     unusable ones.
     """
@@ -80,7 +80,7 @@ class CamerasService(Service):
         state: LiveState,
         bus: Bus,
         children: ProcessManager,
-        cameras_of: Callable[[Scenario], WantedCameras],
+        cameras_of: Callable[[Scenario], CameraSelection],
         slow_work: BackgroundWorker,
         *,
         frames: FrameRings,
@@ -123,7 +123,7 @@ class CamerasService(Service):
         self._audio_camera = camera if on else ""
         running = self._running.get(camera)
         if running is not None:
-            running.child.send(HearCamera(on))
+            running.child.send(StreamSound(on))
 
     def start(self) -> None:
         self._started = True
@@ -162,7 +162,7 @@ class CamerasService(Service):
         body = replace(camera.body, arguments=(*camera.body.arguments, RingToWrite(ring.name)))
         child = self._children.start(body, ended=self._on_ended, on_message=self._on_heard)
         if camera.name == self._audio_camera:
-            child.send(HearCamera(True))
+            child.send(StreamSound(True))
         return child
 
     def _leave(self, running: _Running) -> None:

@@ -25,7 +25,7 @@ from caris_desktop.study import unfinished_trial
 from caris_desktop.study.unfinished_trial import UnfinishedTrial
 
 _log = logging.getLogger(__name__)
-_KEPT_EVERY_MS = 5000
+_SAVE_EVERY_MS = 5000
 _NOT_SHUT_DOWN_AFTER_MS = 60_000
 T = TypeVar("T")
 
@@ -73,7 +73,7 @@ class CrashRecoveryService(Service):
         self.step = ""
         """Protocol step in which the next recording resumes; empty if no recording broke off in a step."""
         self._saved: UnfinishedTrial | None = None
-        self._soon = QTimer(self, singleShot=True, interval=_KEPT_EVERY_MS)
+        self._soon = QTimer(self, singleShot=True, interval=_SAVE_EVERY_MS)
         self._soon.timeout.connect(self._persist)
         self._end_expected = False
         self._shut_down_soon = QTimer(self, singleShot=True, interval=_NOT_SHUT_DOWN_AFTER_MS)

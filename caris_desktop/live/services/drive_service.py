@@ -44,7 +44,7 @@ STALE_CAP_FRACTION = 0.3
 _WORTH_RENEWING_NS = 15_000_000
 _AGE_SHOWN_EVERY_MS = 500
 # A link in trouble still counts as connected.
-_STANDS = ("connected", "trouble")
+_LINKED = ("connected", "trouble")
 _ANY_SPEED = MotionLimits(forward_mps=float("inf"), backward_mps=float("inf"), left_mps=0.0, turn_radps=float("inf"))
 
 
@@ -201,7 +201,7 @@ class DriveService(Service):
         """Apply the teleoperation speed limit to navigation too."""
         status = self._state.drive.value
         limit_mps = status.max_forward_mps * status.speed_fraction
-        if self._state.link.value.state not in _STANDS or limit_mps == self._goals_limited_to_mps:
+        if self._state.link.value.state not in _LINKED or limit_mps == self._goals_limited_to_mps:
             return
         if self._robot.send(LimitGoals(clock.now_ns(), limit_mps, actor)):
             self._goals_limited_to_mps = limit_mps
@@ -218,9 +218,9 @@ class DriveService(Service):
         elif isinstance(event, EmergencyStopChanged):
             self._state.drive.set(replace(self._state.drive.value, emergency_stop=event.latched))
             self._on_condition_changed()
-        elif isinstance(event, NavigationSpeedChanged) and self._state.link.value.state in _STANDS:
+        elif isinstance(event, NavigationSpeedChanged) and self._state.link.value.state in _LINKED:
             self._state.drive.set(replace(self._state.drive.value, goal_limit_mps=event.limit_mps))
-        elif isinstance(event, MovementChanged) and self._state.link.value.state in _STANDS:
+        elif isinstance(event, MovementChanged) and self._state.link.value.state in _LINKED:
             self._state.drive.set(
                 replace(
                     self._state.drive.value,
@@ -229,7 +229,7 @@ class DriveService(Service):
                     velocity_publishers=event.publishers,
                 )
             )
-        elif isinstance(event, GuardChanged) and self._state.link.value.state in _STANDS:
+        elif isinstance(event, GuardChanged) and self._state.link.value.state in _LINKED:
             self._state.drive.set(
                 replace(
                     self._state.drive.value,
@@ -283,7 +283,7 @@ class DriveService(Service):
                 self._aging.start()
         else:
             self._aging.stop()
-        if link.state not in _STANDS:
+        if link.state not in _LINKED:
             # Each connection starts with the guard setting of the profile.
             self._guard_switched_off = False
             status = replace(status, guard="absent", guard_distance_m=None, guard_detail="", goal_limit_mps=None)

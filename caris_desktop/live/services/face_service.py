@@ -38,7 +38,7 @@ _DRAW_EVERY_MS = 40
 _PICTURE_EVERY_NS = 200_000_000
 _PICTURE_PX = 960
 _PAGE_ENDS_WITHIN_S = 2.0
-_KEPT_VOICES = 8
+_MAX_VOICES = 8
 _HEAD_SHARE = 0.12
 """Eye height in a person's box, as a share from its top."""
 
@@ -82,7 +82,7 @@ class FaceService(Service):
         self._speaking_id = ""
         self._voices: dict[str, PlayedSound] = {}
         self._page: FacePageProcess | None = None
-        self._asked_by: Actor = CONSOLE
+        self._requested_by: Actor = CONSOLE
         self._picture_ns = 0
         self._contents: Drawing | bytes | None = None
         self._drawing = QTimer(self, interval=_DRAW_EVERY_MS)
@@ -256,7 +256,7 @@ class FaceService(Service):
             on_message=lambda message, _raw: self._page_reported.emit(page, message),
             on_exit=lambda _code: self._page_ended.emit(page),
         )
-        self._asked_by = intent.actor
+        self._requested_by = intent.actor
 
     def _on_page_message(self, page: "FacePageProcess", message: Any) -> None:
         from caris_desktop.conversation.face.page import PageFailed, PageOpened, PagesOpen
@@ -266,7 +266,7 @@ class FaceService(Service):
         match message:
             case PageOpened(address):
                 self._state.face_page.set(address)
-                self._change(replace(self._state.face.value, served=True), self._asked_by)
+                self._change(replace(self._state.face.value, served=True), self._requested_by)
                 if self._contents is not None:
                     page.show(self._contents)
             case PageFailed(reason):
@@ -325,7 +325,7 @@ class FaceService(Service):
             return
         before = self._voices.get(sound.utterance_id)
         full_sound = self._voices[sound.utterance_id] = sound if before is None else joined(before, sound)
-        while len(self._voices) > _KEPT_VOICES:
+        while len(self._voices) > _MAX_VOICES:
             del self._voices[next(iter(self._voices))]
         if sound.utterance_id == self._speaking_id:
             self._motion.speak(_voice_of(full_sound))

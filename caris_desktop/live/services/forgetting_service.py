@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from caris_desktop.recording.forgetting.study_erasure import Forgotten
 
 _log = logging.getLogger(__name__)
-_TOLD_EVERY = 0.25
+_REPORT_EVERY = 0.25
 _ENDS_WITHIN_S = 1.0
 
 
@@ -98,7 +98,7 @@ class ForgettingService(Service):
     def _on_heard(self, message: Any) -> None:
         if isinstance(message, ForgettingEnded):
             self._ended = message
-        elif isinstance(message, ForgettingProgress) and message.fraction >= self._reported + _TOLD_EVERY:
+        elif isinstance(message, ForgettingProgress) and message.fraction >= self._reported + _REPORT_EVERY:
             self._reported = message.fraction
             self._bus.problem(
                 "info",

@@ -7,7 +7,7 @@ from PySide6.QtCore import QObject, QTimer
 from caris_desktop.live.service import Service
 from caris_desktop.live.state import LiveState
 
-_LOOK_EVERY_MS = 1000
+_POLL_EVERY_MS = 1000
 
 
 class HealthService(Service):
@@ -17,7 +17,7 @@ class HealthService(Service):
         super().__init__(parent)
         self._state = state
         self._services = services
-        self._timer = QTimer(self, interval=_LOOK_EVERY_MS)
+        self._timer = QTimer(self, interval=_POLL_EVERY_MS)
         self._timer.timeout.connect(self.update)
 
     def start(self) -> None:

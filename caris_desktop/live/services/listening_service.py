@@ -222,9 +222,9 @@ class ListeningFeed:
     messages wait.
     """
 
-    def __init__(self, recogniser: ChildProcess, tell: Callable[[Gap], None]) -> None:
+    def __init__(self, recogniser: ChildProcess, report_gap: Callable[[Gap], None]) -> None:
         self._recogniser = recogniser
-        self._tell = tell
+        self._report_gap = report_gap
         self._queue: deque[tuple[bytes, bool]] = deque()
         self._pieces = self._left_out = 0
         self._ended = False
@@ -264,7 +264,7 @@ class ListeningFeed:
                 left_out = self._left_out if self._pieces <= _PIECES_AT_MOST // 2 else 0
                 self._left_out -= left_out
             if left_out:
-                self._tell(
+                self._report_gap(
                     Gap(
                         clock.now_ns(),
                         TRANSCRIPTION_STREAM,

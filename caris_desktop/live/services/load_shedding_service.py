@@ -21,7 +21,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LoadStatus
 from caris_desktop.scenario.scenario_model import Scenario
 
-LOOK_EVERY_MS = 100
+POLL_EVERY_MS = 100
 _WINDOW = 30  # samples, three seconds
 _LEAST_KNOWN = 3
 _STEP_AFTER_NS = 2_000_000_000
@@ -83,9 +83,9 @@ last words are transcribed; during speech, detection identifies the speaker.
 """
 _PANELS_STAND_NS = 600_000_000
 """After a scenario change the wizard waits for its panels for this time."""
-_LOOK_COUNTS_NS = 5_000_000_000
+_DETECTION_COUNTS_NS = 5_000_000_000
 """Age up to which a detection predicts the duration of the next one."""
-_HEARD_WITHIN_NS = 5_000_000_000
+_SPEECH_WITHIN_NS = 5_000_000_000
 """Longer than any pause in a turn. Older audio is irrelevant: the recogniser may have ended."""
 
 
@@ -190,24 +190,24 @@ class LoadSheddingService(Service):
         self._frame_age_ms: float | None = None
         self._detection_ms, self._detected_ns = 0.0, 0
         self._blurs = False
-        self._hears_here = False
+        self._listens_locally = False
         self._panels_until_ns = 0
         for source in PARTICIPANT_SOURCES:
             state.hearing_of(source).changed.connect(self._apply)
         bus.tap(self._note_frame, (FrameRef,))
         bus.tap(self._note_people, (People,))
-        self._timer = QTimer(self, interval=LOOK_EVERY_MS, timerType=Qt.TimerType.PreciseTimer)
+        self._timer = QTimer(self, interval=POLL_EVERY_MS, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._measure)
         models.answering_changed.connect(self._apply)
 
     def use_scenario(self, scenario: Scenario) -> None:
         self._blurs = self._steps.covers = scenario.covers_people
-        self._hears_here = scenario.listening.engine == "local"
+        self._listens_locally = scenario.listening.engine == "local"
         self._panels_until_ns = self._now_ns() + _PANELS_STAND_NS
         self._apply()
 
     def start(self) -> None:
-        self._due_ns = self._now_ns() + LOOK_EVERY_MS * 1_000_000
+        self._due_ns = self._now_ns() + POLL_EVERY_MS * 1_000_000
         self._timer.start()
 
     def stop(self) -> None:
@@ -217,7 +217,7 @@ class LoadSheddingService(Service):
         """Detection level that favours work someone is waiting for."""
         if self._now_ns() < self._panels_until_ns or (self._models.answering and self._models.answers_here):
             return _ANSWERING
-        hearings = (self._state.hearing_of(source).value for source in PARTICIPANT_SOURCES if self._hears_here)
+        hearings = (self._state.hearing_of(source).value for source in PARTICIPANT_SOURCES if self._listens_locally)
         return _ANSWERING if any(map(self._makes_out_words, hearings)) else 0
 
     def _makes_out_words(self, hearing: Hearing | None) -> bool:
@@ -226,7 +226,7 @@ class LoadSheddingService(Service):
             and bool(hearing.utterance_id)
             and not hearing.speaking
             and hearing.speaker in ("", "participant")
-            and self._now_ns() - hearing.stamp_ns < _HEARD_WITHIN_NS
+            and self._now_ns() - hearing.stamp_ns < _SPEECH_WITHIN_NS
         )
 
     def _note_frame(self, frame: FrameRef, _raw: bytes | None) -> None:  # any thread
@@ -238,10 +238,10 @@ class LoadSheddingService(Service):
     def _measure(self) -> None:
         now_ns = self._now_ns()
         late_ms = max(0.0, (now_ns - self._due_ns) / 1e6)
-        self._due_ns = now_ns + LOOK_EVERY_MS * 1_000_000
+        self._due_ns = now_ns + POLL_EVERY_MS * 1_000_000
         frame_age_ms, self._frame_age_ms = self._frame_age_ms, None
         # Load shedding here does not help another machine.
-        detects_here = not self._state.perception.value.server and now_ns - self._detected_ns < _LOOK_COUNTS_NS
+        detects_here = not self._state.perception.value.server and now_ns - self._detected_ns < _DETECTION_COUNTS_NS
         self._steps.add_samples(
             late_ms, now_ns, frame_age_ms=frame_age_ms, detection_ms=self._detection_ms if detects_here else None
         )

@@ -134,9 +134,9 @@ class MicrophoneService(Service):
             self._get_ready()
 
     def _begin_with(self, scenario: Scenario) -> None:
-        if not self._participant_may_be_heard(scenario) and not scenario.sound.hear:
+        if not self._may_record_participant(scenario) and not scenario.sound.hear:
             self._participant.dismiss()
-        if not _wizard_may_be_heard(scenario):
+        if not _may_record_wizard(scenario):
             self.close_wizards()
             self._wizard.dismiss()
         self._need("transcription", scenario.permissions.transcription)
@@ -146,9 +146,9 @@ class MicrophoneService(Service):
             return
         if self._is_to_record(self._scenario):
             self.open()
-        if self._participant_may_be_heard(self._scenario):
+        if self._may_record_participant(self._scenario):
             self._participant.get_ready()
-        if _wizard_may_be_heard(self._scenario):
+        if _may_record_wizard(self._scenario):
             self._wizard.get_ready()
 
     def _is_to_record(self, scenario: Scenario) -> bool:
@@ -160,7 +160,7 @@ class MicrophoneService(Service):
         """Whether audio needs a process that is not running yet, which starts more slowly than a scenario opens."""
         return self.current == "computer" and self._participant.child is None
 
-    def _participant_may_be_heard(self, scenario: Scenario) -> bool:
+    def _may_record_participant(self, scenario: Scenario) -> bool:
         permissions = scenario.permissions
         return self.current == "computer" and (permissions.audio_recording or permissions.transcription)
 
@@ -238,20 +238,20 @@ class MicrophoneService(Service):
 
     def _arrange(self) -> None:
         """Open what is needed, after closing the rest: both share one status."""
-        ear = self.current if self._needs else "none"
+        source = self.current if self._needs else "none"
         scenario, robot = self._scenario, self._state.robot.value
-        if scenario is not None and scenario.sound.ear == "auto" and robot is None and not self.records:
-            ear = "none"  # the robot is not known yet
-        if ear != "computer":
+        if scenario is not None and scenario.sound.source == "auto" and robot is None and not self.records:
+            source = "none"  # the robot is not known yet
+        if source != "computer":
             self._participant.close()
-        if ear in ("computer", "none"):
+        if source in ("computer", "none"):
             self._distant.close()
-        camera = ear.removeprefix("camera:")
-        if ear == "robot":
+        camera = source.removeprefix("camera:")
+        if source == "robot":
             self._distant.open("the robot's microphone", self._ask_robot, reachable=self._robot_is_linked)
-        elif camera != ear:
+        elif camera != source:
             self._distant.open(f"the microphone of the camera {camera}", partial(self._hear_camera, camera))
-        elif ear == "computer":
+        elif source == "computer":
             self._participant.open()
 
     def _robot_is_linked(self) -> bool:
@@ -305,5 +305,5 @@ class MicrophoneService(Service):
         self._wizard.end()
 
 
-def _wizard_may_be_heard(scenario: Scenario) -> bool:
+def _may_record_wizard(scenario: Scenario) -> bool:
     return scenario.permissions.own_voice or scenario.permissions.transcription

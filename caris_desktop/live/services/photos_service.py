@@ -19,7 +19,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.assistant_service import AssistantService
 from caris_desktop.live.services.recording_service import RecordingService
-from caris_desktop.live.shown_frames import ShownFrames
+from caris_desktop.live.shown_frames import DisplayFrames
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.recording.photo_file import (
@@ -76,7 +76,7 @@ class PhotosService(Service):
         recording: RecordingService,
         assistant: AssistantService,
         *,
-        frames: ShownFrames,
+        frames: DisplayFrames,
         study: Path,
         parent: QObject,
     ) -> None:

@@ -37,8 +37,8 @@ from caris_desktop.scenario.scenario_model import Scenario
 PURPOSE = "practice"
 _SIMULATED = "simulated"
 LINK_IS_CUT_S = 4.0
-_ASKED = "Could you tell me something about this place?"
-_ASKED_AGAIN_MS = 20_000
+_QUESTION = "Could you tell me something about this place?"
+_REPEAT_AFTER_MS = 20_000
 _STAGE_EVERY_MS = 300
 _WATCHED = (
     CommandSent, EmergencyStopChanged, LinkChanged, LlmExchange, Marked, PersonRenamed, PhotoTaken, SuggestionChanged,
@@ -79,8 +79,8 @@ class PracticeService(Service):
         self._scenario_before: Scenario | None = None
         self._robot_before = ""
         self._question_count = 0
-        self._ask_again = QTimer(self, interval=_ASKED_AGAIN_MS)
-        self._ask_again.timeout.connect(self._ask_once_more)
+        self._ask_again = QTimer(self, interval=_REPEAT_AFTER_MS)
+        self._ask_again.timeout.connect(self._repeat_question)
         self._stage = QTimer(self, interval=_STAGE_EVERY_MS)
         self._stage.timeout.connect(self._begin_when_ready)
         state.odometry.changed.connect(self._on_odometry)
@@ -196,7 +196,7 @@ class PracticeService(Service):
     def _take(self, value: Any) -> None:
         if self._practice is None:
             return
-        ended = self._practice.take(value, self._now_s())
+        ended = self._practice.add(value, self._now_s())
         if ended is not None:
             self._notify(ended, getattr(value, "actor", "") or CONSOLE)
 
@@ -226,7 +226,7 @@ class PracticeService(Service):
             self._parts.cut_link(LINK_IS_CUT_S)
         self._show()
 
-    def _ask_once_more(self) -> None:
+    def _repeat_question(self) -> None:
         """Repeat the participant's question, unless suggestions are shown, which it would replace."""
         if self._state.suggestions.value.state not in ("asking", "shown"):
             self._ask()
@@ -235,7 +235,7 @@ class PracticeService(Service):
         """Simulate a participant's question, so that replies are suggested."""
         self._question_count += 1
         turn, now_ns = f"practice-{self._question_count}", clock.now_ns()
-        question = UtteranceChanged(now_ns, turn, "participant", _ASKED, "heard", "started", source=PURPOSE)
+        question = UtteranceChanged(now_ns, turn, "participant", _QUESTION, "heard", "started", source=PURPOSE)
         for event in (question, replace(question, state="finished")):
             self._bus.publish(event)
 

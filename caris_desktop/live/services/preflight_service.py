@@ -17,7 +17,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import IN_SESSION, DriveStatus, LinkStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.scenario.scenario_model import Scenario
 
-_LOOK_EVERY_MS = 500
+_POLL_EVERY_MS = 500
 _DISK_EVERY_MS = 15_000
 # Peak of a quiet word at two metres; a fan or hum stays below.
 _LOUD = 0.04
@@ -51,13 +51,13 @@ class PreflightService(Service):
         self._scenario: Scenario | None = None
         self._disk: Disk = (None, None)
         self._ticks: dict[str, ChecklistItem] = {}
-        self._why_open = ""
-        self._taken_back: frozenset[str] = frozenset()
+        self._reason_open = ""
+        self._withdrawn: frozenset[str] = frozenset()
         self._loud = False
         self._link_state: str = state.link.value.state
         self._link_since_ns = clock.now_ns()
         self._automatic: tuple[PreflightCheck, ...] = ()
-        self._timer = QTimer(self, interval=_LOOK_EVERY_MS)
+        self._timer = QTimer(self, interval=_POLL_EVERY_MS)
         self._timer.timeout.connect(self.evaluate)
         self._disk_timer = QTimer(self, interval=_DISK_EVERY_MS)
         self._disk_timer.timeout.connect(self._check_disk)
@@ -121,7 +121,7 @@ class PreflightService(Service):
             self._link_state, self._link_since_ns = self._state.link.value.state, clock.now_ns()
         if self._state.recording.value.state not in IN_SESSION or not self._automatic:
             self._automatic = automatic_checks(self._facts(scenario))
-        ticked = ticked_checks(scenario, self._ticks, self._why_open, self._taken_back)
+        ticked = ticked_checks(scenario, self._ticks, self._reason_open, self._withdrawn)
         self._state.preflight.set((*self._automatic, *ticked))
 
     def _facts(self, scenario: Scenario) -> Facts:
@@ -186,7 +186,7 @@ class PreflightService(Service):
     def _reset(self, reason: str) -> None:
         """Reset the manual checks; ``reason`` is shown for those that were done."""
         if self._ticks or not reason:
-            self._why_open, self._taken_back = reason, frozenset(self._ticks)
+            self._reason_open, self._withdrawn = reason, frozenset(self._ticks)
         self._ticks.clear()
         self._loud = False
 

@@ -148,7 +148,7 @@ class ProtocolRun:
         self._since_ns = 0
         self._paused_ns: int | None = None
         # Former steps, latest last, and the time spent in each.
-        self._way: list[str] = []
+        self._path: list[str] = []
         self._spent_ns: dict[str, int] = {}
         self._ticked: dict[str, tuple[str, ...]] = {}
         self._done: dict[str, None] = {}
@@ -204,8 +204,8 @@ class ProtocolRun:
     def back(self, now_ns: int, actor: Actor) -> StepEntered:
         if not self._at and not self._ended:
             raise _not_begun() if self.steps else _no_protocol()
-        if self._way:
-            before = self._way.pop()
+        if self._path:
+            before = self._path.pop()
         elif self._at and self._ids.index(self._at):
             before = self._ids[self._ids.index(self._at) - 1]
         else:
@@ -215,9 +215,9 @@ class ProtocolRun:
             )  # fmt: skip
         self._done.pop(before, None)
         self._skipped.pop(before, None)
-        way = self._way.copy()
+        way = self._path.copy()
         event = self._enter(before, now_ns, "back", actor)
-        self._way = way
+        self._path = way
         self._since_ns -= self._spent_ns.get(before, 0)
         return event
 
@@ -275,7 +275,7 @@ class ProtocolRun:
         moved = any(old in self._ids or new in before for old, new in other)
         if len(before) == len(self._ids) and not moved:
             self._rename(dict(other))
-        self._way = [step_id for step_id in self._way if step_id in self._ids]
+        self._path = [step_id for step_id in self._path if step_id in self._ids]
         self._done = {step_id: None for step_id in self._done if step_id in self._ids}
         self._skipped = {step_id: None for step_id in self._skipped if step_id in self._ids}
         self._ticked = {
@@ -287,7 +287,7 @@ class ProtocolRun:
 
     def _rename(self, new: Mapping[str, str]) -> None:
         self._at = new.get(self._at, self._at)
-        self._way = [new.get(step_id, step_id) for step_id in self._way]
+        self._path = [new.get(step_id, step_id) for step_id in self._path]
         self._spent_ns = {new.get(step_id, step_id): spent_ns for step_id, spent_ns in self._spent_ns.items()}
         self._done = {new.get(step_id, step_id): None for step_id in self._done}
         self._skipped = {new.get(step_id, step_id): None for step_id in self._skipped}
@@ -326,14 +326,14 @@ class ProtocolRun:
         """Record the time spent in the current step; returns its id."""
         left = self._at
         if left:
-            self._way.append(left)
+            self._path.append(left)
             self._spent_ns[left] = (now_ns if self._paused_ns is None else self._paused_ns) - self._since_ns
         return left
 
     def _enter(self, step_id: str, now_ns: int, how: StepHow, actor: Actor, *, branch: str = "") -> StepEntered:
         left = self._leave(now_ns)
         if left == step_id:
-            self._way.pop()
+            self._path.pop()
         self._at, self._ended = step_id, False
         self._since_ns = now_ns if self._paused_ns is None else self._paused_ns
         step = self.steps[self._ids.index(step_id)]

@@ -52,7 +52,7 @@ from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.service import Follows, Handlers, Restarts, Service
-from caris_desktop.live.services.cameras_service import WantedCameras
+from caris_desktop.live.services.cameras_service import CameraSelection
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
 from caris_desktop.robot.link import LinkSettings
@@ -102,7 +102,7 @@ class RobotService(Service):
         publish: Callable[[Any], None],
         problem: ReportProblem,
         before_goal: Callable[[], None],
-        wanted_cameras: Callable[[Scenario], WantedCameras],
+        selected_cameras: Callable[[Scenario], CameraSelection],
         slow_work: BackgroundWorker,
         asyncio_thread: AsyncioThread,
         parent: QObject | None = None,
@@ -115,8 +115,8 @@ class RobotService(Service):
         self._publish = publish
         self._problem = problem
         self._before_goal = before_goal
-        self._cameras_of = wanted_cameras
-        self._cameras = WantedCameras()
+        self._cameras_of = selected_cameras
+        self._cameras = CameraSelection()
         self._slow_work = slow_work
         self._asyncio = asyncio_thread
         self._settling: Future[None] | None = None
@@ -345,7 +345,7 @@ class RobotService(Service):
         """Profile with the requested cameras only: others are not subscribed."""
         return replace(connection.profile, cameras=self._cameras.among(connection.profile.cameras))
 
-    def _use_cameras(self, cameras: WantedCameras) -> None:
+    def _use_cameras(self, cameras: CameraSelection) -> None:
         self._cameras = cameras
         connection = self._connection
         if connection is None or self._profile(connection) == self._state.robot.value:
@@ -408,7 +408,7 @@ class RobotService(Service):
             self._state.control_states.set(states)
 
     def _on_link_changed(self, event: LinkChanged) -> None:
-        self._state.forget_what_came_over(event)
+        self._state.forget_received(event)
         if event.link == "media":
             return
         before = self._state.link.value.state

@@ -26,7 +26,7 @@ from caris_desktop.scenario.scenario_file import OtherFileError
 from caris_desktop.scenario.scenario_library import own_file
 from caris_desktop.scenario.scenario_model import Place, Scenario
 
-_SEEN_WITHIN_S = 0.25
+_POLL_EVERY_S = 0.25
 """Pause of panel updates in s while a scenario change creates panels, which ends teleoperation. An edited scenario
 changes little, and does not stop driving.
 """
@@ -369,7 +369,7 @@ class ScenarioService(Service):
             return
         self._layout = None
         if self.current.path != before:
-            self._bus.hold_back(_SEEN_WITHIN_S)
+            self._bus.hold_back(_POLL_EVERY_S)
         self._apply(self.current)
         self._show.start()
 
@@ -452,7 +452,7 @@ class ScenarioWatch(QObject):
         self._changed = changed
         self._path: Path | None = None
         self._known = ""
-        self._seen = ""
+        self._checksum_seen = ""
         self._touched: Touched | None = None
         self._asking = False
         self._clock = QTimer(self, interval=WATCH_EVERY_MS)
@@ -471,7 +471,7 @@ class ScenarioWatch(QObject):
         """Watch this file, with this checksum."""
         if path != self._path:
             self._touched = None
-        self._path, self._known, self._seen = path, sha256, ""
+        self._path, self._known, self._checksum_seen = path, sha256, ""
 
     def check_contents(self) -> None:
         """Check the contents now."""
@@ -479,11 +479,11 @@ class ScenarioWatch(QObject):
         if path is None:
             return
 
-        def looked(sha256: str) -> None:
+        def on_checked(sha256: str) -> None:
             if path == self._path:
-                self._on_looked(path, sha256)
+                self._on_checked(path, sha256)
 
-        self._slow_work.do(lambda: _checksum(path), looked, lambda _failure: None)
+        self._slow_work.do(lambda: _checksum(path), on_checked, lambda _failure: None)
 
     def _ask(self) -> None:
         path = self._path
@@ -502,15 +502,15 @@ class ScenarioWatch(QObject):
 
         self._slow_work.do(lambda: _touched(path), on_answer, failed)
 
-    def _on_looked(self, path: Path, sha256: str) -> None:
+    def _on_checked(self, path: Path, sha256: str) -> None:
         if sha256 in ("", self._known):
-            self._seen = ""  # temporarily missing, or unchanged
-        elif sha256 != self._seen:
-            self._seen = sha256
+            self._checksum_seen = ""  # temporarily missing, or unchanged
+        elif sha256 != self._checksum_seen:
+            self._checksum_seen = sha256
             if self._clock.isActive():
                 self._rest.start()
         else:
-            self._known, self._seen = sha256, ""
+            self._known, self._checksum_seen = sha256, ""
             self._changed(path)
 
 

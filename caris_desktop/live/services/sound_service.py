@@ -55,13 +55,13 @@ class SoundAdapters:
     own_voice: ProcessSpec
 
 
-OWN_VOICE_WORDS = "(the wizard’s own voice)"
+WIZARDS_VOICE = "(the wizard’s own voice)"
 """Text in the record in place of a transcript."""
 Outlet = Literal["robot", "computer"]
 
 # For the last word: the microphone delivers audio in chunks.
 _TAIL_MS = 200
-_HEARD_OUT_WITHIN_MS = 2500
+_PLAYED_WITHIN_MS = 2500
 # Estimated delay to the robot's loudspeaker, which is not reported.
 _ROBOT_DELAY_NS = 150_000_000
 # Speech is played in full, including what came before the loudspeaker was open.
@@ -100,7 +100,7 @@ class PushToTalkVoice(QObject):
         self._began = False
         self._tail = QTimer(self, singleShot=True, interval=_TAIL_MS)
         self._tail.timeout.connect(self._on_tail_over)
-        self._patience = QTimer(self, singleShot=True, interval=_HEARD_OUT_WITHIN_MS)
+        self._patience = QTimer(self, singleShot=True, interval=_PLAYED_WITHIN_MS)
         self._patience.timeout.connect(lambda: self._finish(clock.now_ns()))
         bus.tap(self._take, (AudioChunk,))
 
@@ -116,7 +116,7 @@ class PushToTalkVoice(QObject):
             clock.now_ns(),
             f"u-{secrets.token_hex(4)}",
             "robot",
-            OWN_VOICE_WORDS,
+            WIZARDS_VOICE,
             "own_voice",
             "requested",
             voice=" and ".join(sorted(outlets)),
@@ -160,7 +160,7 @@ class PushToTalkVoice(QObject):
         if self._resampler is None:
             self._resampler = Resampler(chunk.sample_rate_hz, self._rate_hz)
         mono = chunk.samples.mean(axis=1, dtype=np.float32)
-        samples = np.clip(self._resampler.take(mono), -32768, 32767).astype(np.int16)[:, None]
+        samples = np.clip(self._resampler.process(mono), -32768, 32767).astype(np.int16)[:, None]
         now_ns = clock.now_ns()
         if self._to_robot(PlayOnRobot(now_ns, samples)) and "computer" not in self.outlets:
             self._note(PlayedSound(now_ns + _ROBOT_DELAY_NS, utterance_id, "", self._rate_hz, samples))

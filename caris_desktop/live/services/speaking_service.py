@@ -21,7 +21,7 @@ from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.speech_history import SpeechHistory
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import AskedGap
+from caris_desktop.live.status import OpenGap
 from caris_desktop.live.template_values import given_words, name_of, words_now
 from caris_desktop.people.presence import is_unnamed_label
 from caris_desktop.scenario.gestures import LOOK, NOD
@@ -114,12 +114,12 @@ class SpeakingService(Service):
     def _ask_for(self, intent: intents.Say | None, gap: str) -> None:
         self._pending = intent
         speech = self._state.speech
-        speech.set(replace(speech.value, gap=None if intent is None else AskedGap(intent.text, gap)))
+        speech.set(replace(speech.value, gap=None if intent is None else OpenGap(intent.text, gap)))
 
     def _edit(self, intent: intents.EditQueued) -> None:
         event = self._queue.waiting(intent.utterance_id)
         if event is None:
-            raise _said_already()
+            raise _already_spoken()
         words = self._words(event.person_id, {})
         lacking = missing(intent.text, words)
         if lacking:
@@ -129,7 +129,7 @@ class SpeakingService(Service):
 
     def _in_queue(self, done: bool) -> None:
         if not done:
-            raise _said_already()
+            raise _already_spoken()
 
     def _words(self, person_id: str, given: dict[str, str]) -> dict[str, Words]:
         known = words_now(self._state, person_id, naming=self._naming)
@@ -180,7 +180,7 @@ class SpeakingService(Service):
             self._do(intents.UseControl(event.gesture, True, actor=actor))
 
 
-def _said_already() -> UserFacingError:
+def _already_spoken() -> UserFacingError:
     return UserFacingError(
         tr("That utterance has already started or ended."),
         tr("The utterance is unchanged."),

@@ -30,14 +30,14 @@ from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.addressee import addressee
-from caris_desktop.live.assistant_context import who_is_here
+from caris_desktop.live.assistant_context import describe_person
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.model_client import Asking, ModelClient
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.proposals_service import ProposalsService
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import LevelsStatus, ShownSuggestion, SuggestionsStatus
+from caris_desktop.live.status import LevelsStatus, DisplayedReply, SuggestionsStatus
 from caris_desktop.live.template_values import current_place
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.assistance import levels_up_to
@@ -133,7 +133,7 @@ class SuggestionsService(Service):
             self._filler.spoken()
             self._proposals.drop(QT_TR_NOOP("the participant continues speaking"))
         if self._listens:
-            self._rounds.hear(hearing)
+            self._rounds.add(hearing)
             if hearing.speaking and hearing.utterance_id != self._read_ahead_of:
                 self._read_ahead_of = hearing.utterance_id
                 self._read_ahead()
@@ -201,13 +201,13 @@ class SuggestionsService(Service):
     def _read_ahead(self) -> None:
         """Let the embedded model preload the conversation while the participant speaks."""
         if self._listens and self._model.embedded:
-            self._model.warm_up(self._said_before(), "replies")
+            self._model.warm_up(self._earlier_messages(), "replies")
 
     def _on_model_changed(self) -> None:
         if self._model.embedded:
-            self._model.warm_up_soon(lambda: self._said_before() if self._listens else (), "replies")
+            self._model.warm_up_soon(lambda: self._earlier_messages() if self._listens else (), "replies")
 
-    def _said_before(self) -> Sequence[ChatMessage]:
+    def _earlier_messages(self) -> Sequence[ChatMessage]:
         return self._question(Round("", 0, "", 0)).messages
 
     def drop(self, reason: str) -> None:
@@ -233,7 +233,7 @@ class SuggestionsService(Service):
             rows: list[PersonRow] = [row for row in self._state.persons.value if row.here]
             # The addressee comes first: of many people only some are listed.
             rows.sort(key=lambda row: row.person_id != person_id)
-            labels = {row.person_id: who_is_here(row, detail) for row in rows}
+            labels = {row.person_id: describe_person(row, detail) for row in rows}
 
             def labelled(marked: str) -> str:
                 return labels.get(marked, "somebody")
@@ -359,7 +359,7 @@ class SuggestionsService(Service):
                 tr("Use another suggestion, or type what to say."), severity="warning",
             ) from None  # fmt: skip
         utterance_id = self._speech.say(spoken, "suggestion", actor, person_id=person_id, recorded=recorded)
-        self._rounds.take(card, recorded, utterance_id, actor, clock.now_ns())
+        self._rounds.accept(card, recorded, utterance_id, actor, clock.now_ns())
         self._filler.spoken()
         self._show()
 
@@ -418,7 +418,7 @@ class SuggestionsService(Service):
         status = SuggestionsStatus("off" if levels.replies == "off" else "idle", detail=self._detail)
         if rounds.round is not None and self._request is not None and levels.replies != "off":
             cards = tuple(
-                ShownSuggestion(card.suggestion_id, card.rank, card.text, card.from_ns) for card in rounds.cards
+                DisplayedReply(card.suggestion_id, card.rank, card.text, card.from_ns) for card in rounds.cards
             )
             status = replace(
                 self._request.status,
@@ -438,7 +438,7 @@ class SuggestionsService(Service):
         else:
             self._timer.stop()
 
-    def _progress(self, cards: Sequence[ShownSuggestion]) -> Literal["asking", "shown", "failed", "idle"]:
+    def _progress(self, cards: Sequence[DisplayedReply]) -> Literal["asking", "shown", "failed", "idle"]:
         if cards:
             return "shown"
         if self._asking is not None:

@@ -35,7 +35,7 @@ class TranscriptService(Service):
         return {UtteranceChanged: self._take, UtteranceCorrected: self._take, SessionStarted: self._restart}
 
     def _take(self, event: UtteranceReport) -> None:
-        self._transcript.take(event)
+        self._transcript.add(event)
         self._state.transcript.reset_value(self._transcript.turns)
 
     def _restart(self, event: SessionStarted) -> None:
@@ -71,7 +71,7 @@ class ResponseTimeService(Service):
         return dict.fromkeys((UtteranceChanged, UtteranceCorrected, SuggestionChanged), self._take)
 
     def _take(self, event: UtteranceReport | SuggestionChanged) -> None:
-        for timed in self._times.take(event, clock.now_ns()):
+        for timed in self._times.add(event, clock.now_ns()):
             self._bus.publish(timed)
 
 

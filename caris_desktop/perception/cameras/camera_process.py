@@ -41,7 +41,7 @@ _DEPTH_COLUMNS = 80
 
 
 @dataclass(frozen=True, slots=True)
-class HearCamera:
+class StreamSound:
     """Sent to the process: start or stop sending the audio of the camera's microphone."""
 
     on: bool
@@ -61,7 +61,7 @@ def run_camera(
 ) -> None:
     """Process entry point: write the camera's images to ``frames`` and send a ``FrameRef`` for each.
 
-    While ``HearCamera`` is on, it sends an ``AudioChunk`` for the camera's microphone, if there is one. It sends a
+    While ``StreamSound`` is on, it sends an ``AudioChunk`` for the camera's microphone, if there is one. It sends a
     ``CameraState`` at each change (connected, lost, ended), a ``Problem`` once per outage, and one for unusable images.
     A lost camera is retried forever. It returns when the connection closes, and after the end of a recorded video.
 
@@ -180,7 +180,7 @@ class _Running:
         """Wait for the time or ``PlayVideo``. Raises EOFError when the connection closes."""
         if self._connection.poll(seconds):
             message = self._connection.recv()
-            if isinstance(message, HearCamera):
+            if isinstance(message, StreamSound):
                 self._streams_sound = message.on
 
     def _send_sound(self, stamp_ns: int, samples: NDArray[np.int16]) -> None:

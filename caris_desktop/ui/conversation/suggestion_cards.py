@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QAbstractButton, QLabel, QSizePolicy, QWidget
 
 from caris_desktop.conversation.suggestions.suggestion_cycle import MOST_REPLIES
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.status import ShownSuggestion, SuggestionsStatus
+from caris_desktop.live.status import DisplayedReply, SuggestionsStatus
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.panel import PanelContext
 from caris_desktop.ui.people.shown_people import name_of
@@ -77,7 +77,7 @@ class SuggestionCards(QWidget):
         elif not counts:
             self._counting.stop()
 
-    def _shown(self, card: ShownSuggestion | None) -> str:
+    def _shown(self, card: DisplayedReply | None) -> str:
         console = self._context.console
         return (
             "" if card is None else text_formatting.with_names(card.text, lambda person_id: name_of(console, person_id))
@@ -146,7 +146,7 @@ class _Card(QAbstractButton):
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
         self.clicked.connect(lambda: self._table.run(f"suggestion_{rank}"))
 
-    def show_reply(self, card: ShownSuggestion | None, text: str) -> None:
+    def show_reply(self, card: DisplayedReply | None, text: str) -> None:
         self.setText(text)
         self.setAccessibleName(
             tr("Say suggestion {number}: {text}").format(number=self.rank, text=text) if text else ""

@@ -17,7 +17,7 @@ from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.focus_widget import focus_widget, main_of, window_of
 from caris_desktop.ui.panel import Panel, PanelContext
-from caris_desktop.ui.people.pending_identity_question import AskedAbout, with_one_question
+from caris_desktop.ui.people.pending_identity_question import IdentityQuestion, with_one_question
 from caris_desktop.ui.people.people_list import PeopleList
 from caris_desktop.ui.people.people_model import PeopleModel
 from caris_desktop.ui.people.person_card import PersonCard
@@ -246,7 +246,7 @@ class PeoplePanel(Panel):
             self.list.highlight_selected(self.state.selected_person.value)
 
     def _show_asked(self, _question: object = None) -> None:
-        question: AskedAbout | None = self.state.asked_person.value
+        question: IdentityQuestion | None = self.state.asked_person.value
         if self.in_view:
             keys = self.table.key_text("answer_yes"), self.table.key_text("answer_no")
             self._show_everyone()

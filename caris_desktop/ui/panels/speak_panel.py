@@ -14,7 +14,7 @@ from caris_desktop.domain.sound_values import WIZARD_MICROPHONE, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import AskedGap, MicrophoneStatus, SoundStatus, SpeechStatus
+from caris_desktop.live.status import OpenGap, MicrophoneStatus, SoundStatus, SpeechStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.gestures import MOST_GESTURES
 from caris_desktop.scenario.phrases import phrase_groups, sentences
@@ -280,7 +280,7 @@ class SpeakPanel(Panel):
 
     # ---- questions
 
-    def _ask_for_gap(self, gap: AskedGap | None) -> None:
+    def _ask_for_gap(self, gap: OpenGap | None) -> None:
         if gap is None:
             if self._gap.isVisible():
                 back = existing(self._before_gap) if self._gap.field.hasFocus() else None
@@ -296,7 +296,7 @@ class SpeakPanel(Panel):
             focus_widget(self._gap.field)
 
     def _fill_gap(self, value: str) -> None:
-        gap: AskedGap | None = self.state.speech.value.gap
+        gap: OpenGap | None = self.state.speech.value.gap
         self.console.do(intents.FillGap(value))
         if not value and gap is not None and gap.text == self._last_typed and not self.field.toPlainText():
             self.field.bring(gap.text)
@@ -413,7 +413,7 @@ class PlaceholderPrompt(QWidget):
         theme.restyle_on_change(self._style)
         self.hide()
 
-    def ask(self, gap: AskedGap) -> None:
+    def ask(self, gap: OpenGap) -> None:
         question = tr("What is {gap}?").format(gap=f"{{{gap.gap}}}")
         self._question.setText(tr(_QUESTIONS[gap.gap]) if gap.gap in _QUESTIONS else question)
         self.field.setPlaceholderText(tr("for “{text}”").format(text=text_formatting.shortened(gap.text, 60)))

@@ -19,10 +19,10 @@ from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.obstacle_ahead import ahead_of, ahead_words, gaze_is_away
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
-from caris_desktop.ui.people.pending_identity_question import AskedAbout, with_one_question
+from caris_desktop.ui.people.pending_identity_question import IdentityQuestion, with_one_question
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
-from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, SeenLately, video_description
+from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, RecentlyVisible, video_description
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import CameraStrip, strip_place, strip_thickness_px
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -67,7 +67,7 @@ class VideoPanel(Panel):
         self.setObjectName("video_panel")
         self.view = FrameView(self.theme, self)
         self.view.setObjectName("video_view")
-        self._seen = SeenLately()
+        self._seen = RecentlyVisible()
         self._description = ThrottledAccessibleDescription(
             self.view, lambda: video_description(self.view, self._seen.names), every_ms=TOLD_EVERY_MS
         )
@@ -227,7 +227,7 @@ class VideoPanel(Panel):
         if not self.in_view:
             return
         naming = self.console.scenario.permissions.naming_people
-        question: AskedAbout | None = self.state.asked_person.value
+        question: IdentityQuestion | None = self.state.asked_person.value
         persons = with_one_question(as_permitted(self.state.persons.value, naming=naming), question)
         key = self.table.key_text("answer_yes")
         self.view.show_names(

@@ -16,7 +16,7 @@ TO_READ_NS = 500_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class AskedAbout:
+class IdentityQuestion:
     """Question whether ``person_id``, who is present, is ``is_person_id``; not answerable before ``from_ns``."""
 
     person_id: str
@@ -24,12 +24,12 @@ class AskedAbout:
     from_ns: int = 0
 
 
-def is_asked(person: PersonRow, question: AskedAbout | None) -> bool:
+def is_asked(person: PersonRow, question: IdentityQuestion | None) -> bool:
     """Whether the question is about this person."""
     return question is not None and person.here and person.person_id == question.person_id
 
 
-def with_one_question(persons: Iterable[PersonRow], question: AskedAbout | None) -> tuple[PersonRow, ...]:
+def with_one_question(persons: Iterable[PersonRow], question: IdentityQuestion | None) -> tuple[PersonRow, ...]:
     """Rows with only the pending suggestion, so that no answer goes to another one."""
     return tuple(person if is_asked(person, question) else replace(person, suggestions=()) for person in persons)
 
@@ -40,8 +40,8 @@ def suggested_id(person: PersonRow) -> str:
 
 
 def next_asked(
-    persons: tuple[PersonRow, ...], before: AskedAbout | None, *, selected: str, now_ns: int, ended_ns: int
-) -> AskedAbout | None:
+    persons: tuple[PersonRow, ...], before: IdentityQuestion | None, *, selected: str, now_ns: int, ended_ns: int
+) -> IdentityQuestion | None:
     """Next question: the selected person first, then the current question, then the person present longest.
 
     ``ended_ns``: when the former question was answered or withdrawn.
@@ -60,7 +60,7 @@ def next_asked(
     if before is not None and (before.person_id, before.is_person_id) == (chosen, open_now[chosen]):
         return before
     replaces = before is not None or now_ns - ended_ns < TO_READ_NS
-    return AskedAbout(chosen, open_now[chosen], now_ns + TO_READ_NS if replaces else 0)
+    return IdentityQuestion(chosen, open_now[chosen], now_ns + TO_READ_NS if replaces else 0)
 
 
 class PendingIdentityQuestion(QObject):
@@ -76,7 +76,7 @@ class PendingIdentityQuestion(QObject):
 
     def _refresh(self, _value: object = None) -> None:
         state, now_ns = self._state, self._state.present.now_ns()
-        before: AskedAbout | None = state.asked_person.value
+        before: IdentityQuestion | None = state.asked_person.value
         question = next_asked(
             state.persons.value, before, selected=state.selected_person.value, now_ns=now_ns, ended_ns=self._ended_ns
         )

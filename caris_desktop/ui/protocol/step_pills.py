@@ -22,7 +22,7 @@ _ICONS: dict[StepState, str] = {"done": "check", "skipped": "skip-forward", "now
 
 
 @dataclass(frozen=True, slots=True)
-class ShownStep:
+class DisplayedStep:
     """Step as displayed; ``time`` is set for the current one."""
 
     step_id: str
@@ -56,16 +56,16 @@ class StepPill(QAbstractButton):
     def __init__(self, theme: Theme, parent: QWidget) -> None:
         super().__init__(parent)
         self._theme = theme
-        self._step = ShownStep("", 0, "", "ahead")
+        self._step = DisplayedStep("", 0, "", "ahead")
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
         theme.changed.connect(self.update)
 
     @property
-    def step(self) -> ShownStep:
+    def step(self) -> DisplayedStep:
         return self._step
 
-    def show_step(self, step: ShownStep) -> None:
+    def show_step(self, step: DisplayedStep) -> None:
         if step != self._step:
             self._step = step
             self.setText(step.text)
@@ -149,7 +149,7 @@ class StepPills(QWidget):
         return QSize(_LEAST_PX, HEIGHT_PX)
 
     @property
-    def shown(self) -> list[ShownStep]:
+    def shown(self) -> list[DisplayedStep]:
         """Visible steps, from left to right."""
         return [pill.step for pill in self._pills if not pill.isHidden()]
 
@@ -163,7 +163,7 @@ class StepPills(QWidget):
         """Width of the current or first step."""
         return self._pills[self._middle].wanted_px() if self._pills else 0
 
-    def show_steps(self, steps: Sequence[ShownStep]) -> None:
+    def show_steps(self, steps: Sequence[DisplayedStep]) -> None:
         while len(self._pills) < len(steps):
             pill = StepPill(self._theme, self)
             pill.clicked.connect(lambda _checked=False, pill=pill: self._on_clicked(pill))

@@ -12,7 +12,7 @@ TOLD_EVERY_MS = 5000
 _STILL_THERE_S = 5.0
 
 
-class SeenLately:
+class RecentlyVisible:
     """People seen recently: boxes come and go with single detections, and announcing each change would drown out all
     else.
     """

@@ -61,7 +61,7 @@ def rounds(heard: Follower) -> SuggestionCycle:
 
 def begun(rounds: SuggestionCycle, heard: Follower, *texts: str) -> Round:
     """A cycle at the first pause, with these replies displayed at 5.5 s."""
-    rounds.hear(SILENT)
+    rounds.add(SILENT)
     rounds.pass_time(5 * S + PAUSE_NS)
     for text in texts:
         assert rounds.offer(heard.asked[-1], text, "small", 5 * S + S // 2)
@@ -69,7 +69,7 @@ def begun(rounds: SuggestionCycle, heard: Follower, *texts: str) -> Round:
 
 
 def test_a_round_begins_200_ms_into_a_pause_and_not_before(rounds: SuggestionCycle, heard: Follower) -> None:
-    rounds.hear(SILENT)
+    rounds.add(SILENT)
     assert rounds.next_ns == 5 * S + PAUSE_NS
     rounds.pass_time(5 * S + PAUSE_NS - 1)
     assert heard.asked == []
@@ -78,18 +78,18 @@ def test_a_round_begins_200_ms_into_a_pause_and_not_before(rounds: SuggestionCyc
 
 
 def test_who_speaks_on_gets_no_reply_to_the_half_of_it(rounds: SuggestionCycle, heard: Follower) -> None:
-    rounds.hear(SILENT)
-    rounds.hear(SPEAKING)
+    rounds.add(SILENT)
+    rounds.add(SPEAKING)
     rounds.pass_time(9 * S)
     assert heard.asked == []
 
 
 def test_what_is_written_after_speech_resumed_reaches_nobody(rounds: SuggestionCycle, heard: Follower) -> None:
     first = begun(rounds, heard, "It stops at once.")
-    rounds.hear(SPEAKING)
+    rounds.add(SPEAKING)
     assert heard.dropped and rounds.cards == ()
     assert not rounds.offer(first, "There is a zone around it.", "small", 7 * S)
-    rounds.hear(
+    rounds.add(
         replace(SILENT, stamp_ns=7 * S, silent_since_ns=7 * S, committed="can it hurt people when it moves", revision=3)
     )
     rounds.pass_time(8 * S)
@@ -100,7 +100,7 @@ def test_what_is_written_after_speech_resumed_reaches_nobody(rounds: SuggestionC
 
 def test_a_pause_that_was_missed_is_told_by_when_it_began(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
-    rounds.hear(replace(SILENT, stamp_ns=8 * S, silent_since_ns=8 * S, revision=3))
+    rounds.add(replace(SILENT, stamp_ns=8 * S, silent_since_ns=8 * S, revision=3))
     assert heard.fates == [(1, "superseded")]
     rounds.pass_time(9 * S)
     assert [(each.turn_id, each.revision) for each in heard.asked] == [("t-1", 1), ("t-1", 3)]
@@ -165,7 +165,7 @@ def test_final_words_that_are_the_same_leave_the_replies_where_they_are(
 def test_a_turn_is_replied_to_also_where_its_end_is_told_before_the_silence(
     rounds: SuggestionCycle, heard: Follower
 ) -> None:
-    rounds.hear(replace(SPEAKING, stamp_ns=4 * S))
+    rounds.add(replace(SPEAKING, stamp_ns=4 * S))
     rounds.on_participant(FINISHED, 6 * S)
     assert [each.text for each in heard.asked] == ["Can it hurt people?"]
 
@@ -174,10 +174,10 @@ def test_a_turn_whose_end_is_told_while_somebody_speaks_again_waits_for_what_tha
     rounds: SuggestionCycle, heard: Follower
 ) -> None:
     again = replace(SPEAKING, utterance_id="t-2", committed="")
-    rounds.hear(again)
+    rounds.add(again)
     rounds.on_participant(FINISHED, 6 * S)
     assert heard.asked == []
-    rounds.hear(replace(again, speaking=False, stamp_ns=7 * S, silent_since_ns=7 * S))
+    rounds.add(replace(again, speaking=False, stamp_ns=7 * S, silent_since_ns=7 * S))
     rounds.pass_time(8 * S)
     assert [each.text for each in heard.asked] == ["Can it hurt people?"]
 
@@ -187,7 +187,7 @@ def test_what_turns_out_to_be_the_robot_itself_gets_no_reply(rounds: SuggestionC
     rounds.on_participant(replace(FINISHED, state="failed", text=""), 6 * S)
     rounds.pass_time(9 * S)
     assert heard.fates == [(1, "superseded")] and len(heard.asked) == 1
-    rounds.hear(replace(SILENT, speaker="robot", utterance_id="t-2", stamp_ns=10 * S, silent_since_ns=10 * S))
+    rounds.add(replace(SILENT, speaker="robot", utterance_id="t-2", stamp_ns=10 * S, silent_since_ns=10 * S))
     rounds.pass_time(12 * S)
     assert len(heard.asked) == 1
 
@@ -195,8 +195,8 @@ def test_what_turns_out_to_be_the_robot_itself_gets_no_reply(rounds: SuggestionC
 def test_after_a_noise_the_turn_before_it_is_still_to_be_replied_to(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
     noise = replace(SPEAKING, utterance_id="t-2", committed="", speaker="")
-    rounds.hear(noise)
-    rounds.hear(replace(noise, speaking=False, stamp_ns=7 * S, silent_since_ns=7 * S))
+    rounds.add(noise)
+    rounds.add(replace(noise, speaking=False, stamp_ns=7 * S, silent_since_ns=7 * S))
     rounds.pass_time(8 * S)
     assert [(each.text, each.revision) for each in heard.asked] == [
         ("can it hurt people", 1),
@@ -229,8 +229,8 @@ def test_dismissed_ones_do_not_return_with_the_next_noise(rounds: SuggestionCycl
     begun(rounds, heard, "It stops at once.", "Would you like to see it?")
     rounds.dismiss(WIZARD, 6 * S)
     assert heard.fates == [(1, "dismissed"), (2, "dismissed")]
-    rounds.hear(replace(SPEAKING, utterance_id="t-2", committed=""))
-    rounds.hear(replace(SILENT, utterance_id="t-2", committed="", stamp_ns=8 * S, silent_since_ns=8 * S))
+    rounds.add(replace(SPEAKING, utterance_id="t-2", committed=""))
+    rounds.add(replace(SILENT, utterance_id="t-2", committed="", stamp_ns=8 * S, silent_since_ns=8 * S))
     rounds.pass_time(9 * S)
     assert len(heard.asked) == 1
 
@@ -264,7 +264,7 @@ def test_nothing_is_said_without_a_key_unless_the_level_says_so_and_then_in_its_
     assert rounds.due(shown_ns + 3 * S - 1) is None
     assert rounds.due(shown_ns + 3 * S) == rounds.cards[0]
     assert rounds.due(shown_ns + 5 * S) is None, "the program stood still, so nobody saw the end of the countdown"
-    rounds.hear(SPEAKING)
+    rounds.add(SPEAKING)
     assert rounds.due(shown_ns + 3 * S) is None
 
 

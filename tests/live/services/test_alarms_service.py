@@ -50,21 +50,21 @@ def desk(qapp: QApplication) -> Iterator[Desk]:
 
 
 def test_a_picture_that_stays_away_is_an_alarm_though_nobody_tells_of_it(desk: Desk) -> None:
-    desk.state.take(replace(FRAME, stamp_ns=desk.now_ns))
+    desk.state.add(replace(FRAME, stamp_ns=desk.now_ns))
     desk.wait(3)
     assert desk.state.frame.freshness == "lost"
     assert desk.alarms == [], "pictures break off for a moment"
     desk.wait(6)
     assert desk.alarms == ["picture"]
     assert desk.state.alarms.value[0].what == "No video from the camera front."
-    desk.state.take(replace(FRAME, stamp_ns=desk.now_ns))
+    desk.state.add(replace(FRAME, stamp_ns=desk.now_ns))
     desk.service.evaluate()
     assert desk.alarms == []
     assert [(change.state, change.told) for change in desk.told] == [("raised", False), ("ended", False)]
 
 
 def test_with_the_link_its_silent_streams_are_no_alarms(desk: Desk) -> None:
-    desk.state.take(replace(FRAME, stamp_ns=desk.now_ns))
+    desk.state.add(replace(FRAME, stamp_ns=desk.now_ns))
     desk.wait(1)
     desk.state.link.set(LinkStatus("trouble"))
     desk.wait(2)
@@ -96,10 +96,10 @@ def test_a_picture_of_which_nothing_is_kept_is_an_alarm_as_long_as_it_is_so(desk
 
 def test_a_low_battery_is_told_once_until_it_was_charged(desk: Desk) -> None:
     for charge in (0.16, 0.149, 0.151, 0.149, 0.19):
-        desk.state.take(BatteryState(desk.now_ns, charge))
+        desk.state.add(BatteryState(desk.now_ns, charge))
         desk.wait(10)
     assert desk.alarms == ["battery"]
-    desk.state.take(BatteryState(desk.now_ns, 0.21))
+    desk.state.add(BatteryState(desk.now_ns, 0.21))
     assert desk.alarms == []
     assert [change.state for change in desk.told] == ["raised", "ended"]
 
@@ -214,18 +214,18 @@ def test_what_is_told_to_be_over_is_no_alarm_any_more(desk: Desk) -> None:
 
 
 def test_a_lidar_whose_stamps_are_beyond_belief_is_told(desk: Desk) -> None:
-    desk.state.take(LinkQuality(desk.now_ns, 10.0, 0.0, 1.0))
+    desk.state.add(LinkQuality(desk.now_ns, 10.0, 0.0, 1.0))
 
     def scan(late_s: float) -> LaserScan:
         stamp_ns = desk.now_ns - round(late_s * S)
         return LaserScan(desk.now_ns, stamp_ns, "laser", 0.0, 0.1, 0.0, 9.0, np.ones(8, np.float32), Pose2D(0, 0, 0))
 
     for late_s, cause in ((3600.0, "scan_age"), (3.0, "lidar"), (0.05, "")):
-        desk.state.take(scan(late_s))
+        desk.state.add(scan(late_s))
         desk.service.evaluate()
         for _ in range(60):
             desk.wait(0.1)
-            desk.state.take(scan(late_s))
+            desk.state.add(scan(late_s))
             desk.service.evaluate()
         assert [one for one in desk.alarms if one in ("scan_age", "lidar")] == ([cause] if cause else [])
         if cause == "lidar":

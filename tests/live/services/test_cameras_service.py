@@ -17,7 +17,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.live.services import cameras_service
-from caris_desktop.live.services.cameras_service import CamerasService, OwnCamera, WantedCameras
+from caris_desktop.live.services.cameras_service import CamerasService, OwnCamera, CameraSelection
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.perception.cameras.camera_process import PlayVideo
@@ -62,7 +62,7 @@ class Bench:
         self.children: list[Child] = []
         self.slow_work = BackgroundWorker(self.owner)
         self.frames = FrameRings([])
-        self.wanted = WantedCameras((DESK, DOOR))
+        self.wanted = CameraSelection((DESK, DOOR))
         self.service = CamerasService(
             self.state,
             self.bus,
@@ -81,7 +81,7 @@ class Bench:
         child.ended(child)  # type: ignore[arg-type]
 
     def use(self, *own: OwnCamera) -> None:
-        self.wanted = WantedCameras(own)
+        self.wanted = CameraSelection(own)
         self.service.use_scenario(SCENARIO)
 
     def named(self, name: str) -> Child:
@@ -162,7 +162,7 @@ def test_another_scenario_ends_what_it_does_without_and_begins_what_it_wants(ben
     bench.use(DESK)
     bench.service.start()
     desk = bench.named("desk")
-    bench.state.take(FrameRef(1, None, "desk", "ring", 0, 1, 64, 48))
+    bench.state.add(FrameRef(1, None, "desk", "ring", 0, 1, 64, 48))
     assert (bench.state.cameras.value, bench.state.camera.value) == (("desk",), "desk")
     bench.use(DESK)
     assert not desk.asked_to_end, "what stays is not touched"
@@ -184,7 +184,7 @@ def test_another_scenario_ends_what_it_does_without_and_begins_what_it_wants(ben
 
 @pytest.mark.logs("bus")
 def test_what_cannot_be_used_is_told_and_the_others_run(bench: Bench) -> None:
-    bench.wanted = WantedCameras((DESK,), failures=(UserFacingError("No such camera.", "Not used.", "Correct it."),))
+    bench.wanted = CameraSelection((DESK,), failures=(UserFacingError("No such camera.", "Not used.", "Correct it."),))
     bench.service.use_scenario(SCENARIO)
     bench.service.start()
     assert bench.problems() == ["No such camera."]
@@ -193,8 +193,8 @@ def test_what_cannot_be_used_is_told_and_the_others_run(bench: Bench) -> None:
 
 def test_of_the_robots_cameras_those_that_are_named_are_used() -> None:
     front, rear = CameraTopic("front", "/front"), CameraTopic("rear", "/rear")
-    assert WantedCameras().among((front, rear)) == (front, rear)
-    assert WantedCameras(of_robot=()).among((front, rear)) == ()
-    assert WantedCameras(of_robot=("rear",)).among((front, rear)) == (rear,)
+    assert CameraSelection().among((front, rear)) == (front, rear)
+    assert CameraSelection(of_robot=()).among((front, rear)) == ()
+    assert CameraSelection(of_robot=("rear",)).among((front, rear)) == (rear,)
     own_front = OwnCamera("front", DESK.body)
-    assert [each.name for each in WantedCameras((own_front,)).among((front, rear))] == ["robot-front", "rear"]
+    assert [each.name for each in CameraSelection((own_front,)).among((front, rear))] == ["robot-front", "rear"]

@@ -56,8 +56,8 @@ def _scenario(**permissions: bool) -> Scenario:
 
 def _feed_sensors(state: LiveState) -> None:
     now_ns = clock.now_ns()
-    state.take(LaserScan(now_ns, None, "laser", 0.0, 0.1, 0.0, 9.0, np.ones(8, np.float32), Pose2D(0, 0, 0)))
-    state.take(FrameRef(now_ns, None, "front", "r", 0, 1, 4, 3))
+    state.add(LaserScan(now_ns, None, "laser", 0.0, 0.1, 0.0, 9.0, np.ones(8, np.float32), Pose2D(0, 0, 0)))
+    state.add(FrameRef(now_ns, None, "front", "r", 0, 1, 4, 3))
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def _not_told(severity: str, what: str, meaning: str, advice: str, *, until: str
 
 @pytest.fixture
 def driving(state: LiveState, robot: RecordingRobot) -> DriveService:
-    driving = DriveService(state, robot, _scenario(), state, publish=state.take, problem=_not_told)
+    driving = DriveService(state, robot, _scenario(), state, publish=state.add, problem=_not_told)
     driving.set_speed_fraction(0.5)
     robot.sent.clear()
     return driving
@@ -354,11 +354,11 @@ def test_the_reason_of_the_cap_says_for_how_long(
     qtbot: QtBot, driving: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     now_ns = clock.now_ns()
-    state.take(FrameRef(now_ns - 1_200_000_000, None, "front", "r", 0, 1, 4, 3))
+    state.add(FrameRef(now_ns - 1_200_000_000, None, "front", "r", 0, 1, 4, 3))
     assert state.drive.value.cap_reason == "no fresh video for 1.2 s"
     qtbot.waitUntil(lambda: state.drive.value.cap_reason not in ("", "no fresh video for 1.2 s"))
-    state.take(FrameRef(clock.now_ns(), None, "front", "r", 0, 2, 4, 3))
-    state.take(LaserScan(clock.now_ns(), None, "l", 0.0, 0.1, 0.0, 9.0, np.ones(8, np.float32), Pose2D(0, 0, 0)))
+    state.add(FrameRef(clock.now_ns(), None, "front", "r", 0, 2, 4, 3))
+    state.add(LaserScan(clock.now_ns(), None, "l", 0.0, 0.1, 0.0, 9.0, np.ones(8, np.float32), Pose2D(0, 0, 0)))
     assert (state.drive.value.cap_reason, state.drive.value.cap_fraction) == ("", 1.0)
 
 

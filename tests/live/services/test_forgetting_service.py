@@ -20,7 +20,7 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.erasure_run import ForgettingAsked, ForgettingEnded, ForgettingProgress
+from caris_desktop.live.erasure_run import ErasureRequest, ForgettingEnded, ForgettingProgress
 from caris_desktop.live.process_manager import ProcessManager
 from caris_desktop.live.services.forgetting_service import ForgettingService
 from caris_desktop.live.state import LiveState
@@ -102,7 +102,7 @@ def test_a_person_is_forgotten_in_the_study_and_then_in_the_console(bench: Bench
         person_id = store.add().person_id
         store.describe(person_id, About(name="Zoë Quillfeather"))
     (tmp_path / "notes.txt").write_text("Zoë Quillfeather came early.\n", encoding="utf-8")
-    asked = ForgettingAsked(tmp_path, tmp_path / "people.sqlite", person_id, texts="redact")
+    asked = ErasureRequest(tmp_path, tmp_path / "people.sqlite", person_id, texts="redact")
     bench.body = ProcessSpec("forgetting", process_entry_points.forgetting, (asked,))
     wish = intents.ForgetPerson(person_id)
     bench.ask(wish)

@@ -112,7 +112,7 @@ def test_it_turns_to_the_end_of_the_range_and_no_further(
 
 
 def test_a_turn_begins_where_the_head_is(head: HeadService, state: LiveState, robot: RecordingRobot) -> None:
-    state.take(HeadState(clock.now_ns(), None, 0.5, 0.1))
+    state.add(HeadState(clock.now_ns(), None, 0.5, 0.1))
     head.turn_head(pan=1.0, tilt=0.0)
     head.release()
     assert 0.5 < robot.sent[0].pan_rad < 0.6

@@ -19,7 +19,7 @@ from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.model_client import Asking, ModelClient, Purpose
 from caris_desktop.live.services.load_shedding_service import (
-    LOOK_EVERY_MS,
+    POLL_EVERY_MS,
     STEPS,
     STEPS_WITH_BLUR,
     LoadLevels,
@@ -49,8 +49,8 @@ class Machine:
         frame_age_ms: float | None = 12.0,
         detection_ms: float | None = 60.0,
     ) -> int:
-        for number in range(round(seconds * 1000 / LOOK_EVERY_MS)):
-            self.now_ns += LOOK_EVERY_MS * 1_000_000
+        for number in range(round(seconds * 1000 / POLL_EVERY_MS)):
+            self.now_ns += POLL_EVERY_MS * 1_000_000
             self.steps.add_samples(
                 late_ms if number % once_in == 0 else 0.0, self.now_ns,
                 frame_age_ms=frame_age_ms, detection_ms=detection_ms,
@@ -195,8 +195,8 @@ class Governed:
     def run(
         self, seconds: float, *, late_ms: float = 0.0, frame_age_ms: float | None = None, detection_ms: float = 0.0
     ) -> None:
-        for number in range(round(seconds * 1000 / (LOOK_EVERY_MS + late_ms))):
-            self.now_ns += round((LOOK_EVERY_MS + late_ms) * 1e6)
+        for number in range(round(seconds * 1000 / (POLL_EVERY_MS + late_ms))):
+            self.now_ns += round((POLL_EVERY_MS + late_ms) * 1e6)
             if frame_age_ms is not None:
                 stamp_ns = self.now_ns - round(frame_age_ms * 1e6)
                 self.bus.publish(FrameRef(stamp_ns, None, "front", "ring", 0, number, 4, 3))
@@ -281,7 +281,7 @@ def test_an_answer_of_a_model_on_this_computer_comes_before_boxes(
         (OLLAMA_HERE, STEPS[3].detection_interval_s),
         (ELSEWHERE, 0.0),
     ):
-        governed.models.use(endpoint, shown_as="Small", local_only=False)
+        governed.models.use(endpoint, display_name="Small", local_only=False)
         first, second = governed.ask(purpose), governed.ask(purpose)
         assert governed.people.every_s == every_s
         assert governed.state.load.value == LoadStatus(), "the machine keeps up all the same"
@@ -298,7 +298,7 @@ def test_the_last_words_of_a_participant_come_before_boxes(qapp: QApplication) -
     pause = Hearing(0, MICROPHONE, speaking=False, speaker="participant", utterance_id="u-1", silent_since_ns=0)
 
     def hear(hearing: Hearing) -> float:
-        governed.state.take(hearing)
+        governed.state.add(hearing)
         return governed.people.every_s
 
     assert hear(pause) == STEPS[3].detection_interval_s > 0.0
@@ -328,7 +328,7 @@ def test_where_people_have_to_be_covered_an_answer_does_not_take_their_looks(
 ) -> None:
     governed = Governed(asyncio_thread)
     governed.governor.use_scenario(replace(find_scenario("tour-guide"), blur=BlurSettings("everybody")))
-    governed.models.use(EMBEDDED, shown_as="Small", local_only=True)
+    governed.models.use(EMBEDDED, display_name="Small", local_only=True)
     asking = governed.ask("replies")
     assert governed.people.every_s == 0.0
     asking.cancel()

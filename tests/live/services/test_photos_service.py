@@ -171,8 +171,8 @@ def test_when_the_session_ends_what_was_deleted_is_gone_and_the_rest_stays_as_it
 
 
 def test_photos_without_a_session_are_found_again_with_their_tags(bench: Bench) -> None:
-    bench.take(bench.study, "photos/2026-11-01_10-00-00.png", Camera="rear", Keywords="door, lab", People="p-3")
-    bench.take(bench.study, "photos/2026-11-02_10-00-00.png")
+    bench.add(bench.study, "photos/2026-11-01_10-00-00.png", Camera="rear", Keywords="door, lab", People="p-3")
+    bench.add(bench.study, "photos/2026-11-02_10-00-00.png")
     os.utime(bench.study / "photos/2026-11-01_10-00-00.png", (1, 1))
     (bench.study / "photos" / "torn.png").write_bytes(b"\x89PNG\r\n\x1a\n and no more")
     aside = bench.study / "photos" / ".deleted"
@@ -210,7 +210,7 @@ def test_the_model_gets_what_a_camera_shows_now(bench: Bench) -> None:
     asked = intents.Ask("What is this?", pictures=("camera front",))
     with pytest.raises(UserFacingError, match="has no video now"):
         bench.assistant.ask(asked)
-    bench.state.take(FrameRef(clock.now_ns(), None, "front", "", 0, 1, 1280, 720))
+    bench.state.add(FrameRef(clock.now_ns(), None, "front", "", 0, 1, 1280, 720))
     bench.assistant.ask(asked)
     ((_, (jpeg,)),) = bench.until(lambda: bench.assistant.asked)
     assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).shape == (576, 1024, 3)

@@ -105,7 +105,7 @@ def test_a_photo_goes_with_whom_to_cover_who_is_in_it_and_where_it_was(bench: Be
     now_ns = clock.now_ns()
     ref = FrameRef(now_ns, None, "front", "ring", 0, 7, 640, 480)
     for value in (ref, people(), RobotPose(now_ns, None, Pose2D(1.0, 2.0, 0.5))):
-        bench.state.take(value)
+        bench.state.add(value)
     bench.service.take_photo(without_session=tmp_path / "photo.png")
     (told,) = bench.recorder.of(TakePhoto)
     assert told.blur == BlurDemand("without_consent", "faces")

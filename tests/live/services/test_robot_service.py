@@ -30,7 +30,7 @@ from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.live.services.cameras_service import OwnCamera, WantedCameras
+from caris_desktop.live.services.cameras_service import OwnCamera, CameraSelection
 from caris_desktop.live.services.robot_service import RobotConnection, RobotService
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.link import LinkSettings
@@ -77,7 +77,7 @@ class Bench:
         self.goals_begun = 0
         self.asyncio = AsyncioThread()
         self.slow_work = BackgroundWorker(self.owner)
-        self.wanted = WantedCameras()
+        self.wanted = CameraSelection()
         self.robot = RobotService(
             self.state,
             self.ring,
@@ -85,7 +85,7 @@ class Bench:
             publish=self.published.append,
             problem=lambda _severity, *words, **_: self.problems.append(" ".join(words)),
             before_goal=self._before_goal,
-            wanted_cameras=lambda _scenario: self.wanted,
+            selected_cameras=lambda _scenario: self.wanted,
             slow_work=self.slow_work,
             asyncio_thread=self.asyncio,
             parent=self.owner,
@@ -335,9 +335,9 @@ def test_a_goal_under_way_ends_with_its_link_process_and_the_next_one_cancels_it
 def _told_of_the_robot(bench: Bench) -> None:
     """Values of both links in normal operation."""
     now = now_ns()
-    bench.state.take(OccupancyGrid(now, None, 0.05, Pose2D(0.0, 0.0, 0.0), np.zeros((2, 3), np.int8)))
-    bench.state.take(RobotPose(now, None, Pose2D(1.0, 2.0, 0.0)))
-    bench.state.take(BatteryState(now, 0.5))
+    bench.state.add(OccupancyGrid(now, None, 0.05, Pose2D(0.0, 0.0, 0.0), np.zeros((2, 3), np.int8)))
+    bench.state.add(RobotPose(now, None, Pose2D(1.0, 2.0, 0.0)))
+    bench.state.add(BatteryState(now, 0.5))
     bench.robot.on_event(MappingChanged(now, mapping=True, can_save=True))
 
 
@@ -389,7 +389,7 @@ def test_another_scenarios_choice_of_cameras_reaches_the_link_for_pictures_alone
     settings = LinkSettings(profile, "ws://r:9090")
     bodies = ProcessSpec("control", print, (settings,)), ProcessSpec("media", print, (settings,))
     scenario = Scenario("Test", PanelLeaf("video"))
-    bench.wanted = WantedCameras(of_robot=("rear",))
+    bench.wanted = CameraSelection(of_robot=("rear",))
     bench.robot.use_scenario(scenario)
     bench.robot.connect_robot(RobotConnection("R", "ws://r:9090", profile, *bodies))
     control, media = bench.children
@@ -397,7 +397,7 @@ def test_another_scenarios_choice_of_cameras_reaches_the_link_for_pictures_alone
     assert media.body.arguments[0].profile.cameras == cameras[1:]
     bench.robot.use_scenario(scenario)
     assert not media.asked_to_end
-    bench.wanted = WantedCameras((OwnCamera("front", ProcessSpec("camera front", print)),))
+    bench.wanted = CameraSelection((OwnCamera("front", ProcessSpec("camera front", print)),))
     bench.robot.use_scenario(scenario)
     qtbot.waitUntil(lambda: len(bench.children) == 3)
     assert (control.asked_to_end, media.stopped) == (False, True)
@@ -409,9 +409,9 @@ def test_a_lost_link_takes_the_robots_picture_and_leaves_that_of_this_computer(b
     bench.connect()
     bench.state.own_cameras.set({"desk": None})
     for camera, kept in (("front", False), ("desk", True)):
-        bench.state.take(FrameRef(now_ns(), None, camera, "ring", 0, 1, 64, 48))
+        bench.state.add(FrameRef(now_ns(), None, camera, "ring", 0, 1, 64, 48))
         bench.state.choose_camera(camera)
-        bench.state.take(FrameRef(now_ns(), None, camera, "ring", 0, 1, 64, 48))
+        bench.state.add(FrameRef(now_ns(), None, camera, "ring", 0, 1, 64, 48))
         bench.robot.on_event(LinkChanged(2, "media", "lost", "ws://r:9090"))
         assert (bench.state.frame.value is not None) is kept
         assert (bench.state.frame_of(camera).value is not None) is kept

@@ -20,7 +20,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.speaking_service import SpeakingService
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import AskedGap
+from caris_desktop.live.status import OpenGap
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.scenario_model import PanelLeaf, Permissions, Place, Scenario
 
@@ -77,7 +77,7 @@ class Desk:
         self.queue.on_utterance(event)
 
     def be_at(self, x_m: float) -> None:
-        self.state.take(RobotPose(clock.now_ns(), None, Pose2D(x_m, 1.0, 0.0)))
+        self.state.add(RobotPose(clock.now_ns(), None, Pose2D(x_m, 1.0, 0.0)))
 
 
 @pytest.fixture
@@ -137,7 +137,7 @@ def test_a_gap_is_asked_for_and_never_spoken(desk: Desk, rows: tuple[PersonRow, 
     desk.state.persons.set(rows)
     desk.say("Hello, {name}!")
     assert desk.spoken == [] and desk.events == []
-    assert desk.state.speech.value.gap == AskedGap("Hello, {name}!", "name")
+    assert desk.state.speech.value.gap == OpenGap("Hello, {name}!", "name")
     desk.ask(intents.FillGap("  Ada  "))
     assert desk.spoken == ["Hello, Ada!"] and desk.state.speech.value.gap is None
     recorded = {event.text for event in desk.events}

@@ -172,7 +172,7 @@ def test_a_correction_of_the_words_asks_anew_and_one_of_the_speaker_not(desk: De
 def test_what_a_reply_is_made_from_is_told(desk: Desk) -> None:
     desk.use(places=(Place("Kitchen", Pose2D(1.0, 2.0, 0.0)), Place("Door", Pose2D(9.0, 2.0, 0.0))))
     desk.state.places.set(desk.scenario.places)
-    desk.state.take(RobotPose(desk.now_ns, None, Pose2D(1.2, 2.1, 0.0)))
+    desk.state.add(RobotPose(desk.now_ns, None, Pose2D(1.2, 2.1, 0.0)))
     desk.state.persons.set((PersonRow("p-1", 4, "Person 1", True, 0, 0, number=1),))
     desk.question("Hello!").answer("{}")
     question = desk.question("What is that?")

@@ -13,7 +13,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.picture_checks import PictureError
 from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid, FrameRef
 from caris_desktop.perception.cameras import camera_process, camera_source
-from caris_desktop.perception.cameras.camera_process import HearCamera, PlayVideo
+from caris_desktop.perception.cameras.camera_process import StreamSound, PlayVideo
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, Picture, picture_of
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
 from caris_desktop.perception.cameras.device_camera import DeviceCamera
@@ -257,9 +257,9 @@ def test_a_cameras_microphone_is_heard_only_while_it_is_asked_for(start: Start) 
     camera = start("0", open_one=lambda _chosen: HearingCamera())
     camera.until(has(FrameRef))
     assert camera.of(AudioChunk) == []
-    camera.connection.send(HearCamera(True))
+    camera.connection.send(StreamSound(True))
     camera.until(has(AudioChunk))
     chunk = camera.of(AudioChunk)[0]
     assert (chunk.source, chunk.sample_rate_hz, chunk.samples.shape) == ("robot microphone", 16000, (320, 1))
-    camera.connection.send(HearCamera(False))
+    camera.connection.send(StreamSound(False))
     camera.until(lambda received: all(isinstance(each, FrameRef) for each in received[-5:]))

@@ -24,7 +24,7 @@ def alarms(window: MainWindow) -> AlarmList:
 
 
 def wrong(console: FakeConsole, what: str, **more: object) -> None:
-    console.state.take(Problem(1, "warning", what, "It means this.", "Do that.", **more))  # type: ignore[arg-type]
+    console.state.add(Problem(1, "warning", what, "It means this.", "Do that.", **more))  # type: ignore[arg-type]
 
 
 def test_the_words_at_the_lower_edge_open_it_and_it_empties_by_itself(
@@ -111,7 +111,7 @@ def test_an_alarm_that_was_dismissed_comes_back_with_what_it_stands_in_the_way_o
 
 
 def test_what_needs_nothing_done_is_a_line_of_the_log_alone(window: MainWindow, console: FakeConsole) -> None:
-    console.state.take(Problem(1, "info", "The camera sends its pictures uncompressed.", "", ""))
+    console.state.add(Problem(1, "info", "The camera sends its pictures uncompressed.", "", ""))
     assert window.problems.cards == ()
     assert console.state.alarms.value == ()
     assert any("uncompressed" in line for line in window.panels["session"].log_lines())  # type: ignore[attr-defined]

@@ -9,13 +9,13 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QLabel, QMenu, QWid
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.live.status import LevelsStatus, ProposalStatus, ShownSuggestion, SuggestionsStatus
+from caris_desktop.live.status import LevelsStatus, ProposalStatus, DisplayedReply, SuggestionsStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.conversation_panel import LevelsButton
-from caris_desktop.ui.people.pending_identity_question import AskedAbout
+from caris_desktop.ui.people.pending_identity_question import IdentityQuestion
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.panels("video", "speak")
 CTRL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
 TEXTS = ("It stops as soon as it touches something.", "Good question, {p-9}!", "Shall we go there?")
 SHOWN = SuggestionsStatus(
-    "shown", "t-1", 1, tuple(ShownSuggestion(f"s-{rank}", rank, text) for rank, text in enumerate(TEXTS, 1)),
+    "shown", "t-1", 1, tuple(DisplayedReply(f"s-{rank}", rank, text) for rank, text in enumerate(TEXTS, 1)),
     "SmolLM2", 3, "Kitchen",
 )  # fmt: skip
 GO = ProposalStatus("a-1", "Go to Kitchen", True, "SmolLM2", 0, 2**62)
@@ -148,7 +148,7 @@ def test_one_key_confirms_a_proposal_another_rejects_it_and_a_question_about_a_p
     QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_Return, CTRL)
     QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_Return, CTRL | SHIFT)
     assert console.named("confirm_proposal") == ["a-1", "a-1"] and console.named("veto_proposal") == ["a-1", "a-1"]
-    console.state.asked_person.set(AskedAbout("p3", "p1"))
+    console.state.asked_person.set(IdentityQuestion("p3", "p1"))
     QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_Return, CTRL)
     assert len(console.named("confirm_proposal")) == 2 and console.named("confirm_person") == [("p3", "p1")]
     console.state.asked_person.set(None)

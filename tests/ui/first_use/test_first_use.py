@@ -289,7 +289,7 @@ def test_an_alarm_is_seen_beside_the_page(
 
 
 def drive(console: FakeConsole, x_m: float) -> None:
-    console.state.take(Odometry(clock.now_ns(), None, Pose2D(x_m, 0.0, 0.0), Twist2D(0.3, 0.0, 0.0)))
+    console.state.add(Odometry(clock.now_ns(), None, Pose2D(x_m, 0.0, 0.0), Twist2D(0.3, 0.0, 0.0)))
 
 
 def test_there_is_no_hint_where_nobody_may_drive(

@@ -81,7 +81,7 @@ def test_behind_a_tab_nothing_is_covered() -> None:
 def test_cards_are_on_no_title_and_older_ones_say_only_what_it_is(window: MainWindow, console: FakeConsole) -> None:
     for number, severity in enumerate(("warning", "error")):
         problem = Problem(1, severity, f"Problem {number}", "It means this.", "Do that.")
-        console.state.take(problem)
+        console.state.add(problem)
     first, second = window.problems.cards
     shown = window.problems.geometry()
     for dock in window.dock_host.docks.values():
@@ -94,7 +94,7 @@ def test_cards_are_on_no_title_and_older_ones_say_only_what_it_is(window: MainWi
 
 def test_a_click_shows_an_older_one_whole(window: MainWindow, console: FakeConsole, qtbot: object) -> None:
     for number in range(2):
-        console.state.take(Problem(1, "error", f"Problem {number}", "It means this.", "Do that."))
+        console.state.add(Problem(1, "error", f"Problem {number}", "It means this.", "Do that."))
     first, second = window.problems.cards
     click(qtbot, first)  # type: ignore[arg-type]
     assert first.height() > second.height() and "Do that." in second.toolTip()
@@ -127,7 +127,7 @@ def test_on_small_screens_problems_cover_nothing_that_is_needed(
     console.state.scenario.reset_value(console.scenario)
     freshen(console)
     for number in range(3):
-        console.state.take(
+        console.state.add(
             Problem(1, "error", f"The camera of the robot sends no picture {number}", "It means this.", "Do that.")
         )
     told = set()
@@ -153,7 +153,7 @@ def test_the_line_opens_the_cards_and_goes_with_the_last_of_them(
 ) -> None:
     window.resize(683, 384)
     QApplication.processEvents()
-    console.state.take(Problem(1, "error", "It stopped", "It means this.", "Do that."))
+    console.state.add(Problem(1, "error", "It stopped", "It means this.", "Do that."))
     line = find(window, "problem_line")
     assert (line.property("text"), line.accessibleName()) == ("It stopped", "Serious problem: It stopped")
     assert not window.problems.isVisible()
@@ -166,5 +166,5 @@ def test_the_line_opens_the_cards_and_goes_with_the_last_of_them(
     click(qtbot, line)
     click(qtbot, find(card, "problem_dismiss"))
     assert window.problems.cards == () and not line.isVisible() and not window.problems.isVisible()
-    console.state.take(Problem(1, "error", "It stopped again", "", ""))
+    console.state.add(Problem(1, "error", "It stopped again", "", ""))
     assert line.isVisible() and not window.problems.isVisible(), "each one begins as a line"

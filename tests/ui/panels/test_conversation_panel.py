@@ -90,7 +90,7 @@ def test_a_name_stands_where_the_record_has_an_id(panel: ConversationPanel, cons
 def test_words_under_way_are_there_before_the_turn_is_over(panel: ConversationPanel, console: FakeConsole) -> None:
     begun = utterance(1, text="-", state="started")
     console.say_turn(replace(begun, text=""))
-    console.state.take(Hearing(clock.now_ns(), ROBOT_MICROPHONE, True, "participant", "n1", "And how", "heavy his"))
+    console.state.add(Hearing(clock.now_ns(), ROBOT_MICROPHONE, True, "participant", "n1", "And how", "heavy his"))
     assert (panel.view.rows[-1].text, panel.view.rows[-1].tentative) == ("And how", "heavy his")
     assert panel.fact == ("The participant is talking", "green")
     console.say_turn(replace(begun, stamp_ns=clock.now_ns(), state="finished", text="And how heavy is it?"))
@@ -104,12 +104,12 @@ def test_the_robots_own_voice_is_not_shown_as_the_participants(panel: Conversati
     before, fact = said(panel), panel.fact
     console.say_turn(replace(utterance(1, text="-", state="started"), text=""))
     hearing = Hearing(clock.now_ns(), ROBOT_MICROPHONE, True, "participant", "n1", "", "That's him")
-    console.state.take(hearing)
+    console.state.add(hearing)
     assert said(panel) == [*before, ("participant", "That's him")]
-    console.state.take(replace(hearing, speaker="robot", committed="That is", tentative="a good question."))
+    console.state.add(replace(hearing, speaker="robot", committed="That is", tentative="a good question."))
     assert said(panel) == before
     assert panel.fact[0].rpartition(" s ")[2] == fact[0].rpartition(" s ")[2], "nobody else is waited for"
-    console.state.take(replace(hearing, committed="That is", tentative="a good idea."))
+    console.state.add(replace(hearing, committed="That is", tentative="a good idea."))
     assert said(panel)[-1] == ("participant", "That is a good idea."), "it was somebody after all"
 
 
@@ -295,7 +295,7 @@ def test_words_that_may_change_are_dim_and_those_that_are_found_stand_out(
 ) -> None:
     last = len(panel.view.rows)
     console.say_turn(replace(utterance(1, text="-", state="started"), text=""))
-    console.state.take(Hearing(clock.now_ns(), ROBOT_MICROPHONE, True, "participant", "n1", "And how", "heavy his"))
+    console.state.add(Hearing(clock.now_ns(), ROBOT_MICROPHONE, True, "participant", "n1", "And how", "heavy his"))
     assert ink(panel, last, "text") > 20 < ink(panel, last, "dim")
     assert ink(panel, last - 1, "text") > 20
     assert ink(panel, last - 1, "amber") == 0
@@ -440,7 +440,7 @@ def test_a_replay_shows_the_words_as_they_came(
         transcript.add(event)
     panel.state.transcript.reset_value(transcript.turns)
     now_ns[0] = begun.stamp_ns + 1_000_000_000
-    panel.state.take(Hearing(now_ns[0], ROBOT_MICROPHONE, True, "participant", "n5", "All", "off"))
+    panel.state.add(Hearing(now_ns[0], ROBOT_MICROPHONE, True, "participant", "n5", "All", "off"))
     assert (panel.view.rows[0].text, panel.view.rows[0].tentative) == ("All", "off")
     assert panel.fact == ("The participant is talking", "green")
     now_ns[0] = begun.stamp_ns + 2_600_000_000

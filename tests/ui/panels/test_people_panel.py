@@ -18,7 +18,7 @@ from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.scenario.scenario_model import Permissions
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.people_panel import PeoplePanel, UndoBar
-from caris_desktop.ui.people.pending_identity_question import TO_READ_NS, AskedAbout, next_asked
+from caris_desktop.ui.people.pending_identity_question import TO_READ_NS, IdentityQuestion, next_asked
 from caris_desktop.ui.people.people_list import CAPTION_PX, ROW_PX
 from caris_desktop.ui.people.people_model import PeopleModel
 from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
@@ -168,10 +168,10 @@ def test_while_a_name_is_typed_row_and_box_are_lit(
     qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
     frame = console.frames.add(samples.corridor())
-    console.state.take(frame)
+    console.state.add(frame)
     people = samples.people_for(frame.sequence, 640, 480, [(60.0, 100.0, 120.0, 300.0)])
     box = dataclasses.replace(people.boxes[0], person_id="p-4")
-    console.state.take(dataclasses.replace(people, boxes=(box,)))
+    console.state.add(dataclasses.replace(people, boxes=(box,)))
     view = window.panels["video"].view  # type: ignore[attr-defined]
     row = panel.model.row_of("p-4")
     assert row is not None
@@ -364,25 +364,27 @@ def row(person_id: str, since_ns: int, suggested: str = "", *, here: bool = True
 def test_one_suggestion_is_asked_at_a_time_and_it_stays() -> None:
     first, second = row("p-1", 10, "ada"), row("p-2", 20, "bo")
     asked = next_asked((second, first), None, selected="", now_ns=100, ended_ns=-TO_READ_NS)
-    assert asked == AskedAbout("p-1", "ada")
+    assert asked == IdentityQuestion("p-1", "ada")
     earlier = row("p-0", 1, "cy")
     assert next_asked((earlier, first, second), asked, selected="", now_ns=100, ended_ns=-TO_READ_NS) == asked
     gone = row("p-1", 10, "ada", here=False)
     after = next_asked((gone, second), asked, selected="", now_ns=100, ended_ns=-TO_READ_NS)
-    assert after == AskedAbout("p-2", "bo", 100 + TO_READ_NS), "a key that was meant for the first answers nothing"
+    assert after == IdentityQuestion("p-2", "bo", 100 + TO_READ_NS), (
+        "a key that was meant for the first answers nothing"
+    )
     assert next_asked((gone,), asked, selected="", now_ns=100, ended_ns=-TO_READ_NS) is None
 
 
 def test_whom_the_wizard_selected_is_asked_about_first() -> None:
     first, second = row("p-1", 10, "ada"), row("p-2", 20, "bo")
     asked = next_asked((first, second), None, selected="p-2", now_ns=100, ended_ns=-TO_READ_NS)
-    assert asked == AskedAbout("p-2", "bo")
+    assert asked == IdentityQuestion("p-2", "bo")
 
 
 def test_another_suggestion_for_the_same_person_is_to_be_read_first() -> None:
-    asked = AskedAbout("p-1", "ada")
+    asked = IdentityQuestion("p-1", "ada")
     after = next_asked((row("p-1", 10, "bo"),), asked, selected="", now_ns=100, ended_ns=-TO_READ_NS)
-    assert after == AskedAbout("p-1", "bo", 100 + TO_READ_NS)
+    assert after == IdentityQuestion("p-1", "bo", 100 + TO_READ_NS)
     soon = next_asked((row("p-1", 10, "bo"),), None, selected="", now_ns=100, ended_ns=50)
     assert soon is not None
     assert soon.from_ns > 100, "the question before was answered just now"
@@ -452,10 +454,10 @@ def test_the_row_and_the_box_that_are_asked_about_have_the_key(
     keys = [button.key for button, _ in panel.list.buttons(asked)]
     assert keys == ["Y", "⇧Y", ""]
     frame = console.frames.add(samples.corridor())
-    console.state.take(frame)
+    console.state.add(frame)
     people = samples.people_for(frame.sequence, 640, 480, [(60.0, 100.0, 120.0, 300.0)])
     box = dataclasses.replace(people.boxes[0], person_id="p-3")
-    console.state.take(dataclasses.replace(people, boxes=(box,)))
+    console.state.add(dataclasses.replace(people, boxes=(box,)))
     view = window.panels["video"].view  # type: ignore[attr-defined]
     assert view.visible_detections() == [("Mara Silva? 82 % · Y", False)]
     image, amber = view.grab().toImage(), window.theme.color("box_warning")
@@ -561,7 +563,7 @@ def test_what_the_wizard_decided_can_be_taken_back(
 
 
 def test_what_was_decided_is_told_with_the_name_that_follows_from_it(panel: PeoplePanel, console: FakeConsole) -> None:
-    console.state.take(PersonRenamed(clock.now_ns(), "p-4", "wizard"))
+    console.state.add(PersonRenamed(clock.now_ns(), "p-4", "wizard"))
     bar = panel.findChild(UndoBar)
     assert bar.text.text() == "Named Person 4"
     rows = console.state.persons.value
@@ -570,7 +572,7 @@ def test_what_was_decided_is_told_with_the_name_that_follows_from_it(panel: Peop
 
 
 def test_what_the_console_decided_offers_no_undo(panel: PeoplePanel, console: FakeConsole) -> None:
-    console.state.take(PersonIdentified(clock.now_ns(), "p-4", "p-ana", "console", 0.97, actor="console"))
+    console.state.add(PersonIdentified(clock.now_ns(), "p-4", "p-ana", "console", 0.97, actor="console"))
     assert panel.findChild(UndoBar).isHidden()
 
 
@@ -619,9 +621,9 @@ def test_where_nobody_is_named_there_is_presence_and_nothing_else(
     assert console.calls == []
     assert panel.card is None
     frame = console.frames.add(samples.corridor())
-    console.state.take(frame)
+    console.state.add(frame)
     people = samples.people_for(frame.sequence, 640, 480, [(60.0, 100.0, 120.0, 300.0)])
-    console.state.take(dataclasses.replace(people, boxes=(dataclasses.replace(people.boxes[0], person_id="p-luis"),)))
+    console.state.add(dataclasses.replace(people, boxes=(dataclasses.replace(people.boxes[0], person_id="p-luis"),)))
     assert window.panels["video"].view.visible_detections() == [("Person 1", False)]  # type: ignore[attr-defined]
     texts = [entry.text for entry in window.palette_entries()]
     assert not [text for text in texts if "Luis" in text]

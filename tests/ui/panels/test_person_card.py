@@ -212,7 +212,7 @@ def test_both_who_are_likeliest_can_be_chosen(
     assert [label.text() for label in labels] == ["Maybe Mara Silva (82 %)", "or Guest 003 (11 %)"]
     click(qtbot, find(window, "person_suggestion_yes_1"))
     assert asked(console)[0] == ("confirm_person", ("p-3", "p-k3"))
-    console.state.take(PersonIdentified(clock.now_ns(), "p-3", "p-k3", "wizard", 0.1))
+    console.state.add(PersonIdentified(clock.now_ns(), "p-3", "p-k3", "wizard", 0.1))
     assert card.person_id in ("p-3", "p-k3")
     assert find(window, "person_card_name").property("text") == "Guest 003", "the card stays with who stands there"
 

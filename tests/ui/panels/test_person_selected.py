@@ -26,9 +26,9 @@ def test_the_box_of_who_is_selected_is_marked_and_no_other(window: MainWindow, c
     panel = window.panels["video"]
     assert isinstance(panel, VideoPanel)
     frame = console.frames.add(np.zeros((480, 640, 3), np.uint8))
-    console.state.take(frame)
+    console.state.add(frame)
     boxes = [(60.0, 100.0, 120.0, 300.0), (400.0, 100.0, 120.0, 300.0)]
-    console.state.take(samples.people_for(frame.sequence, 640, 480, boxes))
+    console.state.add(samples.people_for(frame.sequence, 640, 480, boxes))
     before = panel.view.grab().toImage()
     console.state.selected_person.set("p2")
     after = panel.view.grab().toImage()
@@ -44,7 +44,7 @@ def test_the_dot_of_who_is_selected_is_ringed_on_the_map(window: MainWindow, con
     panel = window.panels["map"]
     assert isinstance(panel, MapPanel)
     places = (PersonPlace("p1", 3.0, 2.0, 0.1, "lidar"), PersonPlace("p2", 6.0, 2.0, 0.1, "lidar"))
-    console.state.take(PeopleInMap(clock.now_ns(), places))
+    console.state.add(PeopleInMap(clock.now_ns(), places))
     before = panel.view.grab().toImage()
     console.state.selected_person.set("p2")
     after = panel.view.grab().toImage()
@@ -60,13 +60,13 @@ def test_the_dot_of_who_is_selected_is_ringed_on_the_map(window: MainWindow, con
 def test_the_wizard_means_who_stands_there_when_it_turns_out_who_that_is(console: FakeConsole) -> None:
     state = console.state
     state.selected_person.set("p-3")
-    state.take(PersonIdentified(1, "p-3", "p-mara", "console", 0.97))
+    state.add(PersonIdentified(1, "p-3", "p-mara", "console", 0.97))
     assert state.selected_person.value == "p-mara"
-    state.take(PersonIdentified(1, "p-7", "p-ana", "console", 0.97))
+    state.add(PersonIdentified(1, "p-7", "p-ana", "console", 0.97))
     assert state.selected_person.value == "p-mara", "that was about somebody else"
-    state.take(PersonRejected(2, "p-3", "p-mara"))
+    state.add(PersonRejected(2, "p-3", "p-mara"))
     assert state.selected_person.value == "p-3"
-    state.take(PeopleMerged(3, "p-3", "p-ana"))
+    state.add(PeopleMerged(3, "p-3", "p-ana"))
     assert state.selected_person.value == "p-ana"
-    state.take(PersonForgotten(4, "p-ana"))
+    state.add(PersonForgotten(4, "p-ana"))
     assert state.selected_person.value == ""

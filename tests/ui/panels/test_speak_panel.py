@@ -13,8 +13,8 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sound_values import WIZARD_MICROPHONE, Hearing
 from caris_desktop.live.status import (
-    AskedGap,
-    ShownSuggestion,
+    OpenGap,
+    DisplayedReply,
     SoundStatus,
     SpeechStatus,
     SuggestionsStatus,
@@ -119,17 +119,17 @@ def test_what_could_not_be_said_comes_back_unless_something_else_was_begun(
     failed = UtteranceChanged(1, "u-9", "robot", "Over there.", "typed", "failed", actor="wizard")
     QTest.keyClicks(field, "Over {place}.")
     QTest.keyClick(field, Qt.Key.Key_Return)
-    console.state.take(failed)
+    console.state.add(failed)
     assert field.toPlainText() == "Over {place}."
     QTest.keyClick(field, Qt.Key.Key_Return)
     QTest.keyClicks(field, "And")
-    console.state.take(failed)
+    console.state.add(failed)
     assert field.toPlainText() == "And"
 
 
 def test_only_what_is_dictated_is_written_down(field: SpeakField, console: FakeConsole) -> None:
     def hear(utterance_id: str, committed: str) -> None:
-        console.state.take(Hearing(1, WIZARD_MICROPHONE, True, "wizard", utterance_id, committed))
+        console.state.add(Hearing(1, WIZARD_MICROPHONE, True, "wizard", utterance_id, committed))
 
     console.state.sound.set(SoundStatus(talking="robot"))
     hear("w-1", "this is heard by the participant")
@@ -168,7 +168,7 @@ def test_what_was_written_is_kept_when_something_is_brought_to_be_edited(
 @pytest.mark.panels()
 def test_a_suggestion_is_edited_in_the_field_first(window: MainWindow, console: FakeConsole, field: SpeakField) -> None:
     console.state.persons.set((PersonRow("p-1", 1, "Luis", True, 0, 0),))
-    card = ShownSuggestion("s-1", 2, "No, {p-1}, it stops.")
+    card = DisplayedReply("s-1", 2, "No, {p-1}, it stops.")
     console.state.suggestions.set(SuggestionsStatus("shown", "t-1", 1, (card,)))
     find(window, "video_view").setFocus()
     QTest.keyClick(find(window, "video_view"), Qt.Key.Key_2, CTRL | SHIFT)
@@ -340,7 +340,7 @@ def test_the_title_tells_how_long_it_will_take(window: MainWindow, console: Fake
 
 
 def asked(console: FakeConsole, gap: str = "name") -> None:
-    console.state.speech.set(dataclasses.replace(SpeechStatus(True), gap=AskedGap("Hello, {name}!", gap)))
+    console.state.speech.set(dataclasses.replace(SpeechStatus(True), gap=OpenGap("Hello, {name}!", gap)))
 
 
 def test_a_gap_is_asked_for_in_place(window: MainWindow, console: FakeConsole, field: SpeakField) -> None:

@@ -198,7 +198,7 @@ def test_a_place_is_where_the_robot_is_now(editor: ScenarioEditor, console: Fake
     field(editor, "places", 0, "name")
     here = find(editor, "place_from_robot")
     assert not here.isEnabled()
-    console.state.take(RobotPose(clock.now_ns(), None, Pose2D(3.456, -1.0, 1.5708)))
+    console.state.add(RobotPose(clock.now_ns(), None, Pose2D(3.456, -1.0, 1.5708)))
     editor.editing.emit_changes()
     QTest.mouseClick(here, Qt.MouseButton.LeftButton)
     assert editor.document.data["places"] == [{"name": "Door", "x_m": 3.46, "y_m": -1, "heading_deg": 90}]
