@@ -245,7 +245,7 @@ class PerceptionWorker(QObject):
             elif isinstance(item, PersonLooks):
                 self._publish_all(presence.add_embeddings(item))
             elif isinstance(item, PersonPortrait):
-                presence.take_portrait(item)
+                presence.add_portrait(item)
             elif isinstance(item, InferenceReady):
                 ready, busy = True, False
                 self._set_status(PerceptionStatus("ready", item.model, server=item.server, recognises=item.recognises))
@@ -332,7 +332,7 @@ class PerceptionWorker(QObject):
             return
         self._publish(places)
         pose = self._locator.pose_at(people.stamp_ns)
-        self._publish_all(presence.take_places(places, None if pose is None else pose.pose_in_map))
+        self._publish_all(presence.add_places(places, None if pose is None else pose.pose_in_map))
 
     def _publish_all(self, events: Iterable[Event]) -> None:
         for event in events:

@@ -376,7 +376,7 @@ class ReplayPlayer(QObject):
             quick = self._clock.playing and self._clock.rate > KEY_FRAMES_FROM_RATE
             self._video.show(self._generation, value, nearest_key=quick)
         elif isinstance(value, StatusShown):
-            self._take_status(value)
+            self._on_status(value)
         else:
             self._state.add(value)
 
@@ -392,7 +392,7 @@ class ReplayPlayer(QObject):
             self._camera_chosen = True
             self._jump()
 
-    def _take_status(self, status: StatusShown) -> None:
+    def _on_status(self, status: StatusShown) -> None:
         if status.name == "camera" and self._camera_chosen:
             return
         self._showing_status = True

@@ -37,11 +37,11 @@ class MultiCameraTracks:
     def add_embeddings(self, embedding: PersonLooks) -> None:
         self._together.add_embeddings(embedding)
 
-    def take_places(self, places: PeopleInMap) -> None:
+    def add_places(self, places: PeopleInMap) -> None:
         for place in places.people:
             if place.track >= 0:
                 spot = Spot(places.stamp_ns, place.x_m, place.y_m, place.spread_m)
-                self._together.take_spot((places.camera, place.track), spot)
+                self._together.add_spot((places.camera, place.track), spot)
 
     def forget(self) -> None:
         """Clear all tracks after a restart of the trackers."""
@@ -198,7 +198,7 @@ class CrossCameraMatcher:
         ]:
             del self._sightings[expired]
 
-    def take_spot(self, track: Track, spot: Spot) -> None:
+    def add_spot(self, track: Track, spot: Spot) -> None:
         sighting = self._sightings.get(track)
         if sighting is not None:
             sighting.spots.append(spot)

@@ -244,7 +244,7 @@ class PresenceTracker:
         visit.embedding_count += 1
         return [] if visit.identified or self._known.is_known(visit.person_id) else self._recognise(visit, embedding)
 
-    def take_portrait(self, portrait: PersonPortrait) -> None:
+    def add_portrait(self, portrait: PersonPortrait) -> None:
         """Add the best portrait of a visit so far."""
         visit = self._visits.of_track((portrait.camera, portrait.track))
         if visit is None or visit.forgotten or self._settings.recognise == "nobody":
@@ -258,9 +258,9 @@ class PresenceTracker:
             self.portraits.put(_portrait_key(visit), portrait.jpeg)
             self._known.store_portrait(visit.visit_id, portrait.jpeg, portrait.quality)
 
-    def take_places(self, places: PeopleInMap, map_from_robot: Pose2D | None) -> list[Event]:
+    def add_places(self, places: PeopleInMap, map_from_robot: Pose2D | None) -> list[Event]:
         """Add positions, and join tracks of several cameras; ``map_from_robot`` is None if unknown."""
-        self._cameras.take_places(places)
+        self._cameras.add_places(places)
         if map_from_robot is not None:
             self._note_places(places, map_from_robot)
         return self._cameras.join_and_part(places.stamp_ns)

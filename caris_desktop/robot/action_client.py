@@ -36,7 +36,7 @@ from caris_desktop.ros.message_fields import Message, MessageError
 
 logger = logging.getLogger(__name__)
 
-FATE_TOLD_WITHIN_S = 5.0
+FATE_WITHIN_S = 5.0
 """How long a goal may be without news after a lost link, and after its return: actionlib lists for five seconds what is
 over, so who was away for longer does not learn of it any more."""
 FATE_UNKNOWN = QT_TR_NOOP("the link to the robot was lost, and the outcome is unknown")
@@ -121,9 +121,9 @@ class ActionlibClient:
         self._result = topic("result", package, f"{self._type}Result")
         self._goal.advertise()
         self._cancel.advertise()
-        self._status.subscribe(self._take_status)
-        self._feedback.subscribe(self._take_feedback)
-        self._result.subscribe(self._take_result)
+        self._status.subscribe(self._on_status)
+        self._feedback.subscribe(self._on_feedback)
+        self._result.subscribe(self._on_result)
 
     def send(self, goal_id: str, goal: Message) -> str | None:
         wire_id = f"{goal_id}-{uuid4().hex[:8]}"
@@ -145,7 +145,7 @@ class ActionlibClient:
         for topic in (self._goal, self._cancel):
             topic.unadvertise()
 
-    def _take_status(self, message: Any) -> None:
+    def _on_status(self, message: Any) -> None:
         for status in decode_goal_status_array(message):
             if status.ending is not None:
                 self._ended(status.goal_id, status.ending, status.detail)
@@ -154,11 +154,11 @@ class ActionlibClient:
             elif status.status == PENDING:
                 self._listener.goal_pending(status.goal_id)
 
-    def _take_feedback(self, message: Any) -> None:
+    def _on_feedback(self, message: Any) -> None:
         status, feedback = decode_action_feedback(message, f"{self._type}Feedback")
         self._listener.goal_feedback(status.goal_id, feedback)
 
-    def _take_result(self, message: Any) -> None:
+    def _on_result(self, message: Any) -> None:
         status, _ = decode_action_result(message, f"{self._type}Result")
         if status.ending is not None:
             self._ended(status.goal_id, status.ending, status.detail)
@@ -200,7 +200,7 @@ class BridgedActionClient:
         ros.factory.urgent_services.add(f"{name}/_action/cancel_goal")
         status_type = type_name(Dialect.ROS2, "action_msgs", "GoalStatusArray")
         self._status = RosbridgeTopic(ros, f"{name}/_action/status", status_type, queue_length=10, every_message=True)
-        self._status.subscribe(self._take_status)
+        self._status.subscribe(self._on_status)
 
     def send(self, goal_id: str, goal: Message) -> str | None:
         if not self._ros.is_connected:
@@ -278,7 +278,7 @@ class BridgedActionClient:
             lambda reason: logger.info("%s: the robot did not cancel: %s", self._name, reason),
         )
 
-    def _take_status(self, message: Any) -> None:
+    def _on_status(self, message: Any) -> None:
         known, self._known_uuids = self._known_uuids, set()
         for uuid_hex, status in decode_ros2_goal_status_array(message):
             self._known_uuids.add(uuid_hex)

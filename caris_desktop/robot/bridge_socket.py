@@ -86,7 +86,7 @@ class RosbridgeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy ha
         if len(payload) > LARGE_BYTES:
             drop_realtime_priority()
         if len(payload) > factory.sizes.message_bytes:
-            if not self._take_large_answer(payload):
+            if not self._receive_large_answer(payload):
                 factory.refuse(
                     localized(
                         QT_TR_NOOP("a message of {payload} MB, which is too large"),
@@ -108,7 +108,7 @@ class RosbridgeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy ha
         self._binary = binary
         self._handle(operation)
 
-    def _take_large_answer(self, payload: bytes) -> bool:
+    def _receive_large_answer(self, payload: bytes) -> bool:
         """True if it answers a call, which fails then: the whole message is never decoded."""
         ends = payload[:HEAD_BYTES], payload[-_TAIL_BYTES:]
         if not any(_JSON_ANSWER.search(end) for end in ends):
@@ -201,7 +201,7 @@ class RosbridgeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy ha
     def _handle_publish(self, message: Operation) -> None:
         if not isinstance(message["topic"], str):
             raise TypeError("the topic is not a string")
-        self.factory.take_publish(message["topic"], message["msg"], binary=self._binary)
+        self.factory.queue_publish(message["topic"], message["msg"], binary=self._binary)
 
     def _handle_service_response(self, message: Operation) -> None:
         callback, errback = self._pending_service_requests.pop(message["id"], (None, None))
@@ -243,12 +243,12 @@ class RosbridgeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy ha
             self.factory.run_safely(errback, str(message.get("msg"))[:_LONGEST_REASON])
 
     def _handle_fragment(self, message: Operation) -> None:
-        whole = self._fragments.add(message)
-        if whole is None:
+        message_bytes = self._fragments.add(message)
+        if message_bytes is None:
             return
-        if whole["op"] == "fragment":
+        if message_bytes["op"] == "fragment":
             raise ProtocolError("a fragment must not contain fragments")
-        self._handle(whole)
+        self._handle(message_bytes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,7 +309,7 @@ class BridgeSocket:
         if self._wire is not None:
             self._wire.close()
 
-    def take_protocol(self) -> RosbridgeProtocol | None:
+    def pop_protocol(self) -> RosbridgeProtocol | None:
         """Return and clear the finished protocol."""
         protocol, self.protocol = self.protocol, None
         return protocol

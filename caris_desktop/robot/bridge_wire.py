@@ -146,7 +146,7 @@ class Wire(asyncio.Protocol):
         self._watch_s = min(timings.ping_every_s, timings.trouble_after_s / 4, 0.1)
         self._watched_s = 0.0
         self._watch: asyncio.TimerHandle | None = None
-        self._why_lost = ""
+        self._loss_reason = ""
         self._ended_here = False
         self._left_open: asyncio.TimerHandle | None = None
 
@@ -210,10 +210,10 @@ class Wire(asyncio.Protocol):
         old commands, notice our end and drop the zero behind them. So the connection stays open, unused, until the peer
         has had time to execute. Bytes that its system has not accepted are discarded at once.
         """
-        if self._timings.leave_open_s <= 0.0 or self.unsent_bytes or not self._taken_by_peer():
+        if self._timings.leave_open_s <= 0.0 or self.unsent_bytes or not self._read_by_peer():
             self.abort(reason)
             return
-        self._why_lost = reason
+        self._loss_reason = reason
         self._left_open = self._loop.call_later(self._timings.leave_open_s, self.drop)
         self._end()
 
@@ -230,7 +230,7 @@ class Wire(asyncio.Protocol):
         if self._transport is not None:
             self._transport.abort()
 
-    def _taken_by_peer(self) -> bool:
+    def _read_by_peer(self) -> bool:
         """True if the peer's system has acknowledged every byte; False if unknown."""
         raw = None if self._transport is None else self._transport.get_extra_info("socket")
         if raw is None or sys.platform != "linux":
@@ -244,7 +244,7 @@ class Wire(asyncio.Protocol):
         """Close properly; data sent before still arrives."""
         if self.is_open:
             self._ended_here = True
-            self._why_lost = QT_TR_NOOP("closed by this program")
+            self._loss_reason = QT_TR_NOOP("closed by this program")
             self._protocol.send_close(1000)
             self._flush()
         elif self._transport is not None:
@@ -252,7 +252,7 @@ class Wire(asyncio.Protocol):
 
     def abort(self, reason: str) -> None:
         """Drop the connection with all unsent data, so that nothing of it arrives later."""
-        self._why_lost = reason
+        self._loss_reason = reason
         if self._transport is not None:
             raw = self._transport.get_extra_info("socket")
             if raw is not None:
@@ -286,11 +286,11 @@ class Wire(asyncio.Protocol):
             self._silent = False
             self._owner.wire_recovered()
         if self._tls is None:
-            self._take_bytes(data)
+            self._on_bytes(data)
         elif not self._tls.established:
             self._shake_hands(data)
         else:
-            self._take_secured(data)
+            self._on_secured(data)
 
     def _ask_for_websocket(self) -> None:
         self._protocol.send_request(self._protocol.connect())
@@ -310,9 +310,9 @@ class Wire(asyncio.Protocol):
         self._transport.write(self._tls.to_send())
         if established:
             self._ask_for_websocket()
-            self._take_secured(b"")
+            self._on_secured(b"")
 
-    def _take_secured(self, data: bytes) -> None:
+    def _on_secured(self, data: bytes) -> None:
         if self._tls is None or self._transport is None:
             return
         try:
@@ -322,19 +322,19 @@ class Wire(asyncio.Protocol):
             self.abort(localized(QT_TR_NOOP("the secure connection was lost ({error})"), error=error.reason or error))
             return
         if plain:
-            self._take_bytes(plain)
+            self._on_bytes(plain)
         if ended and not self._over:
             self._protocol.receive_eof()
             self._flush()
             self._transport.close()
 
-    def _take_bytes(self, data: bytes) -> None:
+    def _on_bytes(self, data: bytes) -> None:
         self._protocol.receive_data(data)
         for event in self._protocol.events_received():
             if isinstance(event, Response):
-                self._take_response()
+                self._on_response()
             elif isinstance(event, Frame) and not self._over:
-                self._take_frame(event)
+                self._on_frame(event)
         if self._over:
             return
         self._flush()
@@ -343,7 +343,7 @@ class Wire(asyncio.Protocol):
         # Closing with unread data would reset the connection, and discard our last zeros: wait for the peer's close.
         parted = self._protocol.close_rcvd is not None or self._protocol.parser_exc is not None
         if self._protocol.close_expected() and parted and self._transport is not None:
-            self._why_lost = self._why_lost or self._farewell()
+            self._loss_reason = self._loss_reason or self._farewell()
             self._transport.close()
 
     def eof_received(self) -> None:
@@ -359,11 +359,11 @@ class Wire(asyncio.Protocol):
         if self._tls is not None and not self._tls.established:
             # Servers without TLS close on an unintelligible message.
             self._fail_opening(SecurityError(*no_tls(self._address)))
-        if not self._why_lost and exc is not None:
-            self._why_lost = str(exc)
+        if not self._loss_reason and exc is not None:
+            self._loss_reason = str(exc)
         self._end()
 
-    def _take_response(self) -> None:
+    def _on_response(self) -> None:
         if self._protocol.handshake_exc is not None:
             return
         self._open = True
@@ -374,15 +374,15 @@ class Wire(asyncio.Protocol):
         if not self.opened.done():
             self.opened.set_result(None)
 
-    def _take_frame(self, frame: Frame) -> None:
+    def _on_frame(self, frame: Frame) -> None:
         if frame.opcode in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
             if frame.fin and not self._pieces:
                 self._owner.wire_received(bytes(frame.data))
                 return
             self._pieces.append(bytes(frame.data))
             if frame.fin:
-                whole, self._pieces = b"".join(self._pieces), []
-                self._owner.wire_received(whole)
+                payload, self._pieces = b"".join(self._pieces), []
+                self._owner.wire_received(payload)
         elif frame.opcode is Opcode.PONG:
             ping = self._pings.pop(bytes(frame.data), None)
             if ping is not None:
@@ -455,7 +455,7 @@ class Wire(asyncio.Protocol):
         self._over = True
         if self._watch is not None:
             self._watch.cancel()
-        reason = self._why_lost or QT_TR_NOOP("the connection was lost")
+        reason = self._loss_reason or QT_TR_NOOP("the connection was lost")
         self._fail_opening(ConnectionError(reason))
         if not self.opened.cancelled():
             # There may be no waiter any more.

@@ -62,11 +62,11 @@ class ClockOffset:
         """For a simulated clock, which may run slower or stop."""
         return cls(drift_limit=1.0, window_s=3.0)
 
-    def add_exchange(self, *, asked_ns: int, answered_ns: int, robot_ns: int) -> None:
+    def add_exchange(self, *, sent_ns: int, answered_ns: int, robot_ns: int) -> None:
         """Add an exchange: the robot's clock read ``robot_ns`` between these two session times."""
-        if answered_ns < asked_ns:
+        if answered_ns < sent_ns:
             raise ValueError("an answer comes after its question")
-        self._exchanges.append((answered_ns, robot_ns - answered_ns, robot_ns - asked_ns))
+        self._exchanges.append((answered_ns, robot_ns - answered_ns, robot_ns - sent_ns))
         self._refit(answered_ns)
 
     def add_stamp(self, *, robot_stamp_ns: int, arrival_ns: int) -> None:

@@ -29,7 +29,7 @@ from caris_desktop.domain.link_commands import UseControl
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
+from caris_desktop.robot.action_client import FATE_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
 from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes, TypeKind, coerce_to_definition
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
@@ -116,7 +116,7 @@ class _Goal:
 class _Server:
     """Action server used by controls, with our goals. A ``GoalListener``."""
 
-    tell: Callable[[UseControl, RequestState, str], None]
+    report: Callable[[UseControl, RequestState, str], None]
     client: ActionClient | None = None
     goals: dict[str, _Goal] = field(default_factory=dict)
     lost: tuple[str, ...] = ()
@@ -139,7 +139,9 @@ class _Server:
         goal = self.goals.pop(wire_id, None)
         if goal is not None:
             state: RequestState = "succeeded" if ending == "reached" else "failed"
-            self.tell(goal.command, state, detail or (QT_TR_NOOP("it was cancelled") if ending == "cancelled" else ""))
+            self.report(
+                goal.command, state, detail or (QT_TR_NOOP("it was cancelled") if ending == "cancelled" else "")
+            )
 
 
 class RobotControls:
@@ -227,7 +229,7 @@ class RobotControls:
             for wire_id in lost:
                 for delay_s in CANCEL_AGAIN_S:
                     self._loop.call_later(delay_s, server.cancel, wire_id)
-                self._loop.call_later(FATE_TOLD_WITHIN_S, self._give_up_fate, server, wire_id)
+                self._loop.call_later(FATE_WITHIN_S, self._give_up_fate, server, wire_id)
 
     def link_lost(self) -> None:
         self._types.forget()
@@ -235,7 +237,7 @@ class RobotControls:
         for server in self._servers.values():
             server.lost += tuple(server.goals)
             for wire_id in server.goals:
-                self._loop.call_later(FATE_TOLD_WITHIN_S, self._give_up_lost, server, wire_id)
+                self._loop.call_later(FATE_WITHIN_S, self._give_up_lost, server, wire_id)
 
     def close(self) -> None:
         """The link ends."""
@@ -423,9 +425,9 @@ class RobotControls:
             throttle_ms = min(control.reading.throttle_ms for control in controls if control.reading is not None)
             topic = RosbridgeTopic(self._ros, name, self._spelled(type_), throttle_rate=throttle_ms)
             self._readings.append(topic)
-            self._watched.subscribe(topic, _reader(controls, self._take_value, self._unusable))
+            self._watched.subscribe(topic, _reader(controls, self._on_value, self._unusable))
 
-    def _take_value(self, control: str, value: ControlValue | None) -> None:
+    def _on_value(self, control: str, value: ControlValue | None) -> None:
         if value is None or (control in self._values and self._values[control] == value):
             return
         self._values[control] = value

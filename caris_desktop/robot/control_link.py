@@ -37,7 +37,7 @@ from caris_desktop.robot.movement_check import MovementCheck
 from caris_desktop.robot.navigation_client import Navigator
 from caris_desktop.robot.navigation_speed import NavigationSpeed
 from caris_desktop.robot.profile import RobotProfile, interface_names
-from caris_desktop.robot.robot_checks import missing_from, nothing_is_missing, problem_of_missing, take_inventory
+from caris_desktop.robot.robot_checks import missing_from, nothing_is_missing, problem_of_missing, list_inventory
 from caris_desktop.robot.robot_speech_choice import RobotSpeech
 from caris_desktop.robot.sensors import Sensors
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
@@ -58,7 +58,7 @@ ZERO_AGAIN_S = (1.0, 2.0)
 ZERO_WHILE_MOVING_S = tuple(tenth / 10 for tenth in range(6, 31))
 # Afterwards one per second, unless the odometry shows that the robot stands.
 ZERO_UNLESS_STILL_S = tuple(map(float, range(3, 11)))
-_STANDS_BELOW_MPS, _STANDS_BELOW_RADPS = 0.01, 0.02
+_STILL_BELOW_MPS, _STILL_BELOW_RADPS = 0.01, 0.02
 _ODOMETRY_COUNTS_S = 1.0
 OLDEST_DRIVE_S = 0.25
 """No older command moves the robot, even if the console went on holding the lease."""
@@ -126,8 +126,8 @@ class ControlLink:
         self._velocities = RosbridgeTopic(
             self._ros, profile.velocity.topic, velocity_type, queue_length=20, every_message=True
         )
-        self._velocities.subscribe(self._take_velocity)
-        self._ros.factory.on_connect_send(profile.velocity.topic, self._say_first)
+        self._velocities.subscribe(self._on_velocity)
+        self._ros.factory.on_connect_send(profile.velocity.topic, self._send_on_connect)
         self._ros.factory.motion_round_trip = self._motion_round_trip
         self._handled = HandledOperations(self._ros, self._dialect, handled=self._commands_answered)
         self._navigator = Navigator(
@@ -178,9 +178,9 @@ class ControlLink:
             self._measurement,
             self._watched,
             put=self._put,
-            scan_taken=self._scan_taken,
-            odometry_taken=self._odometry_taken,
-            pose_taken=self._pose_taken,
+            scan_taken=self._process_scan,
+            odometry_taken=self._process_odometry,
+            pose_taken=self._process_pose,
         )
 
     def start(self) -> None:
@@ -190,7 +190,7 @@ class ControlLink:
         self._in_background(self._watch_guard())
         self._in_background(self._watch_handling())
 
-    def take_commands(self, received: list[link_commands.RobotCommand]) -> None:
+    def process_commands(self, received: list[link_commands.RobotCommand]) -> None:
         """Execute commands in order, then send what is due: one Twist per batch, within this call."""
         held_by = [c.stamp_ns for c in received if isinstance(c, (link_commands.Drive, link_commands.RenewLease))]
         newest_s = min(max(held_by, default=0) / 1e9, self._loop.time())
@@ -337,16 +337,16 @@ class ControlLink:
             return refusal
         if command.stamp_ns < self._drives_count_from_ns:
             return QT_TR_NOOP("The link was lost in the meantime; press the key again")
-        if age_s > EXPIRY_S or self._came_too_late(command):
+        if age_s > EXPIRY_S or self._is_too_late(command):
             return QT_TR_NOOP("The command arrived too late; press the key again")
         return ""
 
-    def _came_too_late(self, command: link_commands.Drive | link_commands.GoTo) -> bool:
+    def _is_too_late(self, command: link_commands.Drive | link_commands.GoTo) -> bool:
         return command.stamp_ns < self._drives_count_from_ns or (now_ns() - command.stamp_ns) / 1e9 > OLDEST_DRIVE_S
 
     def _go_to(self, command: link_commands.GoTo) -> None:
         refusal = self._motion_refusal()
-        if not refusal and self._came_too_late(command):
+        if not refusal and self._is_too_late(command):
             refusal = QT_TR_NOOP("The command arrived too late; send it again")
         if refusal:
             self._navigator.refuse(command, refusal)
@@ -368,7 +368,7 @@ class ControlLink:
             # If it was suspended, this is the last message that it reads on waking up.
             self._send_twist(ZERO_TWIST, "lease")
             self._lease.set_sent(ZERO_TWIST)
-        if self._lease.take_expired():
+        if self._lease.pop_expired():
             reason = QT_TR_NOOP("The console stopped responding for a moment")
             self._put(DriveEnded(now_ns(), reason, CONSOLE, self._drive_id))
         if self._timer is not None:
@@ -392,18 +392,18 @@ class ControlLink:
             # The first zero is always sent; more would queue up like velocities.
             self._send_twist(leased.twist, leased.source)
 
-    def _say_first(self) -> None:
+    def _send_on_connect(self) -> None:
         """First messages on a connection: the previous driver may have died while driving."""
         if not self._unread.acknowledged:
-            self._stop_what_moves()
+            self._stop_motion()
             for delay_s in ZERO_AGAIN_S:
-                self._zeros_again.append(self._loop.call_later(delay_s, self._say_zero_again))
+                self._zeros_again.append(self._loop.call_later(delay_s, self._repeat_zero))
             for delay_s in ZERO_WHILE_MOVING_S:
-                self._zeros_again.append(self._loop.call_later(delay_s, self._say_zero_while, True))
+                self._zeros_again.append(self._loop.call_later(delay_s, self._repeat_zero_while, True))
             for delay_s in ZERO_UNLESS_STILL_S:
-                self._zeros_again.append(self._loop.call_later(delay_s, self._say_zero_while, True, None))
+                self._zeros_again.append(self._loop.call_later(delay_s, self._repeat_zero_while, True, None))
 
-    def _stop_what_moves(self) -> None:
+    def _stop_motion(self) -> None:
         """Send zero, unless the robot is known to have read one after our last velocity.
 
         For half a second: more would conflict with navigation.
@@ -412,14 +412,14 @@ class ControlLink:
             self._lease.stop(self._loop.time(), "lease")
             self._move()
 
-    def _say_zero_again(self) -> None:
+    def _repeat_zero(self) -> None:
         if not self._lease.held and not self._navigator.has_goal and not self._unread.full(self._loop.time()):
             self._send_twist(ZERO_TWIST, "lease")
 
-    def _say_zero_while(self, *moving: bool | None) -> None:
+    def _repeat_zero_while(self, *moving: bool | None) -> None:
         """Send zero again if ``_moves`` is one of these."""
         if self._moves() in moving:
-            self._say_zero_again()
+            self._repeat_zero()
 
     def _moves(self) -> bool | None:
         """Whether the odometry shows motion; None without a recent one."""
@@ -427,7 +427,7 @@ class ControlLink:
         if last is None or now_ns() - last.stamp_ns >= _ODOMETRY_COUNTS_S * 1e9:
             return None
         speed_mps = math.hypot(last.twist.forward_mps, last.twist.left_mps)
-        return speed_mps > _STANDS_BELOW_MPS or abs(last.twist.turn_radps) > _STANDS_BELOW_RADPS
+        return speed_mps > _STILL_BELOW_MPS or abs(last.twist.turn_radps) > _STILL_BELOW_RADPS
 
     def _send_zero_first(self) -> None:
         if self._connected:
@@ -473,7 +473,7 @@ class ControlLink:
             await asyncio.sleep(HANDLING_WATCHED_EVERY_S)
             if not self._connected:
                 continue
-            self._handled.ask_now_and_then()
+            self._handled.request_periodically()
             if self._handled.stuck():
                 self._put(
                     Problem(
@@ -579,7 +579,7 @@ class ControlLink:
         if self._connected and found != self._reported_movement.publishers:
             self._report_movement(replace(self._reported_movement, stamp_ns=now_ns(), publishers=found[:10]))
 
-    def _take_velocity(self, message: Any) -> None:
+    def _on_velocity(self, message: Any) -> None:
         stamped = self._profile.velocity.type == "TwistStamped"
         try:
             twist = decode_twist_stamped(message)[0] if stamped else decode_twist(message)
@@ -641,7 +641,7 @@ class ControlLink:
     def link_recovered(self) -> None:
         self._silent = False
         self._drives_count_from_ns = now_ns()
-        self._stop_what_moves()
+        self._stop_motion()
         self._report.changed("connected")
         self._maps.link_recovered()
 
@@ -675,11 +675,11 @@ class ControlLink:
         self._report.unreachable(what, advice)
 
     def link_round_trip(self, round_trip_s: float) -> None:
-        self._measurement.take_round_trip(round_trip_s)
-        self._guard.take_round_trip(round_trip_s)
+        self._measurement.add_round_trip(round_trip_s)
+        self._guard.add_round_trip(round_trip_s)
 
     def _motion_round_trip(self, round_trip_s: float) -> None:
-        self._guard.take_round_trip(round_trip_s)
+        self._guard.add_round_trip(round_trip_s)
         self._handled.read(round_trip_s)
         self._unread.read(round_trip_s, self._loop.time())
         if not self._handled.counts:
@@ -690,19 +690,19 @@ class ControlLink:
 
     # Sensor data
 
-    def _scan_taken(self, scan: LaserScan, delay_s: float) -> None:
+    def _process_scan(self, scan: LaserScan, delay_s: float) -> None:
         """Process a scan before the console gets it, and apply new restrictions at once."""
-        self._guard.take_scan(scan, delay_s=delay_s)
+        self._guard.add_scan(scan, delay_s=delay_s)
         self._lease.reconsider(self._loop.time())
         self._move()
 
-    def _odometry_taken(self, odometry: Odometry) -> None:
+    def _process_odometry(self, odometry: Odometry) -> None:
         self._odometry = odometry
-        self._guard.take_odometry(odometry)
-        self._movement.take_odometry(odometry)
+        self._guard.add_odometry(odometry)
+        self._movement.add_odometry(odometry)
         self._check_movement()
 
-    def _pose_taken(self, pose: RobotPose) -> None:
+    def _process_pose(self, pose: RobotPose) -> None:
         self._navigator.robot_moved(pose.pose_in_map)
 
     def _goal_changed(self, goal: GoalChanged) -> None:
@@ -714,7 +714,7 @@ class ControlLink:
         """Take the robot's inventory and report missing parts of the profile; repeat while something is missing."""
         for pause_s in itertools.chain(INVENTORY_AGAIN_S, itertools.repeat(INVENTORY_AGAIN_S[-1])):
             try:
-                inventory = await take_inventory(self._ros)
+                inventory = await list_inventory(self._ros)
             except ServiceCallError as error:
                 logger.info("The robot's inventory is not known: %s", error)
                 self._maps.on_inventory(None)

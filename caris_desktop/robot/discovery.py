@@ -43,8 +43,8 @@ from caris_desktop.robot.robot_checks import (
     named_in,
     picture_advice,
     services_of,
-    take_inventory,
-    what_rosapi_said,
+    list_inventory,
+    rosapi_reply,
 )
 from caris_desktop.robot.transport import MEDIA_SIZES, RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros import joint_messages, message_conversion, navigation_messages
@@ -56,7 +56,7 @@ logger = logging.getLogger(__name__)
 
 _GOODBYE_S = 0.3
 _LISTEN_S = 1.0
-_MOST_ASKED = 60
+_MAX_REQUESTS = 60
 _INVENTORY_WITHIN_S = 8.0
 _OLD_S = 1.0
 _UNRELATED_S = 3600.0
@@ -159,14 +159,14 @@ async def explore_robot(
     ExploreError
         When nothing answers at the address, or it does not tell what it has.
     """
-    tell = on_progress or (lambda _words: None)
-    tell(QT_TR_NOOP("Connecting"))
+    report = on_progress or (lambda _words: None)
+    report(QT_TR_NOOP("Connecting"))
     async with _connected(address, security, timeout_s) as ros:
         try:
             async with asyncio.timeout(timeout_s):
-                tell(QT_TR_NOOP("Querying the robot"))
-                offer = await take_offer(ros)
-                tell(QT_TR_NOOP("Listening for frames and joints"))
+                report(QT_TR_NOOP("Querying the robot"))
+                offer = await list_offer(ros)
+                report(QT_TR_NOOP("Listening for frames and joints"))
                 offer = await _with_received_streams(ros, offer)
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot at %s does not tell what it has: %s", without_credentials(address), error)
@@ -174,21 +174,21 @@ async def explore_robot(
     return Exploration(address, offer, propose(offer), _resemblances(offer))
 
 
-async def take_offer(ros: RosbridgeClient) -> RobotOffer:
+async def list_offer(ros: RosbridgeClient) -> RobotOffer:
     """Query rosapi for the input of a proposal. Raises ServiceCallError."""
-    inventory, (dialect, distribution) = await asyncio.gather(take_inventory(ros), _ros_version(ros))
+    inventory, (dialect, distribution) = await asyncio.gather(list_inventory(ros), _ros_version(ros))
     dialect = dialect or inventory.dialect
     services = dict.fromkeys(sorted(inventory.services), "")
     # In ROS 1 each query of a service type connects to its node, so they are limited.
-    for name in [name for name in services if may_stop(name)][:_MOST_ASKED]:
+    for name in [name for name in services if may_stop(name)][:_MAX_REQUESTS]:
         services[name] = await _type_of(ros, "service_type", "ServiceType", service=name)
     actions = _actionlib_servers(inventory.topics)
-    for name in sorted(inventory.actions or ())[:_MOST_ASKED]:
+    for name in sorted(inventory.actions or ())[:_MAX_REQUESTS]:
         if name not in actions:
             actions[name] = await _type_of(ros, "action_type", "ActionType", action=name)
     # Most informative types first: a large robot has hundreds of topics, with two queries each.
     ranked = sorted((_interest(kind), topic) for topic, kind in inventory.topics.items() if _interest(kind) is not None)
-    topics = [topic for _rank, topic in ranked[:_MOST_ASKED]]
+    topics = [topic for _rank, topic in ranked[:_MAX_REQUESTS]]
     publishers = await _count_nodes(ros, topics, "publishers", "Publishers")
     subscribers = await _count_nodes(ros, topics, "subscribers", "Subscribers")
     # A topic with neither has nodes unknown to rosapi.
@@ -221,27 +221,27 @@ async def check_streams(
     ExploreError
         When nothing answers at the address, or it runs another ROS than the profile says.
     """
-    tell = on_check or (lambda _check: None)
+    report = on_check or (lambda _check: None)
     done: list[StreamCheck] = []
 
-    def say(check: StreamCheck) -> None:
+    def report_check(check: StreamCheck) -> None:
         done.append(check)
-        tell(check)
+        report(check)
 
     async with _connected(address or profile.address, profile.security, _INVENTORY_WITHIN_S) as ros:
         inventory: RobotInventory | None = None
         try:
             async with asyncio.timeout(_INVENTORY_WITHIN_S):
-                inventory = await take_inventory(ros)
+                inventory = await list_inventory(ros)
         except (TimeoutError, ServiceCallError) as error:
             logger.info("The robot does not tell what it has: %s", error)
             reason = localized(
                 QT_TR_NOOP(
                     "{why} Only the streams in the profile are checked; everything else on the robot is unknown."
                 ),
-                why=what_rosapi_said(error),
+                why=rosapi_reply(error),
             )
-            say(StreamCheck("rosapi", "rosapi", "/rosapi", "quiet", None, None, reason))
+            report_check(StreamCheck("rosapi", "rosapi", "/rosapi", "quiet", None, None, reason))
         if inventory is not None and inventory.dialect not in (None, Dialect(profile.ros)):
             raise ExploreError(
                 localized(
@@ -263,30 +263,30 @@ async def check_streams(
                         _StreamListener(ros, profile, named, in_dialect(Dialect(profile.ros), named.types[0]), tree)
                     )
                 else:
-                    say(_unknown(named.field, named.label, named.topic))
+                    report_check(_unknown(named.field, named.label, named.topic))
                 continue
             kind = inventory.topics.get(named.topic)
             otherwise = picture_advice(named, inventory)
             if otherwise:
-                say(_unfit(named, otherwise))
+                report_check(_unfit(named, otherwise))
             elif kind is None:
-                say(_absent(named))
-            elif kind and not any(same_type(kind, wanted) for wanted in named.types):
+                report_check(_absent(named))
+            elif kind and not any(same_type(kind, expected) for expected in named.types):
                 carries = QT_TR_NOOP("Its type is {kind}; {expected} was expected.")
-                say(_unfit(named, localized(carries, kind=kind, expected=" / ".join(named.types))))
+                report_check(_unfit(named, localized(carries, kind=kind, expected=" / ".join(named.types))))
             elif named.published:
                 kind = kind or in_dialect(Dialect(profile.ros), named.types[0])
                 listeners.append(_StreamListener(ros, profile, named, kind, tree))
             else:
                 inputs.append((named, kind or in_dialect(Dialect(profile.ros), named.types[0])))
         for check in _offered_checks(profile, inventory):
-            say(check)
+            report_check(check)
         await asyncio.sleep(seconds)
         bridge_reports = inventory is not None and await _bridge_subscribes(ros, listeners)
         for named, kind in inputs:
-            say(await _listened_to(ros, named, kind, bridge_reports=bridge_reports))
+            report_check(await _listened_to(ros, named, kind, bridge_reports=bridge_reports))
         for listener in listeners:
-            say(listener.verdict(offset_ns))
+            report_check(listener.verdict(offset_ns))
             listener.close()
     order = {named.field: number for number, named in enumerate(named_in(profile))}
     return tuple(sorted(done, key=lambda check: order.get(check.field, len(order))))
@@ -340,7 +340,7 @@ def _broken_off(security: SecuritySettings | None) -> ExploreError:
 
 def _no_rosapi(error: Exception) -> ExploreError:
     return ExploreError(
-        localized(QT_TR_NOOP("The robot does not report its topics and services: {why}"), why=what_rosapi_said(error)),
+        localized(QT_TR_NOOP("The robot does not report its topics and services: {why}"), why=rosapi_reply(error)),
         QT_TR_NOOP("No mapping can be proposed."),
         QT_TR_NOOP(
             "Start the node 'rosapi' in addition to rosbridge (rosbridge_websocket.launch starts both), or "
@@ -362,7 +362,7 @@ async def _ros_version(ros: RosbridgeClient) -> tuple[Dialect | None, str]:
 
 async def _dialect_of_topics(ros: RosbridgeClient) -> Dialect | None:
     try:
-        return (await take_inventory(ros)).dialect
+        return (await list_inventory(ros)).dialect
     except ServiceCallError:
         return None
 
@@ -405,29 +405,29 @@ async def _type_of(ros: RosbridgeClient, service: str, kind: str, /, **arguments
 
 def _interest(kind: str) -> int | None:
     """Rank of a type whose publishers and subscribers matter; None for others."""
-    return next((rank for rank, wanted in enumerate(_OF_INTEREST) if same_type(kind, wanted)), None)
+    return next((rank for rank, expected in enumerate(_OF_INTEREST) if same_type(kind, expected)), None)
 
 
 async def _with_received_streams(ros: RosbridgeClient, offer: RobotOffer) -> RobotOffer:
     frames: set[str] = set()
     joints: dict[str, None] = {}
 
-    def take_transforms(message: Any) -> None:
+    def on_transforms(message: Any) -> None:
         for transform in message_conversion.decode_tf_message(message, unusable=lambda *_reason: None):
             frames.update((transform.parent_frame.lstrip("/"), transform.child_frame.lstrip("/")))
 
-    def take_joints(message: Any) -> None:
+    def on_joints(message: Any) -> None:
         joints.update(dict.fromkeys(joint_messages.decode_joint_state(message).positions))
 
     readers: tuple[tuple[str, Callable[[Any], None]], ...] = (
-        ("tf2_msgs/TFMessage", take_transforms),
-        ("tf/tfMessage", take_transforms),
-        ("sensor_msgs/JointState", take_joints),
+        ("tf2_msgs/TFMessage", on_transforms),
+        ("tf/tfMessage", on_transforms),
+        ("sensor_msgs/JointState", on_joints),
     )
     listeners: list[RosbridgeTopic] = []
     for topic, kind in offer.topics.items():
         for known, take in readers:
-            if same_type(kind, known) and len(listeners) < _MOST_ASKED:
+            if same_type(kind, known) and len(listeners) < _MAX_REQUESTS:
                 listener = RosbridgeTopic(ros, topic, kind, every_message=True, queue_length=20)
                 listener.subscribe(take)
                 listeners.append(listener)
@@ -483,7 +483,7 @@ class _StreamListener:
         self._received_ns = 0
         every = self._tree is not None
         self._topic = RosbridgeTopic(ros, named.topic, kind, queue_length=20 if every else 1, every_message=every)
-        self._topic.subscribe(self._take)
+        self._topic.subscribe(self._on_message)
 
     @property
     def topic(self) -> str:
@@ -496,7 +496,7 @@ class _StreamListener:
     def close(self) -> None:
         self._topic.unsubscribe()
 
-    def _take(self, message: Any) -> None:
+    def _on_message(self, message: Any) -> None:
         self._last_s = self._loop.time()
         self._first_s = self._first_s or self._last_s
         self._count += 1
@@ -546,12 +546,12 @@ class _StreamListener:
 
 async def _clock_offset_ns(ros: RosbridgeClient) -> int | None:
     """Robot clock minus this computer's clock, accurate to half a round trip."""
-    asked_ns = time.time_ns()
+    sent_ns = time.time_ns()
     try:
         robot_ns = decode_time((await ros.ask("/rosapi/get_time", "rosapi/GetTime")).get("time"))
     except (ServiceCallError, ValueError):
         return None
-    return None if robot_ns is None else robot_ns - (asked_ns + time.time_ns()) // 2
+    return None if robot_ns is None else robot_ns - (sent_ns + time.time_ns()) // 2
 
 
 _HAS_SERVICE = QT_TR_NOOP("The robot has this service.")

@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 _REFUSED = QT_TR_NOOP("the robot refused")
 # A newly started rosbridge does not know the robot's services yet.
 TRIED_AGAIN_AFTER_S, OFTEN_WITHIN_S = 0.1, 3.0
-_LOOKED_FOR_EVERY_S = 2.0
+_SEARCH_EVERY_S = 2.0
 _TRIED_AGAIN_EVERY_S = 30.0
 
 
@@ -78,7 +78,7 @@ class EmergencyStop:
         if self._interface.topic is not None:
             state = RosbridgeTopic(ros, self._interface.topic, bool_type, queue_length=20, every_message=True)
             # Robots publish changes only: a state published before this console connected counts too.
-            watched.subscribe(state, self._take_state)
+            watched.subscribe(state, self._on_state)
         if self._interface.command_topic is not None:
             # Latched, for late subscribers.
             self._command = RosbridgeTopic(
@@ -194,7 +194,7 @@ class EmergencyStop:
                 logger.info("Emergency stop: %s", error)
             else:
                 self._services = frozenset(absolute_name(str(name)) for name in answer.get("services") or ())
-                self._again_after_s = min(self._again_after_s, _LOOKED_FOR_EVERY_S)
+                self._again_after_s = min(self._again_after_s, _SEARCH_EVERY_S)
         if self._wizard_latched and not self._reached and self._ros.is_connected:
             self._report_robot(latched=True)
 
@@ -213,7 +213,7 @@ class EmergencyStop:
             return
         self._reached = bool(answer.get("subscribers"))
         if not self._reached:
-            self._again_after_s = min(self._again_after_s, _LOOKED_FOR_EVERY_S)
+            self._again_after_s = min(self._again_after_s, _SEARCH_EVERY_S)
             self._not_reached(command.name)
         elif again:
             command.publish(encode_bool(True))
@@ -355,7 +355,7 @@ class EmergencyStop:
             # Its topic will follow a moment later; the wizard need not wait for it.
             self._latch(wizard=False, robot=False, by="wizard")
 
-    def _take_state(self, message: Any) -> None:
+    def _on_state(self, message: Any) -> None:
         latched = decode_bool(message) is not self._interface.inverted
         if latched == self._robot_latched:
             return

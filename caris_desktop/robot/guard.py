@@ -32,7 +32,7 @@ _REPORTED_M = 2.0
 _REMEMBERED_WITHIN_M = 3.0
 # Below the first speed the robot stops; it restarts once the second is permitted, so that noise causes no motion.
 _CREEP_MPS, _START_MPS = 0.03, 0.07
-_LEGS_WIDE_M, _STANDS_FREE_M, _ROUND, _FEWEST_BEAMS = 0.45, 0.12, 0.12, 4
+_LEGS_WIDE_M, _FREE_M, _ROUND, _FEWEST_BEAMS = 0.45, 0.12, 0.12, 4
 # Only the robot's own parts can be this deep inside it.
 _DEEP_M, _DEEP_OWN_AFTER_S, _OWN_AFTER_M, _SAME_RANGE_M = 0.05, 1.0, 0.3, 0.03
 _NEAR_FIELD_M = 0.5
@@ -145,11 +145,11 @@ class ObstacleGuard:
 
     # Measurements
 
-    def take_round_trip(self, round_trip_s: float) -> None:
+    def add_round_trip(self, round_trip_s: float) -> None:
         """Set the network round trip, which adds to ``reaction_s``."""
         self._round_trip_s = max(min(round_trip_s, 1.0), 0.8 * self._round_trip_s)
 
-    def take_odometry(self, odometry: Odometry) -> None:
+    def add_odometry(self, odometry: Odometry) -> None:
         now_s = odometry.stamp_ns / 1e9
         previous = self._odometry[-1][1] if self._odometry else None
         self._reckon(now_s)
@@ -170,7 +170,7 @@ class ObstacleGuard:
         self._reckon(now_s)
         self._sent = twist
 
-    def take_scan(self, scan: LaserScan, *, delay_s: float = 0.0) -> None:
+    def add_scan(self, scan: LaserScan, *, delay_s: float = 0.0) -> None:
         """Add a scan; ignored without information, as of a covered LIDAR or one with an unknown mounting.
 
         ``delay_s`` is its transmission time, as far as known.
@@ -215,8 +215,8 @@ class ObstacleGuard:
             uncovered_rad=_angle_to_nearest(measuring, increment_rad, full_circle=full_circle),
             full_circle=full_circle and bool(measuring.all()),
         )
-        self._remember_what_left_the_view(view, measuring, on_body)
-        legs = _stands_free(points_in_laser, ranges_m, measured, full_circle=full_circle)
+        self._remember_out_of_view(view, measuring, on_body)
+        legs = _is_free(points_in_laser, ranges_m, measured, full_circle=full_circle)
         self._view = view
         self._store_view(view)
         self._points_in_odom = transformed(odom_from_robot, points_in_robot[obstacle])
@@ -267,12 +267,12 @@ class ObstacleGuard:
         points, legs = self._points_near(within_m, now_s)
         fraction, distance_m = 1.0, math.inf
         kinds = ((points[~legs], SIDE_MARGIN_M, 0.0), (points[legs], SIDE_MARGIN_M + LEGS_MARGIN_M, LEGS_STOP_M))
-        for kind, wanted_m, more_m in kinds:
+        for kind, needed_m, more_m in kinds:
             if not len(kind):
                 continue
             gaps_m = self._footprint.gap_m(kind)
             # With less clearance than the margin, the present one is preserved: the robot may drive along a wall.
-            margin_m = min(max(float(gaps_m.min()) - _NOISE_M, 0.0), wanted_m)
+            margin_m = min(max(float(gaps_m.min()) - _NOISE_M, 0.0), needed_m)
             contact_s = self._footprint.contact_s(kind, twist, margin_m=margin_m)
             reached = contact_s < horizon_s
             if not reached.any():
@@ -392,9 +392,7 @@ class ObstacleGuard:
         self._view = None
         self._views.clear()
 
-    def _remember_what_left_the_view(
-        self, view: _View, measuring: NDArray[np.bool_], on_body: NDArray[np.bool_]
-    ) -> None:
+    def _remember_out_of_view(self, view: _View, measuring: NDArray[np.bool_], on_body: NDArray[np.bool_]) -> None:
         """Remember earlier points outside of the new coverage or below its minimum range, except those on the robot's
         body.
         """
@@ -413,11 +411,11 @@ class ObstacleGuard:
             beam %= len(measuring)
         within = beam < len(measuring)
         beam = np.minimum(beam, len(measuring) - 1)
-        seen_anew = within & measuring[beam] & (np.isfinite(view.ranges_m[beam]) | (distance > _NEAR_FIELD_M))
+        measured = within & measuring[beam] & (np.isfinite(view.ranges_m[beam]) | (distance > _NEAR_FIELD_M))
         if on_body.any():
             in_robot = transformed(view.odom_from_robot.inverse(), self._memory_in_odom)
-            seen_anew |= within & on_body[beam] & (self._footprint.gap_m(in_robot) < 0.0)
-        keep = ~seen_anew & (distance <= _REMEMBERED_WITHIN_M) & (view.stamp_s - self._memory_s <= MEMORY_S)
+            measured |= within & on_body[beam] & (self._footprint.gap_m(in_robot) < 0.0)
+        keep = ~measured & (distance <= _REMEMBERED_WITHIN_M) & (view.stamp_s - self._memory_s <= MEMORY_S)
         self._memory_in_odom = self._memory_in_odom[keep]
         self._memory_legs = self._memory_legs[keep]
         self._memory_s = self._memory_s[keep]
@@ -540,7 +538,7 @@ def _angle_to_nearest(measuring: NDArray[np.bool_], increment_rad: float, *, ful
     return nearest
 
 
-def _stands_free(
+def _is_free(
     points_in_laser: Array, ranges_m: Array, measured: NDArray[np.bool_], *, full_circle: bool
 ) -> NDArray[np.bool_]:
     """Points on a round, free-standing object no wider than a person.
@@ -553,7 +551,7 @@ def _stands_free(
     with np.errstate(invalid="ignore"):
         rise = np.diff(depth, append=depth[:1])
     # inf - inf is nan: no object begins or ends between two beams without an echo.
-    ends = np.flatnonzero(np.abs(np.nan_to_num(rise, nan=0.0, posinf=1e9, neginf=-1e9)) > _STANDS_FREE_M)
+    ends = np.flatnonzero(np.abs(np.nan_to_num(rise, nan=0.0, posinf=1e9, neginf=-1e9)) > _FREE_M)
     if len(ends) < 2:
         return free
     firsts, lasts = np.concatenate(([ends[-1] + 1 - count], ends[:-1] + 1)), ends

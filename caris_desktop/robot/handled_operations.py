@@ -16,7 +16,7 @@ HANDLED_TOPIC = "/caris_desktop/handled"
 NO_SERVICE = "/caris_desktop/no_such_service"
 UNHANDLED_AFTER_S = 1.0
 _CONFIRMED_AFTER_S = 0.3
-_ASKED_EVERY_S = 0.5
+_REQUEST_EVERY_S = 0.5
 _SECOND_QUESTION_AFTER_S = 0.1
 _WAITED_FOR_AT_MOST_S = 3.0
 _MOST_UNHANDLED = 4
@@ -53,7 +53,7 @@ class HandledOperations:
             ros, HANDLED_TOPIC, string, compression="none", queue_length=0, every_message=True, motion=True
         )
         self._topic.advertise()
-        self._topic.subscribe(self._take)
+        self._topic.subscribe(self._on_answer)
 
     @property
     def counts(self) -> bool:
@@ -68,7 +68,7 @@ class HandledOperations:
     def link_connected(self) -> None:
         self._connected_s = self._read_to_s = self._loop.time()
         self._offered = True
-        self.ask()
+        self.request()
 
     def link_lost(self) -> None:
         self._requested_s.clear()
@@ -80,7 +80,7 @@ class HandledOperations:
         """A ping came back: everything sent before has been read."""
         self._read_to_s = max(self._read_to_s, self._loop.time() - round_trip_s)
 
-    def ask(self) -> None:
+    def request(self) -> None:
         """Send a request behind the latest commands."""
         now_s = self._last_request_s = self._loop.time()
         late = any(now_s - requested_s > _SECOND_QUESTION_AFTER_S for requested_s in self._requested_s.values())
@@ -98,10 +98,10 @@ class HandledOperations:
             question = {"op": "call_service", "id": f"{NO_SERVICE}:{self._sender_id}:{number}", "service": NO_SERVICE}
             protocol.send_ros_service_request(question, answer, answer, _WAITED_FOR_AT_MOST_S)
 
-    def ask_now_and_then(self) -> None:
+    def request_periodically(self) -> None:
         """Send periodic requests, so that the state is known before the next command."""
-        if self._loop.time() - self._last_request_s >= _ASKED_EVERY_S and len(self._requested_s) < _MOST_UNHANDLED:
-            self.ask()
+        if self._loop.time() - self._last_request_s >= _REQUEST_EVERY_S and len(self._requested_s) < _MOST_UNHANDLED:
+            self.request()
 
     def stuck(self) -> bool:
         """True if rosbridge reads messages but has not handled older ones."""
@@ -115,7 +115,7 @@ class HandledOperations:
             self._unhandled_since_s = now_s
         return now_s - self._unhandled_since_s >= _CONFIRMED_AFTER_S
 
-    def _take(self, message: Any) -> None:
+    def _on_answer(self, message: Any) -> None:
         sender, _, number = text(message_of(message, "String"), "data", "String").partition(" ")
         if sender == self._sender_id and number.isdecimal() and int(number) in self._requested_s:
             self._comes_back = True

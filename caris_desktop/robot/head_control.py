@@ -21,7 +21,7 @@ from caris_desktop.ros.joint_messages import decode_joint_state, encode_joint_an
 SEND_EVERY_S = 0.05
 SHORTEST_MOVE_S = 0.1
 # Joints may come from several nodes, so each message is processed, but not all are passed on.
-TELL_EVERY_NS = 90_000_000
+REPORT_EVERY_NS = 90_000_000
 # HeadYaw and HeadPitch of NAO and Pepper turn at about 8 rad/s; naoqi expects a fraction of that.
 NAOQI_FASTEST_RADPS = 8.0
 
@@ -65,7 +65,7 @@ class RobotHead:
         states = RosbridgeTopic(
             ros, head.joint_states, type_name(dialect, "sensor_msgs", "JointState"), queue_length=5, every_message=True
         )
-        watched.subscribe(states, self._take_joints)
+        watched.subscribe(states, self._on_joints)
 
     def move(self, command: MoveHead) -> str:
         """Turn the head; return the reason for a refusal, or an empty text."""
@@ -136,7 +136,7 @@ class RobotHead:
         fraction = min(1.0, max(0.01, head.speed_radps / NAOQI_FASTEST_RADPS))
         return self._command.publish(encode_joint_angles_with_speed(self._dialect, joints, speed_fraction=fraction))
 
-    def _take_joints(self, message: Any) -> None:
+    def _on_joints(self, message: Any) -> None:
         head = self._head
         joints = decode_joint_state(message)
         if head is None or not ({head.pan_joint, head.tilt_joint} & joints.positions.keys()):
@@ -146,7 +146,7 @@ class RobotHead:
             head.pan_sign * joints.positions.get(head.pan_joint, head.pan_sign * before[0]),
             head.tilt_sign * joints.positions.get(head.tilt_joint, head.tilt_sign * before[1]),
         )
-        if self._ros.arrival_ns - self._reported_ns >= TELL_EVERY_NS:
+        if self._ros.arrival_ns - self._reported_ns >= REPORT_EVERY_NS:
             self._reported_ns = self._ros.arrival_ns
             self._emit(HeadState(self._ros.arrival_ns, joints.robot_stamp_ns, *self._at))
 

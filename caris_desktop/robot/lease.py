@@ -152,7 +152,7 @@ class MotionLease:
         """Time for the next :meth:`next_twist`; ``inf`` while silent."""
         return min(self._due_s, self._renewed_s + EXPIRY_S) if self.held else self._due_s
 
-    def take_expired(self) -> bool:
+    def pop_expired(self) -> bool:
         """True once after the lease expired."""
         expired, self._expired = self._expired, False
         return expired

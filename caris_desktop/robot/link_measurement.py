@@ -17,7 +17,7 @@ from caris_desktop.ros.dialect import decode_time
 logger = logging.getLogger(__name__)
 
 MEASURE_EVERY_S = 1.0
-_LOOK_EVERY_S = 0.1
+_POLL_EVERY_S = 0.1
 _ROUND_TRIPS = 10
 _PERIODS = 40
 _LONGEST_GAP_NS = 1_000_000_000
@@ -54,7 +54,7 @@ class MessageLossCounter:
                 self._count += round(apart_ns / usual_ns) - 1
         self._periods_ns.append(apart_ns)
 
-    def take(self, *, overtaken: int) -> int:
+    def pop(self, *, overtaken: int) -> int:
         """Missing messages since the last call, except known ``overtaken`` ones."""
         self._overtaken += overtaken
         known = min(self._count, self._overtaken)
@@ -73,7 +73,7 @@ class LinkMeasurement:
     streams
         Recorded stream of each topic whose missing messages are to be reported.
     simulation_time
-        The robot's stamps come from a simulated clock, set with :meth:`take_simulation_time`.
+        The robot's stamps come from a simulated clock, set with :meth:`add_simulation_time`.
     """
 
     def __init__(
@@ -101,20 +101,20 @@ class LinkMeasurement:
         """Robot clock minus session clock at a time not before the last sample."""
         return self._clock.at(session_ns)
 
-    def take_round_trip(self, round_trip_s: float) -> None:
+    def add_round_trip(self, round_trip_s: float) -> None:
         """Add a ping's round trip."""
         self._round_trips_s.append(round_trip_s)
 
-    def take_message(self, topic: str, robot_stamp_ns: int | None) -> None:
+    def add_message(self, topic: str, robot_stamp_ns: int | None) -> None:
         """Add a message of one of the ``streams``, with the robot's stamp."""
         self._lost[topic].add(robot_stamp_ns)
 
-    def take_stamp(self, robot_stamp_ns: int | None) -> None:
+    def add_stamp(self, robot_stamp_ns: int | None) -> None:
         """Add the stamp of the present message, if it is never ahead of the robot's clock."""
         if robot_stamp_ns is not None and not self._simulation_time:
             self._clock.add_stamp(robot_stamp_ns=robot_stamp_ns, arrival_ns=self._ros.arrival_ns)
 
-    def take_simulation_time(self, robot_ns: int) -> None:
+    def add_simulation_time(self, robot_ns: int) -> None:
         """Add a message of ``/clock``. Its network delay is only known from the pings."""
         arrival_ns = self._ros.arrival_ns
         if arrival_ns - self._simulation_time_ns < _SIMULATION_TIME_EVERY_NS:
@@ -122,7 +122,7 @@ class LinkMeasurement:
             return
         self._simulation_time_ns = arrival_ns
         delay_s = max(self._round_trips_s, default=_UNKNOWN_DELAY_S)
-        self._clock.add_exchange(asked_ns=arrival_ns - int(delay_s * 1e9), answered_ns=arrival_ns, robot_ns=robot_ns)
+        self._clock.add_exchange(sent_ns=arrival_ns - int(delay_s * 1e9), answered_ns=arrival_ns, robot_ns=robot_ns)
 
     def link_lost(self) -> None:
         """Drop round trips; the clock estimate continues."""
@@ -138,12 +138,12 @@ class LinkMeasurement:
         while True:
             await asyncio.sleep(MEASURE_EVERY_S)
             at_ns = now_ns()
-            overtaken = self._ros.factory.take_overtaken()
+            overtaken = self._ros.factory.pop_overtaken()
             for topic, stream in self._streams.items():
                 if count := overtaken.get(topic, 0):
                     self._put(Gap(at_ns, stream, count, OVERTAKEN))
                 # Values dropped here are missing among the stamps as well.
-                if lost := self._lost[topic].take(overtaken=count):
+                if lost := self._lost[topic].pop(overtaken=count):
                     self._put(Gap(at_ns, stream, lost, LOST_ON_THE_WAY))
             if not self._ros.is_connected:
                 continue
@@ -164,10 +164,10 @@ class LinkMeasurement:
             connected = self._ros.is_connected
             if connected:
                 await self._ask_for_time()
-            await asyncio.sleep(MEASURE_EVERY_S if connected else _LOOK_EVERY_S)
+            await asyncio.sleep(MEASURE_EVERY_S if connected else _POLL_EVERY_S)
 
     async def _ask_for_time(self) -> None:
-        asked_ns = now_ns()
+        sent_ns = now_ns()
         try:
             answer = await self._ros.ask("/rosapi/get_time", "rosapi/GetTime")
             robot_ns = decode_time(answer.get("time"))
@@ -175,4 +175,4 @@ class LinkMeasurement:
             logger.debug("The robot does not tell its time: %s", error)
             return
         if robot_ns is not None:
-            self._clock.add_exchange(asked_ns=asked_ns, answered_ns=now_ns(), robot_ns=robot_ns)
+            self._clock.add_exchange(sent_ns=sent_ns, answered_ns=now_ns(), robot_ns=robot_ns)

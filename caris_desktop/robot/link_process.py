@@ -37,7 +37,7 @@ class Link(Protocol):
     def start(self) -> None:
         """Connect, and reconnect."""
 
-    def take_commands(self, received: list[link_commands.RobotCommand]) -> None:
+    def process_commands(self, received: list[link_commands.RobotCommand]) -> None:
         """Execute the console's commands in order. Never raises."""
 
     async def finish(self) -> None:
@@ -61,7 +61,7 @@ async def _serve(connection: Connection, make: Callable[[ConsoleSender], Link]) 
     reader = CommandReader(connection)
     loop.add_signal_handler(signal.SIGTERM, ended.set)
 
-    def take_commands() -> None:
+    def process_commands() -> None:
         try:
             received = reader.read()
         except (EOFError, OSError, pickle.UnpicklingError):
@@ -71,9 +71,9 @@ async def _serve(connection: Connection, make: Callable[[ConsoleSender], Link]) 
             loop.remove_reader(connection.fileno())
             ended.set()
         else:
-            link.take_commands(received)
+            link.process_commands(received)
 
-    loop.add_reader(connection.fileno(), take_commands)
+    loop.add_reader(connection.fileno(), process_commands)
     link.start()
     # Exclude the imports' objects from garbage collection, which would cause pauses while driving.
     gc.freeze()

@@ -137,13 +137,13 @@ class TransformTree:
 
     def depends_on(self, parent: str, child: str, changed: set[str]) -> bool:
         """True if the path from ``child`` to ``parent`` uses one of the frames ``changed``."""
-        ways = self._branches(parent, child)
-        return ways is not None and any(frame in changed for way in ways for frame in way)
+        branches = self._branches(parent, child)
+        return branches is not None and any(frame in changed for branch in branches for frame in branch)
 
     def newest_stamp_ns(self, parent: str, child: str) -> int | None:
         """Newest stamp on the path; None if nothing on it moves, or there is none."""
-        ways = self._branches(parent, child)
-        histories = [self._edges[frame].history for way in ways or () for frame in way]
+        branches = self._branches(parent, child)
+        histories = [self._edges[frame].history for branch in branches or () for frame in branch]
         return max((history.newest_ns for history in histories if history is not None), default=None)
 
     def lookup(
@@ -160,10 +160,10 @@ class TransformTree:
 
         ``at_ns`` is robot time, None: the newest. The motion of the frames ``goes_on`` is extrapolated for 0.2 s.
         """
-        ways = self._branches(parent, child)
-        if ways is None:
+        branches = self._branches(parent, child)
+        if branches is None:
             return None
-        up, down = (self._chained_pose(way, at_ns, goes_on) for way in ways)
+        up, down = (self._chained_pose(branch, at_ns, goes_on) for branch in branches)
         if up is None or down is None:
             return None
         return down.inverse() @ up
@@ -187,9 +187,9 @@ class TransformTree:
             found.append(edge.parent_frame)
         return found
 
-    def _chained_pose(self, way: list[str], at_ns: int | None, goes_on: frozenset[str]) -> Pose3D | None:
+    def _chained_pose(self, branch: list[str], at_ns: int | None, goes_on: frozenset[str]) -> Pose3D | None:
         pose = AT_ORIGIN
-        for frame in way:
+        for frame in branch:
             edge = self._edges[frame]
             step: Pose3D | None = edge.newest
             if at_ns is not None and edge.history is not None:
@@ -217,7 +217,7 @@ class PoseTracker:
         self._map_from_odom: Pose2D | None = None
         self._reported_ns = 0
 
-    def take_transforms(self, transforms: Iterable[Transform], *, stamp_ns: int, static: bool) -> RobotPose | None:
+    def add_transforms(self, transforms: Iterable[Transform], *, stamp_ns: int, static: bool) -> RobotPose | None:
         changed = self.tree.add(transforms, static=static)
         map_frame, base_frame = self._frames.map, self._frames.base
         if static or map_frame == base_frame or not self.tree.depends_on(map_frame, base_frame, changed):
@@ -231,7 +231,7 @@ class PoseTracker:
         self._reported_ns = stamp_ns
         return RobotPose(stamp_ns, self.tree.newest_stamp_ns(map_frame, base_frame), pose)
 
-    def take_pose(self, pose: RobotPose) -> RobotPose | None:
+    def add_pose(self, pose: RobotPose) -> RobotPose | None:
         if self._odometry is not None:
             then = None
             if self._poses_in_odom is not None and pose.robot_stamp_ns is not None:
@@ -243,7 +243,7 @@ class PoseTracker:
         self._reported_ns = pose.stamp_ns
         return pose
 
-    def take_odometry(self, odometry: Odometry) -> RobotPose | None:
+    def add_odometry(self, odometry: Odometry) -> RobotPose | None:
         self._odometry = odometry
         if odometry.robot_stamp_ns is not None:
             self._poses_in_odom = self._poses_in_odom or PoseHistory()

@@ -78,10 +78,10 @@ class RobotSound:
         if interface.topic is not None:
             data_type = type_name(dialect, _PACKAGE, interface.type)
             topic = RosbridgeTopic(ros, interface.topic, data_type, queue_length=_QUEUED, every_message=True)
-            self._ears.append((topic, self._take))
+            self._ears.append((topic, self._on_sound))
             if interface.info is not None:
                 info = RosbridgeTopic(ros, interface.info, type_name(dialect, _PACKAGE, "AudioInfo"))
-                self._ears.append((info, self._take_info))
+                self._ears.append((info, self._on_info))
         self._speaker: RosbridgeTopic | None = None
         if interface.speaker is not None:
             self._speaker = RosbridgeTopic(ros, interface.speaker, type_name(dialect, _PACKAGE, "AudioData"))
@@ -107,14 +107,14 @@ class RobotSound:
         self._clock = SoundClock()
         self._mp3 = None
 
-    def _take_info(self, message: Any) -> None:
+    def _on_info(self, message: Any) -> None:
         form = decode_audio_info(message)
         if form != self._form:
             logger.info("The robot's sound is %s", form)
             self._form = form
             self._restart()
 
-    def _take(self, message: Any) -> None:
+    def _on_sound(self, message: Any) -> None:
         arrival_ns = self._ros.arrival_ns
         try:
             packet = decode_audio_data(message)
@@ -233,11 +233,11 @@ class MediaLink:
                 type_name(dialect, "sensor_msgs", camera.type),
                 throttle_rate=camera.throttle_ms,
             )
-            self._watched.subscribe(images, partial(self._take_image, camera=camera))
+            self._watched.subscribe(images, partial(self._on_image, camera=camera))
             if camera.info is not None:
                 info_type = type_name(dialect, "sensor_msgs", "CameraInfo")
                 info = RosbridgeTopic(self._ros, camera.info, info_type, throttle_rate=LENS_EVERY_MS)
-                self._watched.subscribe(info, partial(self._take_lens, camera=camera))
+                self._watched.subscribe(info, partial(self._on_lens, camera=camera))
         self._sound: RobotSound | None = None
         if profile.audio is not None:
             self._sound = RobotSound(
@@ -249,7 +249,7 @@ class MediaLink:
         if profile.map is not None:
             grid_type = type_name(dialect, "nav_msgs", "OccupancyGrid")
             topic = RosbridgeTopic(self._ros, profile.map.topic, grid_type, throttle_rate=profile.map.throttle_ms)
-            self._watched.subscribe(topic, self._take_map)
+            self._watched.subscribe(topic, self._on_map)
         if profile.map_updates is not None:
             RosbridgeTopic(
                 self._ros,
@@ -258,19 +258,19 @@ class MediaLink:
                 throttle_rate=profile.map_updates.throttle_ms,
                 queue_length=50,
                 every_message=True,
-            ).subscribe(self._take_map_update)
+            ).subscribe(self._on_map_update)
         if profile.simulation_time:
             clock = RosbridgeTopic(
                 self._ros, CLOCK.topic, type_name(dialect, "rosgraph_msgs", "Clock"), throttle_rate=CLOCK.throttle_ms
             )
-            clock.subscribe(lambda message: self._measurement.take_simulation_time(decode_clock(message)))
+            clock.subscribe(lambda message: self._measurement.add_simulation_time(decode_clock(message)))
 
     def start(self) -> None:
         self._report.changed("connecting")
         self._ros.connect()
         self._measuring = asyncio.get_running_loop().create_task(self._measurement.run())
 
-    def take_commands(self, received: list[link_commands.RobotCommand]) -> None:
+    def process_commands(self, received: list[link_commands.RobotCommand]) -> None:
         for command in received:
             match command:
                 case link_commands.ListenToRobot(on=on):
@@ -314,12 +314,12 @@ class MediaLink:
         self._report.unreachable(what, advice)
 
     def link_round_trip(self, round_trip_s: float) -> None:
-        self._measurement.take_round_trip(round_trip_s)
+        self._measurement.add_round_trip(round_trip_s)
 
     def link_refused(self, detail: str) -> None:
         self._report.refused(detail)
 
-    def _take_image(self, message: Any, camera: CameraTopic) -> None:
+    def _on_image(self, message: Any, camera: CameraTopic) -> None:
         try:
             image_bgr, robot_stamp_ns = _unfolded(message) if camera.type == "CompressedImage" else _raw(message)
             ref = self._frames.write(
@@ -386,16 +386,16 @@ class MediaLink:
             )
         )
 
-    def _take_lens(self, message: Any, camera: CameraTopic) -> None:
+    def _on_lens(self, message: Any, camera: CameraTopic) -> None:
         lens = decode_camera_info(message)
         if lens is None:
             return
-        seen = CameraModel(lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px)
+        camera_model = CameraModel(lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px)
         if camera.model is not None:
             # Its mounting is known only from the profile.
             model = camera.model
-            seen = replace(
-                seen,
+            camera_model = replace(
+                camera_model,
                 x_m=model.x_m,
                 y_m=model.y_m,
                 z_m=model.z_m,
@@ -403,17 +403,17 @@ class MediaLink:
                 tilt_rad=model.tilt_rad,
                 on_head=model.on_head,
             )
-        if self._lenses.get(camera.name) != seen:
-            self._lenses[camera.name] = seen
-            self._put(CameraLens(self._ros.arrival_ns, lens.robot_stamp_ns, camera.name, seen))
+        if self._lenses.get(camera.name) != camera_model:
+            self._lenses[camera.name] = camera_model
+            self._put(CameraLens(self._ros.arrival_ns, lens.robot_stamp_ns, camera.name, camera_model))
 
-    def _take_map(self, message: Any) -> None:
+    def _on_map(self, message: Any) -> None:
         grid = decode_occupancy_grid(message, stamp_ns=self._ros.arrival_ns)
         if self._takes_updates:
             self._merger.replace(grid)
         self._put(grid)
 
-    def _take_map_update(self, message: Any) -> None:
+    def _on_map_update(self, message: Any) -> None:
         update = decode_occupancy_grid_update(message)
         try:
             merged = self._merger.update(update, stamp_ns=self._ros.arrival_ns)

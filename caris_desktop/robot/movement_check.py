@@ -22,7 +22,7 @@ _SILENT_AFTER_S, _SILENT_PERIODS, _FIRST_WITHIN_S = 1.0, 3.0, 3.0
 _REACTION_S, _BY_ITSELF_GRACE_S, _LONGEST_GRACE_S = 0.7, 1.5, 4.0
 _CONTROL_MOVES_WITHIN_S = 3.0
 _FOREIGN_COUNTS_S, _ECHO_WITHIN_S = 0.6, 3.0
-_MOVES_IN_A_ROW, _STANDS_AFTER_S = 2, 0.3
+_MOVES_IN_A_ROW, _STILL_AFTER_S = 2, 0.3
 
 
 class MovementCheck:
@@ -93,7 +93,7 @@ class MovementCheck:
             return
         self._foreign_s = now_s
 
-    def take_odometry(self, odometry: Odometry) -> None:
+    def add_odometry(self, odometry: Odometry) -> None:
         now_s = odometry.stamp_ns / 1e9
         if self._odometry_s is not None:
             period_s = min(now_s - self._odometry_s, 2.0)
@@ -139,7 +139,7 @@ class MovementCheck:
                 self._followed_s = now_s
             if now_s - max(self._commanded_since_s, self._followed_s) > _FOLLOWS_WITHIN_S:
                 return "not_following"
-        stands = self.stood_since_s is not None and now_s - self.stood_since_s >= _STANDS_AFTER_S
+        stands = self.stood_since_s is not None and now_s - self.stood_since_s >= _STILL_AFTER_S
         return "standing" if stands else "moving"
 
     def _follows(self) -> bool:

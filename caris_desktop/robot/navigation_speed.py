@@ -88,7 +88,7 @@ class NavigationSpeed:
             self._in_background(self._check_listeners(limit_mps, self._topic.name, attempt=self._attempt))
         elif self._reconfigure is not None:
             answer = self._ask_for(limit_mps, self._reconfigure)
-            self._in_background(self._hear(answer, limit_mps, self._reconfigure, attempt=self._attempt))
+            self._in_background(self._await_answer(answer, limit_mps, self._reconfigure, attempt=self._attempt))
 
     async def restore(self) -> None:
         """Restore the robot's own limit when the console leaves."""
@@ -116,7 +116,7 @@ class NavigationSpeed:
             reason = localized(unknown, topic=topic, why=error)
         self._settle(limit_mps, reason, attempt=attempt)
 
-    async def _hear(self, answer: Awaitable[Any], limit_mps: float, node: str, *, attempt: int) -> None:
+    async def _await_answer(self, answer: Awaitable[Any], limit_mps: float, node: str, *, attempt: int) -> None:
         try:
             now = decode_reconfigured(await answer, self._parameters)
         except (ServiceCallError, MessageError) as error:

@@ -345,7 +345,7 @@ class _Ranking:
         found = [
             self._rated(kind, topic, found_type)
             for topic, found_type in self._offer.topics.items()
-            if any(same_type(found_type, wanted) for wanted in kind.types)
+            if any(same_type(found_type, expected) for expected in kind.types)
             and (kind.about is None or kind.about.search(topic))
         ]
         return _best_first(found)
@@ -367,7 +367,7 @@ class _Ranking:
         reason: str
         for action, found_type in self._offer.actions.items():
             last = action.rsplit("/", 1)[-1]
-            if any(same_type(found_type, wanted) for wanted in _NAVIGATION):
+            if any(same_type(found_type, expected) for expected in _NAVIGATION):
                 certainty, reason = (
                     0.95,
                     localized(QT_TR_NOOP("It is an action server of type {type}."), type=found_type),
@@ -518,7 +518,7 @@ def _namespaces(offer: RobotOffer) -> tuple[str, ...]:
             kinds = holds.setdefault(prefix, set())
             for kind in _TOPICS_FIRST[:3]:
                 # Many topics carry a Twist; those that drive a robot have telling names.
-                if any(same_type(found_type, wanted) for wanted in kind.types) and last in kind.names:
+                if any(same_type(found_type, expected) for expected in kind.types) and last in kind.names:
                     kinds.add(kind.field)
     # A controller has its own velocity and odometry, but no LIDAR.
     found = sorted(prefix for prefix, kinds in holds.items() if kinds >= {"velocity", "odometry", "scan"})

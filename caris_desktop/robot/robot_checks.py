@@ -24,7 +24,7 @@ _LISTENED_S = 2.0
 _GET_PARAMETERS = "/rosbridge_websocket/get_parameters"
 _QUEUE_PARAMETERS = ("send_action_goals_in_new_thread", "call_services_in_new_thread")
 _LEAST_PICTURES_HZ = 3.0
-_SAID_AT_MOST = 300
+_MAX_ERROR_CHARS = 300
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ class NamedTopic:
     needed: bool = True
 
 
-async def take_inventory(ros: RosbridgeClient) -> RobotInventory:
+async def list_inventory(ros: RosbridgeClient) -> RobotInventory:
     """Query rosapi.
 
     Raises
@@ -93,12 +93,12 @@ async def take_inventory(ros: RosbridgeClient) -> RobotInventory:
     )
 
 
-def what_rosapi_said(error: Exception) -> str:
+def rosapi_reply(error: Exception) -> str:
     """Sentence on a failed query: no answer, or rosbridge's own text."""
     reason = error.answer.strip() if isinstance(error, ServiceCallError) else ""
     if not reason:
         return QT_TR_NOOP("rosapi does not respond.")
-    words = reason if len(reason) <= _SAID_AT_MOST else f"{reason[:_SAID_AT_MOST]}…"
+    words = reason if len(reason) <= _MAX_ERROR_CHARS else f"{reason[:_MAX_ERROR_CHARS]}…"
     return localized(QT_TR_NOOP("rosbridge says “{words}”."), words=words)
 
 
@@ -403,12 +403,12 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
                 return [f"{what} {advice}".strip()]
         try:
             async with asyncio.timeout(timeout_s):
-                return missing_from(profile, await take_inventory(ros))
+                return missing_from(profile, await list_inventory(ros))
         except (TimeoutError, ServiceCallError) as error:
             silent = await _silent_streams(ros, profile)
             if silent:
                 silent.append(
-                    f"Other missing parts are unknown: {what_rosapi_said(error)} Start rosapi in addition to rosbridge."
+                    f"Other missing parts are unknown: {rosapi_reply(error)} Start rosapi in addition to rosbridge."
                 )
             return silent
     except TimeoutError:
@@ -424,14 +424,14 @@ async def _silent_streams(ros: RosbridgeClient, profile: RobotProfile) -> list[s
     streams = [named for named in streams if named.expected_hz is not None and named.expected_hz > 1.0 / _LISTENED_S]
     silent = {named.topic for named in streams}
 
-    def hear(topic: str) -> None:
+    def on_message(topic: str) -> None:
         silent.discard(topic)
         if not silent:
             all_received.set()
 
     for named in streams:
         topic = RosbridgeTopic(ros, named.topic, in_dialect(Dialect(profile.ros), named.types[0]))
-        topic.subscribe(lambda _message, name=named.topic: hear(name))
+        topic.subscribe(lambda _message, name=named.topic: on_message(name))
     if silent:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(_LISTENED_S):

@@ -13,7 +13,7 @@ from caris_desktop.domain.events import UtteranceChanged, UtteranceState
 from caris_desktop.domain.link_commands import Say
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN, make_action_client
+from caris_desktop.robot.action_client import FATE_WITHIN_S, FATE_UNKNOWN, make_action_client
 from caris_desktop.robot.profile import SpeechAction, SpeechInterface
 from caris_desktop.robot.speaking_time import LONGEST_UTTERANCE_S, estimated_duration_s
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
@@ -96,7 +96,7 @@ class ActionVoice:
         self._waiting = deque(head)
         if head:
             self._adrift = True
-            self._wait(FATE_TOLD_WITHIN_S, lambda: self._finish("failed", FATE_UNKNOWN))
+            self._wait(FATE_WITHIN_S, lambda: self._finish("failed", FATE_UNKNOWN))
         for utterance in unsent:
             report_utterance(
                 self._emit, utterance.command, "failed", QT_TR_NOOP("the connection to the robot was lost")
@@ -107,7 +107,7 @@ class ActionVoice:
         if due is not None:
             self.silence(due)
         elif self._adrift:
-            self._wait(FATE_TOLD_WITHIN_S, lambda: self._give_up(FATE_UNKNOWN))
+            self._wait(FATE_WITHIN_S, lambda: self._give_up(FATE_UNKNOWN))
 
     async def close(self) -> None:
         self._wait(None, None)
@@ -226,7 +226,7 @@ class TopicVoice:
             self._follows_topic = True
             bool_type = type_name(dialect, "std_msgs", "Bool")
             speaking = RosbridgeTopic(ros, speech.speaking, bool_type, queue_length=10, every_message=True)
-            speaking.subscribe(self._take_speaking)
+            speaking.subscribe(self._on_speaking)
 
     def say(self, command: Say) -> None:
         """Request speech now, or after the present utterance."""
@@ -254,7 +254,7 @@ class TopicVoice:
         self._robot_speaks = False
         if self._waiting and self._follows_topic:
             self._adrift = True
-            self._wait(FATE_TOLD_WITHIN_S, lambda: self._end_all("failed", FATE_UNKNOWN))
+            self._wait(FATE_WITHIN_S, lambda: self._end_all("failed", FATE_UNKNOWN))
 
     def link_connected(self) -> None:
         due, self._silence_due = self._silence_due, None
@@ -262,12 +262,12 @@ class TopicVoice:
             self.silence(due)
         if self._adrift:
             # Many robots publish the state to new subscribers; others at the next change.
-            self._wait(FATE_TOLD_WITHIN_S, lambda: self._fail(FATE_UNKNOWN))
+            self._wait(FATE_WITHIN_S, lambda: self._fail(FATE_UNKNOWN))
 
     async def close(self) -> None:
         self._wait(None, None)
 
-    def _take_speaking(self, message: Any) -> None:
+    def _on_speaking(self, message: Any) -> None:
         speaking = self._robot_speaks = decode_bool(message)
         if not self._waiting:
             return

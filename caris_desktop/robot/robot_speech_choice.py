@@ -15,7 +15,7 @@ from caris_desktop.domain.control_definitions import VALUE, fill_template
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.link_commands import Say
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.robot.action_client import FATE_TOLD_WITHIN_S, FATE_UNKNOWN
+from caris_desktop.robot.action_client import FATE_WITHIN_S, FATE_UNKNOWN
 from caris_desktop.robot.profile import SpeechInterface, SpeechService, SpeechWeb
 from caris_desktop.robot.robot_speech import (
     STARTED_UNTOLD_S,
@@ -47,7 +47,7 @@ class RobotSpeech:
 
     def say(self, command: Say) -> None:
         """Request speech now, or after the present utterance."""
-        self._unprompted.asked(command.text)
+        self._unprompted.note_requested(command.text)
         self._voice.say(command)
 
     def silence(self, actor: Actor) -> bool:
@@ -81,7 +81,7 @@ def _voice_of(
 
 
 LONGEST_TEXT = 1000
-_ASKED_AT_MOST = 100
+_MAX_REQUESTS = 100
 _PART_AT_LEAST = 8
 
 
@@ -97,25 +97,25 @@ class UnpromptedSpeech:
         self, ros: RosbridgeClient, dialect: Dialect, topic: str | None, *, emit: Callable[[UtteranceChanged], None]
     ) -> None:
         self._emit = emit
-        self._requested: deque[tuple[int, str]] = deque(maxlen=_ASKED_AT_MOST)
+        self._requested: deque[tuple[int, str]] = deque(maxlen=_MAX_REQUESTS)
         self._now: UtteranceChanged | None = None
         self._timer: asyncio.TimerHandle | None = None
         if topic is not None:
             listening = RosbridgeTopic(
                 ros, topic, type_name(dialect, "std_msgs", "String"), queue_length=10, every_message=True
             )
-            listening.subscribe(self._take)
+            listening.subscribe(self._on_message)
 
-    def asked(self, text: str) -> None:
+    def note_requested(self, text: str) -> None:
         """Note a requested text."""
         self._requested.append((now_ns(), _plain(text)))
 
     def close(self) -> None:
         self._finish()
 
-    def _take(self, message: Any) -> None:
+    def _on_message(self, message: Any) -> None:
         text = " ".join(decode_string(message).split())[:LONGEST_TEXT]
-        if not text or self._was_asked(text):
+        if not text or self._was_requested(text):
             return
         self._finish()
         self._now = UtteranceChanged(
@@ -124,7 +124,7 @@ class UnpromptedSpeech:
         self._emit(self._now)
         self._timer = asyncio.get_running_loop().call_later(estimated_duration_s(text), self._finish)
 
-    def _was_asked(self, text: str) -> bool:
+    def _was_requested(self, text: str) -> bool:
         since_ns = now_ns() - int(LONGEST_UTTERANCE_S * 1e9)
         plain = _plain(text)
         recent = [text for at_ns, text in self._requested if at_ns > since_ns]
@@ -201,7 +201,7 @@ class RequestSpeech:
         if speech.speaking is not None:
             kind = type_name(dialect, "std_msgs", "Bool")
             topic = RosbridgeTopic(ros, speech.speaking, kind, queue_length=10, every_message=True)
-            topic.subscribe(self._take_speaking)
+            topic.subscribe(self._on_speaking)
 
     def say(self, command: Say) -> None:
         self._waiting.append(command)
@@ -244,7 +244,7 @@ class RequestSpeech:
 
     def _begin(self) -> None:
         if self._worker is None and self._waiting:
-            self._worker = asyncio.get_running_loop().create_task(self._say_all())
+            self._worker = asyncio.get_running_loop().create_task(self._speak_all())
 
     def _give_up(self) -> None:
         self._forget_fate()
@@ -254,7 +254,7 @@ class RequestSpeech:
 
     def _wait_for_fate(self) -> None:
         self._forget_fate()
-        self._fate = asyncio.get_running_loop().call_later(FATE_TOLD_WITHIN_S, self._on_fate_untold)
+        self._fate = asyncio.get_running_loop().call_later(FATE_WITHIN_S, self._on_fate_untold)
 
     def _forget_fate(self) -> None:
         if self._fate is not None:
@@ -279,11 +279,11 @@ class RequestSpeech:
         except SpeechRefusedError as error:
             _log.warning("the robot's voice was not silenced: %s", error)
 
-    async def _say_all(self) -> None:
+    async def _speak_all(self) -> None:
         while self._waiting:
             command = self._waiting[0]
             try:
-                await self._say_one(command)
+                await self._speak_one(command)
             except SpeechRefusedError as error:
                 report_utterance(self._emit, command, "failed", str(error))
             except Exception as error:
@@ -293,7 +293,7 @@ class RequestSpeech:
             self._waiting.popleft()
         self._worker = None
 
-    async def _say_one(self, command: Say) -> None:
+    async def _speak_one(self, command: Say) -> None:
         within_s = LONGEST_UTTERANCE_S if self._answers_at_end else SPEECH_ANSWERS_WITHIN_S
         if self._follows and not (self._answers_at_end and self._speaking.is_set()):
             answer: asyncio.Future[Any] = asyncio.ensure_future(self._speaker.say(command.text, within_s=within_s))
@@ -353,7 +353,7 @@ class RequestSpeech:
         except TimeoutError:
             return False
 
-    def _take_speaking(self, message: Any) -> None:
+    def _on_speaking(self, message: Any) -> None:
         if decode_bool(message):
             self._quiet.clear()
             self._speaking.set()

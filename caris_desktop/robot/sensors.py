@@ -42,7 +42,7 @@ CLOCK = TopicSource("/clock", throttle_ms=100)
 class Sensors:
     """Subscribes to the profile's topics and passes domain values to ``put``.
 
-    ``scan_taken``, ``odometry_taken`` and ``pose_taken`` are also called with each LaserScan, Odometry and RobotPose;
+    ``on_scan``, ``on_odometry`` and ``on_pose`` are also called with each LaserScan, Odometry and RobotPose;
     for a scan with its transmission time in seconds, as far as known.
     """
 
@@ -55,9 +55,9 @@ class Sensors:
         watched: SubscriptionWatchdog,
         *,
         put: Callable[[Any], None],
-        scan_taken: Callable[[LaserScan, float], None],
-        odometry_taken: Callable[[Odometry], None],
-        pose_taken: Callable[[RobotPose], None],
+        on_scan: Callable[[LaserScan, float], None],
+        on_odometry: Callable[[Odometry], None],
+        on_pose: Callable[[RobotPose], None],
     ) -> None:
         self._ros = ros
         self._profile = profile
@@ -65,9 +65,9 @@ class Sensors:
         self._report = report
         self._measurement = measurement
         self._put = put
-        self._scan_taken = scan_taken
-        self._odometry_taken = odometry_taken
-        self._pose_taken = pose_taken
+        self._scan_taken = on_scan
+        self._odometry_taken = on_odometry
+        self._pose_taken = on_pose
         self._watched = watched
         self._poses = PoseTracker(profile.frames)
         self._transforms_since_ns: int | None = None
@@ -97,19 +97,19 @@ class Sensors:
 
     def _subscribe(self) -> None:
         profile = self._profile
-        self._listen(profile.scan, "sensor_msgs", "LaserScan", self._take_scan)
-        self._listen(profile.odometry, "nav_msgs", "Odometry", self._take_odometry)
-        self._listen(profile.pose, "geometry_msgs", "PoseWithCovarianceStamped", self._take_pose)
+        self._listen(profile.scan, "sensor_msgs", "LaserScan", self._on_scan)
+        self._listen(profile.odometry, "nav_msgs", "Odometry", self._on_odometry)
+        self._listen(profile.pose, "geometry_msgs", "PoseWithCovarianceStamped", self._on_pose)
         self._listen(
-            profile.tf_static, "tf2_msgs", "TFMessage", lambda m: self._take_transforms(m, static=True), every=True
+            profile.tf_static, "tf2_msgs", "TFMessage", lambda m: self._on_transforms(m, static=True), every=True
         )
         # Several nodes publish transforms here: none may replace another.
-        self._listen(profile.tf, "tf2_msgs", "TFMessage", self._take_transforms, every=True)
-        self._listen(profile.path, "nav_msgs", "Path", self._take_path, watched=False)
-        self._listen(profile.battery, "sensor_msgs", "BatteryState", self._take_battery)
+        self._listen(profile.tf, "tf2_msgs", "TFMessage", self._on_transforms, every=True)
+        self._listen(profile.path, "nav_msgs", "Path", self._on_path, watched=False)
+        self._listen(profile.battery, "sensor_msgs", "BatteryState", self._on_battery)
         if profile.simulation_time:
             self._listen(
-                CLOCK, "rosgraph_msgs", "Clock", lambda m: self._measurement.take_simulation_time(decode_clock(m))
+                CLOCK, "rosgraph_msgs", "Clock", lambda m: self._measurement.add_simulation_time(decode_clock(m))
             )
 
     def _listen(
@@ -138,10 +138,10 @@ class Sensors:
         else:
             topic.subscribe(take)
 
-    def _take_scan(self, message: Any) -> None:
+    def _on_scan(self, message: Any) -> None:
         scan = decode_laser_scan(message, stamp_ns=self._ros.arrival_ns)
         if self._profile.scan is not None:
-            self._measurement.take_message(self._profile.scan.topic, scan.robot_stamp_ns)
+            self._measurement.add_message(self._profile.scan.topic, scan.robot_stamp_ns)
         scan = self._mounted(scan)
         # Pose at the measurement, not at its arrival: a turning robot has moved on.
         map_from_robot = self._poses.map_from_base(robot_stamp_ns=scan.robot_stamp_ns, now_ns=scan.stamp_ns)
@@ -200,15 +200,15 @@ class Sensors:
             ),
         )
 
-    def _take_odometry(self, message: Any) -> None:
+    def _on_odometry(self, message: Any) -> None:
         odometry = decode_odometry(message, stamp_ns=self._ros.arrival_ns, pose_of=self._reckoned)
         self._odometry = odometry
         if self._profile.odometry is not None:
-            self._measurement.take_message(self._profile.odometry.topic, odometry.robot_stamp_ns)
-        self._measurement.take_stamp(odometry.robot_stamp_ns)
+            self._measurement.add_message(self._profile.odometry.topic, odometry.robot_stamp_ns)
+        self._measurement.add_stamp(odometry.robot_stamp_ns)
         self._odometry_taken(odometry)
         self._put(odometry)
-        self._put_pose(self._poses.take_odometry(odometry))
+        self._put_pose(self._poses.add_odometry(odometry))
 
     def _reckoned(self, twist: Twist2D) -> Pose2D:
         """Dead reckoning by velocity for an odometry without a pose (zero quaternion)."""
@@ -244,19 +244,19 @@ class Sensors:
             advice=QT_TR_NOOP("Correct the node on the robot that publishes this transform."),
         )
 
-    def _take_pose(self, message: Any) -> None:
+    def _on_pose(self, message: Any) -> None:
         pose = decode_pose_with_covariance_stamped(message, stamp_ns=self._ros.arrival_ns)
-        self._put_pose(self._poses.take_pose(pose))
+        self._put_pose(self._poses.add_pose(pose))
 
-    def _take_transforms(self, message: Any, *, static: bool = False) -> None:
+    def _on_transforms(self, message: Any, *, static: bool = False) -> None:
         transforms = decode_tf_message(message, unusable=self._complain_of_transform)
         if transforms and self._transforms_since_ns is None:
             self._transforms_since_ns = self._ros.arrival_ns
-        self._put_pose(self._poses.take_transforms(transforms, stamp_ns=self._ros.arrival_ns, static=static))
+        self._put_pose(self._poses.add_transforms(transforms, stamp_ns=self._ros.arrival_ns, static=static))
         if self.pose_in_map is None:
             self._complain_of_place()
 
-    def _take_path(self, message: Any) -> None:
+    def _on_path(self, message: Any) -> None:
         path = decode_path(message, most_points=MOST_PATH_POINTS)
         map_from_path = self._poses.map_from(path.frame_id, path.robot_stamp_ns)
         if map_from_path is None:
@@ -265,7 +265,7 @@ class Sensors:
         points = points_in_parent(map_from_path, path.points_m)
         self._put(PlannedPath(self._ros.arrival_ns, path.robot_stamp_ns, points))
 
-    def _take_battery(self, message: Any) -> None:
+    def _on_battery(self, message: Any) -> None:
         self._put(decode_battery_state(message, stamp_ns=self._ros.arrival_ns))
 
     def _put_pose(self, pose: RobotPose | None) -> None:

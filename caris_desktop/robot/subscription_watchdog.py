@@ -13,13 +13,13 @@ from caris_desktop.ros.dialect import Dialect
 
 logger = logging.getLogger(__name__)
 
-FIRST_LOOK_S = 3.0
+FIRST_CHECK_S = 3.0
 LONGEST_PAUSE_S = 60.0
 _ENCODINGS = {"cbor": "compact encoding (CBOR)", "none": "plain text (JSON)"}
 
 
 # Messages that the server sent before it read the new encoding.
-_STILL_UNDER_WAY_S = 1.0
+_IN_FLIGHT_S = 1.0
 
 
 class _Listener:
@@ -38,7 +38,7 @@ class _Listener:
         self._take = take
         self._on_received = on_received
 
-    def hear(self, message: Any) -> None:
+    def on_message(self, message: Any) -> None:
         if not self.received:
             self._on_received(self)
         self._take(message)
@@ -48,7 +48,7 @@ class SubscriptionWatchdog:
     """Renews subscriptions that are silent although the robot has a publisher.
 
     Two causes are possible. rosbridge silently drops messages that it cannot encode as requested: the other encoding is
-    tried. If messages then arrive, the first is tried once more, since the robot may only have been slow, and ``tell``
+    tried. If messages then arrive, the first is tried once more, since the robot may only have been slow, and ``report``
     gets a Problem if it was not. And ROS 2's rosbridge copies its quality of service from the publishers known at
     subscription: if too early, it is volatile, and a message published once before never arrives.
 
@@ -56,10 +56,10 @@ class SubscriptionWatchdog:
     new subscription.
     """
 
-    def __init__(self, ros: RosbridgeClient, dialect: Dialect, *, tell: Callable[[Problem], None]) -> None:
+    def __init__(self, ros: RosbridgeClient, dialect: Dialect, *, report: Callable[[Problem], None]) -> None:
         self._ros = ros
         self._dialect = dialect
-        self._tell = tell
+        self._report = report
         # Several listeners of one topic have separate subscriptions.
         self._known: list[_Listener] = []
         self._back_since_s: dict[str, float] = {}
@@ -69,7 +69,7 @@ class SubscriptionWatchdog:
         """Subscribe to ``topic`` and watch it."""
         listener = _Listener(topic, take, self._on_first_message)
         self._known.append(listener)
-        topic.subscribe(listener.hear)
+        topic.subscribe(listener.on_message)
         if self._ros.is_connected:
             self._begin()
 
@@ -101,7 +101,7 @@ class SubscriptionWatchdog:
             self._watch = asyncio.get_running_loop().create_task(self._supervise())
 
     async def _supervise(self) -> None:
-        pause_s = FIRST_LOOK_S
+        pause_s = FIRST_CHECK_S
         while True:
             await asyncio.sleep(pause_s)
             silent = {listener.topic.name: listener for listener in self._known if not listener.received}
@@ -148,11 +148,11 @@ class SubscriptionWatchdog:
             listener.encoding = "back"
             self._back_since_s[listener.topic.name] = loop.time()
             self._resubscribe(listener, other_encoding=True)
-            loop.call_later(FIRST_LOOK_S, self._settle, listener)
+            loop.call_later(FIRST_CHECK_S, self._settle, listener)
         elif listener.encoding == "back":
             usual = "cbor" if listener.topic.compression == "cbor" else "json"
             waited_s = loop.time() - self._back_since_s[listener.topic.name]
-            if self._ros.factory.traffic.encoding_of(listener.topic.name) == usual or waited_s > _STILL_UNDER_WAY_S:
+            if self._ros.factory.traffic.encoding_of(listener.topic.name) == usual or waited_s > _IN_FLIGHT_S:
                 listener.encoding, listener.received = "usual", True
         else:
             listener.received = True
@@ -166,7 +166,7 @@ class SubscriptionWatchdog:
             return
         name = listener.topic.name
         [before] = _ENCODINGS.keys() - {encoding}
-        self._tell(
+        self._report(
             Problem(
                 now_ns(),
                 "info",

@@ -77,7 +77,7 @@ from caris_desktop.ros.message_fields import MessageError
 
 logger = logging.getLogger(__name__)
 
-_STANDING = {"subscribe", "advertise", "advertise_service"}
+_REPEATED = {"subscribe", "advertise", "advertise_service"}
 _ENDING = {"unsubscribe": "subscribe", "unadvertise": "advertise", "unadvertise_service": "advertise_service"}
 _JSON_PUBLISH = re.compile(rb'"op"\s*:\s*"publish"')
 _JSON_TOPIC = re.compile(rb'"topic"\s*:\s*"([^"\\]+)"')
@@ -263,7 +263,7 @@ class RosbridgeFactory:
         self._silent = False
         self._stopping = False
         self._listeners: dict[str, list[Callback]] = {}
-        self._standing: dict[str, Operation] = {}
+        self._repeated: dict[str, Operation] = {}
         self._retired: set[str] = set()
         self._established: set[str] = set()
         self._every_message: set[str] = set()
@@ -345,18 +345,18 @@ class RosbridgeFactory:
         """
         operation = dict(message)
         op = operation.get("op")
-        if op in _STANDING:
+        if op in _REPEATED:
             key = _key_of(operation)
             if key in self._retired or key in self._established:
                 # A stock Topic repeats itself a second after a disconnection; we were faster.
                 return self.is_connected
-            self._standing[key] = operation
+            self._repeated[key] = operation
             if op == "subscribe":
                 self.traffic.listens(operation["topic"], str(operation.get("type", "")))
             return self._establish(key, operation)
         if op in _ENDING:
             key = _key_of({**operation, "op": _ENDING[op]})
-            self._standing.pop(key, None)
+            self._repeated.pop(key, None)
             self._established.discard(key)
             if "id" in operation:
                 self._retired.add(key)
@@ -391,14 +391,14 @@ class RosbridgeFactory:
         return any(sent)
 
     def _subscribed(self, topic: str) -> bool:
-        standing = self._standing.values()
-        return any(operation["op"] == "subscribe" and operation["topic"] == topic for operation in standing)
+        repeated = self._repeated.values()
+        return any(operation["op"] == "subscribe" and operation["topic"] == topic for operation in repeated)
 
     def on_connect_send(self, topic: str, words: Callback) -> None:
         """On each connection, advertise ``topic`` and call ``words`` before anything else."""
         self._first_topic, self._say_first = topic, words
 
-    def ask_for_every_message(self, topic: str) -> None:
+    def request_every_message(self, topic: str) -> None:
         """Deliver every message of this topic instead of the newest only."""
         self._every_message.add(topic)
 
@@ -422,17 +422,17 @@ class RosbridgeFactory:
         """
         if other_encoding:
             self._in_other_encoding ^= {topic}
-        standing = [
+        repeated = [
             (key, operation)
-            for key, operation in self._standing.items()
+            for key, operation in self._repeated.items()
             if operation["op"] == "subscribe" and operation["topic"] == topic
         ]
-        for _, operation in standing:
+        for _, operation in repeated:
             if leave_first and (protocol := self._protocol_for(operation)) is not None:
                 protocol.send_operation({"op": "unsubscribe", "id": operation.get("id"), "topic": topic})
-        for key, operation in standing:
+        for key, operation in repeated:
             self._establish(key, operation)
-        return self._encoding_of(standing[0][1]) if standing else ""
+        return self._encoding_of(repeated[0][1]) if repeated else ""
 
     def binary_worked(self) -> None:
         self._binary_failures = -1
@@ -446,7 +446,7 @@ class RosbridgeFactory:
             return
         logger.warning("The robot's binary messages cannot be read; asking for JSON instead")
         self._cbor_works = False
-        for key, operation in self._standing.items():
+        for key, operation in self._repeated.items():
             if operation.get("compression") == "cbor" and (protocol := self._protocol_for(operation)) is not None:
                 protocol.send_operation({"op": "unsubscribe", "id": operation["id"], "topic": operation["topic"]})
                 self._establish(key, operation)
@@ -490,7 +490,7 @@ class RosbridgeFactory:
                     delay_s = self.timings.first_retry_s
             else:
                 for socket in sockets:
-                    socket.take_protocol()
+                    socket.pop_protocol()
                     socket.abort(QT_TR_NOOP("the other connection was lost"))
             at_once, self._at_once = self._at_once, False
             await asyncio.sleep(0.0 if at_once else delay_s)
@@ -511,13 +511,13 @@ class RosbridgeFactory:
     def _begin(self) -> None:
         self._established.clear()
         self._silent = False
-        standing = list(self._standing.items())
+        repeated = list(self._repeated.items())
         if self._say_first is not None:
-            for key, operation in standing:
+            for key, operation in repeated:
                 if operation["op"] == "advertise" and operation["topic"] == self._first_topic:
                     self._establish(key, operation)
             self.run_safely(self._say_first)
-        for key, operation in standing:
+        for key, operation in repeated:
             if key not in self._established:
                 self._establish(key, operation)
         self.emit("ready", self.protocol)
@@ -675,12 +675,12 @@ class RosbridgeFactory:
         if self._handling:
             self.manager.loop.call_soon(self._handle_next)
 
-    def take_overtaken(self) -> Counter[str]:
+    def pop_overtaken(self) -> Counter[str]:
         """Messages per topic replaced by newer ones before handling, since the last call."""
         overtaken, self._overtaken = self._overtaken, Counter()
         return overtaken
 
-    def take_publish(self, topic: str, message: Any, *, binary: bool) -> None:
+    def queue_publish(self, topic: str, message: Any, *, binary: bool) -> None:
         """Dispatch a decoded message."""
         if self._handled is not None and self._handled.topic != topic:
             # Its topic was not in the first bytes, or it came in fragments.
@@ -715,12 +715,12 @@ class RosbridgeFactory:
             return
         if self._stopping and self._protocols() != [protocol]:
             # Data sent over the others still arrives.
-            socket.take_protocol()
+            socket.pop_protocol()
             protocol.fail_everything(NoAnswer(QT_TR_NOOP("the connection to the robot was lost")))
         elif self._is_main(socket) or protocol.has_goal() or self._stopping:
             self._link_lost(socket, protocol, reason)
         else:
-            socket.take_protocol()
+            socket.pop_protocol()
             self._forget_socket(socket)
             # Often the first of a link that is lost as a whole, which is then reported.
             lost = NoAnswer(QT_TR_NOOP("the connection to the robot was lost"))
@@ -742,7 +742,7 @@ class RosbridgeFactory:
         questions, self._questions = self._questions, None
         others = [socket for socket in (self._main, self._motion) if socket is not None and socket is not ended]
         for socket in (ended, *others, *calls, *([questions] if questions is not None else [])):
-            over = socket.take_protocol()
+            over = socket.pop_protocol()
             if over is not None and socket in others:
                 over.wire.give_up(reason)
             elif over is not None and socket is not ended:
@@ -751,13 +751,13 @@ class RosbridgeFactory:
         wires = [*self._left_open, *(each.wire for each in protocols)]
         self._left_open = [wire for wire in wires if wire.left_open]
         self._established.clear()
-        why = NoAnswer(QT_TR_NOOP("the connection to the robot was lost"))
+        no_answer = NoAnswer(QT_TR_NOOP("the connection to the robot was lost"))
         for each in protocols:
-            each.fail_everything(why)
+            each.fail_everything(no_answer)
         for socket in (*calls, *([questions] if questions is not None else [])):
             waiting, socket.waiting = socket.waiting, []
             for unsent in waiting:
-                self.run_safely(unsent.fail, why)
+                self.run_safely(unsent.fail, no_answer)
         self.emit("close", protocol)
         self.run_safely(self._observer.link_lost, reason)
         if self._lost is not None and not self._lost.done():
@@ -974,7 +974,7 @@ class RosbridgeTopic(roslibpy.Topic):  # type: ignore[misc]  # roslibpy has no t
         )
         self._callback: Callback | None = None
         if every_message:
-            ros.factory.ask_for_every_message(name)
+            ros.factory.request_every_message(name)
         if motion:
             ros.factory.motion_topics.add(name)
 

@@ -175,9 +175,9 @@ class FragmentAssembler:
             return decode_json(text, max_bytes=self._max_bytes)
         if text is not None:
             with contextlib.suppress(ProtocolError):
-                whole = decode_json(text, max_bytes=self._max_bytes)
+                joined = decode_json(text, max_bytes=self._max_bytes)
                 self._drop(key)
-                return whole
+                return joined
         while self._held_bytes > self._max_bytes or len(self._pending) > _MAX_PENDING_MESSAGES:
             oldest = next(iter(self._pending))
             self._drop(oldest)

@@ -29,7 +29,7 @@ def walk(
         seconds = at_ms / 1000.0
         together.see(track, at_ms * MS)
         x_m, y_m = from_m[0] + mps[0] * seconds + off_m, from_m[1] + mps[1] * seconds
-        together.take_spot(track, Spot(at_ms * MS, x_m, y_m, spread_m))
+        together.add_spot(track, Spot(at_ms * MS, x_m, y_m, spread_m))
 
 
 def looks(track: tuple[str, int], vector: NDArray[np.float32], *, model: str = "osnet") -> PersonLooks:

@@ -307,7 +307,7 @@ def test_forgetting_is_for_good_and_who_still_stands_there_is_nobody_known(room:
     ada, bo = room.visit(ADA, BO, leaves=False)
     do(room, intents.NamePerson(ada, "Ada"))
     do(room, intents.NamePerson(bo, "Bo"))
-    room.presence.take_portrait(PersonPortrait(room.now_ns, "front", 1, b"\xff\xd8picture", 0.9))
+    room.presence.add_portrait(PersonPortrait(room.now_ns, "front", 1, b"\xff\xd8picture", 0.9))
     portrait = rows(room)[ada].portrait
     assert room.presence.portraits.get(portrait) == b"\xff\xd8picture"
     forgotten, came = do(room, intents.ForgetPerson(ada))
@@ -317,7 +317,7 @@ def test_forgetting_is_for_good_and_who_still_stands_there_is_nobody_known(room:
     assert ada not in rows(room)
     held = room.knowing.identities.held()
     room.see({1: ADA}, frames=5)
-    room.presence.take_portrait(PersonPortrait(room.now_ns, "front", 1, b"\xff\xd8picture", 0.95))
+    room.presence.add_portrait(PersonPortrait(room.now_ns, "front", 1, b"\xff\xd8picture", 0.95))
     assert rows(room)[came.person_id].portrait == ""
     assert room.knowing.identities.held() == held, "nothing about how they look is learned any more"
     (undone,) = do(room, intents.UndoPeople())
@@ -371,7 +371,7 @@ def test_ten_minutes_of_people_coming_and_going_leave_no_more_than_the_first_min
         for number in range(40, 50):
             room.visit(number, frames=8)
             track = room._track
-            room.presence.take_portrait(PersonPortrait(room.now_ns, "front", track, b"x", 0.9))
+            room.presence.add_portrait(PersonPortrait(room.now_ns, "front", track, b"x", 0.9))
         room.events.clear()
         sizes.append(held())
     assert max(size[0] for size in sizes[4:]) <= 1.1 * sizes[3][0]

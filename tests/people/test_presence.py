@@ -232,6 +232,6 @@ def test_of_whom_a_portrait_is_kept_follows_from_who_may_be_seen_in_pictures(
     presence.do(NoteConsent(first.person_id, "photo", given=True), 5 * FRAME_NS)
     presence.do(NoteConsent(second.person_id, "video", given=True), 5 * FRAME_NS)
     for track in (1, 2):
-        presence.take_portrait(PersonPortrait(5 * FRAME_NS, "front", track, b"jpeg", 0.9))
+        presence.add_portrait(PersonPortrait(5 * FRAME_NS, "front", track, b"jpeg", 0.9))
     assert [row.track for row in (first, second) if store.portrait(row.person_id)] == kept
     assert [row.track for row in presence.persons() if row.portrait] == kept

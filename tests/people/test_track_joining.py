@@ -20,7 +20,7 @@ def see(room: Room, tracks: dict[int, int], spots: dict[int, tuple[float, float]
         places = tuple(
             PersonPlace("", *spot, 0.2, "lidar", track=track) for track, spot in spots.items() if track in tracks
         )
-        room.events += room.presence.take_places(PeopleInMap(room.now_ns, places, camera="front"), Pose2D(0, 0, 0))
+        room.events += room.presence.add_places(PeopleInMap(room.now_ns, places, camera="front"), Pose2D(0, 0, 0))
 
 
 def turn_away(room: Room, seconds: float) -> None:

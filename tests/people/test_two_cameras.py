@@ -97,7 +97,7 @@ class Scene:
         placed = self.locator.locate(told, camera)
         assert placed is not None
         self.places_from[name] += len(placed.people)
-        self.happened += self.presence.take_places(placed, ROBOT)
+        self.happened += self.presence.add_places(placed, ROBOT)
 
     def count(self, kind: type) -> int:
         return sum(isinstance(event, kind) for event in self.happened)
@@ -146,7 +146,7 @@ def test_two_people_who_cross_are_two_rows_all_the_time() -> None:
 def test_who_was_two_people_for_want_of_places_becomes_one(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = Scene(PresenceTracker(), lambda seconds: (4.0, 2.2) if seconds < 5.0 else (3.0, 2.2))
     with monkeypatch.context() as blind:
-        blind.setattr("caris_desktop.people.multi_camera_tracks.CrossCameraMatcher.take_spot", lambda *_: None)
+        blind.setattr("caris_desktop.people.multi_camera_tracks.CrossCameraMatcher.add_spot", lambda *_: None)
         assert len(scene.play(3.0)) == 2
     (row,) = scene.play(2.0)
     assert set(row.cameras) == {"front", "desk"}

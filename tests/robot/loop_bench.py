@@ -162,7 +162,7 @@ class LoopBench:
         self.outbox = outbox
 
     def send(self, *orders: link_commands.RobotCommand) -> None:
-        self.link.take_commands(list(orders))
+        self.link.process_commands(list(orders))
 
     def of(self, kind: type[V]) -> list[V]:
         return self.outbox.of(kind)

@@ -22,7 +22,7 @@ def ask(clock: ClockOffset, session_ns: int, *, there_ms: float, back_ms: float,
     read_ns = session_ns + int(there_ms * MS)
     answered_ns = read_ns + int(back_ms * MS)
     robot_ns = clock_ahead(read_ns, drift=drift, jump_ns=jump_ns)
-    clock.add_exchange(asked_ns=session_ns, answered_ns=answered_ns, robot_ns=robot_ns)
+    clock.add_exchange(sent_ns=session_ns, answered_ns=answered_ns, robot_ns=robot_ns)
     return answered_ns
 
 
@@ -116,7 +116,7 @@ def test_a_simulation_that_stands_still_stays_within_what_is_stated() -> None:
         at_ns = tick * 100 * MS
         # The clock stops at five seconds.
         robot_ns = min(at_ns, 5 * S)
-        clock.add_exchange(asked_ns=at_ns, answered_ns=at_ns + 20 * MS, robot_ns=robot_ns)
+        clock.add_exchange(sent_ns=at_ns, answered_ns=at_ns + 20 * MS, robot_ns=robot_ns)
         estimate = clock.at(at_ns + 20 * MS)
         assert estimate is not None
         assert abs(estimate.offset_ns - (robot_ns - at_ns - 20 * MS)) <= estimate.uncertainty_ns + 20 * MS
@@ -124,4 +124,4 @@ def test_a_simulation_that_stands_still_stays_within_what_is_stated() -> None:
 
 def test_an_answer_before_its_question_is_a_mistake_of_the_caller() -> None:
     with pytest.raises(ValueError, match="after its question"):
-        ClockOffset().add_exchange(asked_ns=2, answered_ns=1, robot_ns=0)
+        ClockOffset().add_exchange(sent_ns=2, answered_ns=1, robot_ns=0)

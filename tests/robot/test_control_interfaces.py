@@ -337,7 +337,7 @@ def test_an_action_that_nobody_offers_is_given_up(monkeypatch: pytest.MonkeyPatc
 
 
 def test_without_a_link_every_use_fails_and_none_comes_later(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(control_interfaces, "FATE_TOLD_WITHIN_S", 0.3)
+    monkeypatch.setattr(control_interfaces, "FATE_WITHIN_S", 0.3)
 
     async def test(bench: LoopBench) -> None:
         bench.send(use("wave", True, "under way"))

@@ -63,7 +63,7 @@ def wall_beside(distance_m: float) -> Callable[[NDArray[np.float64]], NDArray[np
 def guard_with(profile: RobotProfile = PROFILE, *scans: LaserScan) -> ObstacleGuard:
     guard = ObstacleGuard(profile)
     for each in scans or (scan(),):
-        guard.take_scan(each)
+        guard.add_scan(each)
     return guard
 
 
@@ -197,7 +197,7 @@ def test_legs_get_more_room_than_the_end_of_a_wall() -> None:
 def test_the_way_of_a_late_network_is_added() -> None:
     guard = guard_with(PROFILE, scan(wall_ahead(0.25 + 0.35)))
     before = guard.limit(AHEAD, T).fraction
-    guard.take_round_trip(0.3)
+    guard.add_round_trip(0.3)
     assert guard.limit(AHEAD, T).fraction < 0.7 * before
 
 
@@ -211,7 +211,7 @@ def test_without_a_lidar_in_the_profile_there_is_no_guard() -> None:
 def test_without_a_fresh_scan_speed_is_capped_at_thirty_percent_of_the_robots_own() -> None:
     guard = ObstacleGuard(PROFILE)
     assert guard.limit(AHEAD, T).state == "blind"
-    guard.take_scan(scan())
+    guard.add_scan(scan())
     assert guard.limit(AHEAD, T + 0.45).state == "clear"
     late = guard.limit(AHEAD, T + 0.6)
     assert (late.state, late.fraction) == ("blind", pytest.approx(0.3))
@@ -244,10 +244,10 @@ def test_overridden_it_lets_everything_pass_but_not_fast_without_scans() -> None
 
 def test_what_the_robot_moved_since_the_scan_counts() -> None:
     guard = ObstacleGuard(PROFILE)
-    guard.take_odometry(odometry(T, Pose2D(5.0, 1.0, 0.0), Twist2D(0.5)))
-    guard.take_scan(scan(wall_ahead(0.8)))
+    guard.add_odometry(odometry(T, Pose2D(5.0, 1.0, 0.0), Twist2D(0.5)))
+    guard.add_scan(scan(wall_ahead(0.8)))
     before = guard.limit(AHEAD, T)
-    guard.take_odometry(odometry(T + 0.3, Pose2D(5.15, 1.0, 0.0), Twist2D(0.5)))
+    guard.add_odometry(odometry(T + 0.3, Pose2D(5.15, 1.0, 0.0), Twist2D(0.5)))
     after = guard.limit(AHEAD, T + 0.4)
     assert before.distance_m == pytest.approx(0.55, abs=0.01)
     assert after.distance_m == pytest.approx(0.35, abs=0.01), "0.15 m told, and 0.05 m since"
@@ -255,10 +255,10 @@ def test_what_the_robot_moved_since_the_scan_counts() -> None:
 
 def test_odometry_that_waited_for_its_turn_is_carried_on_from_when_it_arrived() -> None:
     guard = ObstacleGuard(PROFILE)
-    guard.take_odometry(odometry(T, Pose2D(0.0, 0.0, 0.0), Twist2D(0.5)))
-    guard.take_scan(scan(wall_ahead(0.8)))
+    guard.add_odometry(odometry(T, Pose2D(0.0, 0.0, 0.0), Twist2D(0.5)))
+    guard.add_scan(scan(wall_ahead(0.8)))
     guard.limit(AHEAD, T + 0.3)
-    guard.take_odometry(odometry(T + 0.2, Pose2D(0.1, 0.0, 0.0), Twist2D(0.5)))
+    guard.add_odometry(odometry(T + 0.2, Pose2D(0.1, 0.0, 0.0), Twist2D(0.5)))
     assert guard.limit(AHEAD, T + 0.3).distance_m == pytest.approx(0.4, abs=0.01)
 
 
@@ -274,9 +274,9 @@ def test_a_late_scan_is_placed_where_the_robot_was_when_it_was_taken() -> None:
     for step in range(5):
         pose = Pose2D(0.05 * step, 0.0, 0.0)
         at_s = T + 0.1 * step
-        guard.take_odometry(Odometry(round(at_s * 1e9), robot_ns + step * 100_000_000, pose, Twist2D(0.5)))
+        guard.add_odometry(Odometry(round(at_s * 1e9), robot_ns + step * 100_000_000, pose, Twist2D(0.5)))
     late = replace(scan(wall_ahead(0.8), at_s=T + 0.4), robot_stamp_ns=robot_ns + 100_000_000)
-    guard.take_scan(late)
+    guard.add_scan(late)
     assert guard.limit(AHEAD, T + 0.4).distance_m == pytest.approx(0.55 - 0.15, abs=0.01)
 
 
@@ -319,13 +319,13 @@ def _turned_about(*, wall_m: float) -> tuple[ObstacleGuard, float]:
     guard = ObstacleGuard(PROFILE)
     for step in range(31):
         at_s, heading = T + 0.1 * step, math.pi * step / 30
-        guard.take_odometry(odometry(at_s, Pose2D(0.0, 0.0, heading), TURN if step < 30 else ZERO_TWIST))
+        guard.add_odometry(odometry(at_s, Pose2D(0.0, 0.0, heading), TURN if step < 30 else ZERO_TWIST))
 
         def sees(angles: NDArray[np.float64], heading: float = heading) -> NDArray[np.float64]:
             towards = np.cos(angles + heading)
             return np.where(towards > 0.05, wall_m / np.maximum(towards, 0.05), np.inf)
 
-        guard.take_scan(scan(sees, at_s=at_s, field_rad=math.pi))
+        guard.add_scan(scan(sees, at_s=at_s, field_rad=math.pi))
     return guard, T + 3.0
 
 
@@ -337,8 +337,8 @@ def test_what_went_out_of_view_is_remembered_for_a_while() -> None:
     later_s = now_s + MEMORY_S
     for step in range(int(MEMORY_S * 10) + 1):
         for each in (guard, free):
-            each.take_odometry(odometry(now_s + 0.1 * step, Pose2D(0.0, 0.0, math.pi)))
-            each.take_scan(_front_scan(now_s + 0.1 * step))
+            each.add_odometry(odometry(now_s + 0.1 * step, Pose2D(0.0, 0.0, math.pi)))
+            each.add_scan(_front_scan(now_s + 0.1 * step))
     assert guard.limit(BACK, later_s).state == "blind", "not for ever"
     assert free.limit(BACK, later_s).state == "blind"
 
@@ -352,8 +352,8 @@ def test_a_lidar_with_gaps_between_its_sectors_crawls_only_until_it_has_seen_the
     states = []
     for step in range(60):
         at_s, x_m = T + 0.1 * step, 0.01 * step
-        guard.take_odometry(odometry(at_s, Pose2D(x_m, 0.0, 0.0), Twist2D(0.1)))
-        guard.take_scan(scan(three_sectors, at_s=at_s))
+        guard.add_odometry(odometry(at_s, Pose2D(x_m, 0.0, 0.0), Twist2D(0.1)))
+        guard.add_scan(scan(three_sectors, at_s=at_s))
         states.append(guard.limit(AHEAD, at_s).state)
     assert states[0] == "blind"
     assert states[-1] == "clear"
@@ -371,9 +371,9 @@ def test_what_is_too_near_to_be_measured_is_not_gone() -> None:
 
 def test_a_robot_that_was_set_elsewhere_knows_nothing_of_the_old_place() -> None:
     guard = ObstacleGuard(PROFILE)
-    guard.take_odometry(odometry(T, Pose2D(0.0, 0.0, 0.0)))
-    guard.take_scan(scan(wall_ahead(0.3)))
-    guard.take_odometry(odometry(T + 0.1, Pose2D(9.0, 0.0, 0.0)))
+    guard.add_odometry(odometry(T, Pose2D(0.0, 0.0, 0.0)))
+    guard.add_scan(scan(wall_ahead(0.3)))
+    guard.add_odometry(odometry(T + 0.1, Pose2D(9.0, 0.0, 0.0)))
     assert guard.limit(AHEAD, T + 0.1).state != "blocked"
 
 
@@ -385,14 +385,14 @@ def test_the_robots_own_parts_are_known_after_a_second_or_some_way() -> None:
     guard = guard_with(PROFILE, scan(post))
     assert guard.limit(BACK, T).fraction == 0.0, "it might be something that is stuck there"
     for step in range(1, 12):
-        guard.take_scan(scan(post, at_s=T + 0.1 * step))
+        guard.add_scan(scan(post, at_s=T + 0.1 * step))
     assert guard.limit(BACK, T + 1.1).fraction == 1.0
 
     near_the_edge = {180.0: 0.23}
     guard = ObstacleGuard(PROFILE)
     for step in range(40):
-        guard.take_odometry(odometry(T + 0.1 * step, Pose2D(0.02 * step, 0.0, 0.0)))
-        guard.take_scan(scan(near_the_edge, at_s=T + 0.1 * step))
+        guard.add_odometry(odometry(T + 0.1 * step, Pose2D(0.02 * step, 0.0, 0.0)))
+        guard.add_scan(scan(near_the_edge, at_s=T + 0.1 * step))
         if step == 12:
             assert guard.limit(BACK, T + 1.2).fraction == 0.0, "an obstacle can be that deep, by the noise"
     assert guard.limit(BACK, T + 3.9).fraction == 1.0, "but none drives along"
@@ -401,7 +401,7 @@ def test_the_robots_own_parts_are_known_after_a_second_or_some_way() -> None:
 def test_something_that_is_pushed_into_the_robot_is_not_its_own() -> None:
     guard = ObstacleGuard(PROFILE)
     for step in range(30):
-        guard.take_scan(scan({0.0: 0.24 - 0.004 * (step % 10)}, at_s=T + 0.1 * step))
+        guard.add_scan(scan({0.0: 0.24 - 0.004 * (step % 10)}, at_s=T + 0.1 * step))
     assert guard.limit(AHEAD, T + 2.9).fraction == 0.0
 
 
@@ -440,7 +440,7 @@ def test_a_scan_costs_little() -> None:
 
         def watch(guard: ObstacleGuard = guard) -> None:
             for each in cluttered:
-                guard.take_scan(each)
+                guard.add_scan(each)
                 guard.limit(Twist2D(0.5, 0.0, 0.7), each.stamp_ns / 1e9)
 
         cost = in_yardsticks(watch) / len(cluttered)

@@ -125,9 +125,9 @@ class GuardedRobot:
         while self._late and self._late[0][0] <= self.now_s + 1e-9:
             value = replace(self._late.pop(0)[1], stamp_ns=round(self.now_s * 1e9))
             if isinstance(value, Odometry):
-                self.guard.take_odometry(value)
+                self.guard.add_odometry(value)
             else:
-                self.guard.take_scan(value)
+                self.guard.add_scan(value)
                 self.lease.reconsider(self.now_s)
         pose, radius_m = self.state.pose_in_map, self.base_model.radius_m
         people_m = [math.hypot(pose.x_m - x, pose.y_m - y) - r for x, y, r in self.bodies(self.now_s).tolist()]
@@ -287,7 +287,7 @@ def test_a_network_that_takes_300_ms_each_way_makes_it_slower_and_not_bolder() -
     gaps_m = []
     for number, pose in enumerate(free_poses(6, seed=9)):
         robot = GuardedRobot(pose, delay_s=0.3, seed=number).wait(0.8)
-        robot.guard.take_round_trip(0.6)
+        robot.guard.add_round_trip(0.6)
         robot.push((Twist2D(0.5), Twist2D(0.5, 0.0, 0.8), Twist2D(-0.3))[number % 3], 5.0)
         assert robot.state.collisions == 0
         gaps_m.append(min(robot.gaps_m))

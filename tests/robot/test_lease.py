@@ -99,8 +99,8 @@ def test_150_ms_without_renewal_end_in_zero_at_once_for_half_a_second_and_then_s
     assert zeros[-1][0] == pytest.approx(zeros[0][0] + ZERO_REPEAT_S, abs=0.001)
     assert len(zeros) == 11
     assert bench.lease.due_s() == math.inf
-    assert bench.lease.take_expired()
-    assert not bench.lease.take_expired()
+    assert bench.lease.pop_expired()
+    assert not bench.lease.pop_expired()
 
 
 def test_release_is_zero_at_once_and_not_ramped() -> None:

@@ -39,32 +39,32 @@ def test_a_circle_of_frames_ends() -> None:
 
 def test_transforms_win_over_the_pose_topic_while_they_come() -> None:
     tracker = PoseTracker(TransformFrames())
-    tracker.take_transforms([Transform("map", "odom", Pose2D(1.0, 0.0, 0.0), 7)], stamp_ns=STEP_NS, static=False)
-    pose = tracker.take_transforms(
+    tracker.add_transforms([Transform("map", "odom", Pose2D(1.0, 0.0, 0.0), 7)], stamp_ns=STEP_NS, static=False)
+    pose = tracker.add_transforms(
         [Transform("odom", "base_link", Pose2D(2.0, 0.0, 0.0), 9)], stamp_ns=2 * STEP_NS, static=False
     )
     assert pose == RobotPose(2 * STEP_NS, 9, Pose2D(3.0, 0.0, 0.0))
-    assert tracker.take_pose(RobotPose(3 * STEP_NS, None, Pose2D(50.0, 0.0, 0.0))) is None
+    assert tracker.add_pose(RobotPose(3 * STEP_NS, None, Pose2D(50.0, 0.0, 0.0))) is None
     late = RobotPose(20 * STEP_NS, None, Pose2D(50.0, 0.0, 0.0))
-    assert tracker.take_pose(late) == late
+    assert tracker.add_pose(late) == late
 
 
 def test_odometry_carries_a_rare_pose_on() -> None:
     tracker = PoseTracker(TransformFrames())
-    assert tracker.take_odometry(odometry(1, 10.0)) is None
+    assert tracker.add_odometry(odometry(1, 10.0)) is None
     told = RobotPose(2 * STEP_NS, None, Pose2D(1.0, 1.0, 0.0))
-    assert tracker.take_pose(told) == told
-    carried = tracker.take_odometry(odometry(3, 10.5))
+    assert tracker.add_pose(told) == told
+    carried = tracker.add_odometry(odometry(3, 10.5))
     assert carried is not None
     assert carried.pose_in_map == Pose2D(1.5, 1.0, 0.0)
 
 
 def test_after_a_lost_link_nothing_old_is_carried_on() -> None:
     tracker = PoseTracker(TransformFrames())
-    tracker.take_odometry(odometry(1, 10.0))
-    tracker.take_pose(RobotPose(2 * STEP_NS, None, Pose2D(1.0, 1.0, 0.0)))
+    tracker.add_odometry(odometry(1, 10.0))
+    tracker.add_pose(RobotPose(2 * STEP_NS, None, Pose2D(1.0, 1.0, 0.0)))
     tracker.forget()
-    assert tracker.take_odometry(odometry(3, 10.5)) is None
+    assert tracker.add_odometry(odometry(3, 10.5)) is None
 
 
 def moving(stamps_and_headings: dict[int, float], *, child: str = "base_link") -> list[Transform]:
@@ -137,10 +137,10 @@ def test_a_frame_that_changes_its_parent_forgets_where_it_was() -> None:
 def test_a_slow_localizer_is_joined_with_the_odometry_of_its_own_moment() -> None:
     tracker = PoseTracker(TransformFrames())
     for at in range(1, 11):
-        tracker.take_odometry(Odometry(at * STEP_NS, at * STEP_NS, Pose2D(float(at), 0.0, 0.0), Twist2D()))
+        tracker.add_odometry(Odometry(at * STEP_NS, at * STEP_NS, Pose2D(float(at), 0.0, 0.0), Twist2D()))
     # Received now, with a stamp of half a second ago.
-    tracker.take_pose(RobotPose(10 * STEP_NS, 5 * STEP_NS, Pose2D(0.0, 50.0, 0.0)))
-    carried = tracker.take_odometry(Odometry(11 * STEP_NS, 11 * STEP_NS, Pose2D(11.0, 0.0, 0.0), Twist2D()))
+    tracker.add_pose(RobotPose(10 * STEP_NS, 5 * STEP_NS, Pose2D(0.0, 50.0, 0.0)))
+    carried = tracker.add_odometry(Odometry(11 * STEP_NS, 11 * STEP_NS, Pose2D(11.0, 0.0, 0.0), Twist2D()))
     assert carried is not None
     assert carried.pose_in_map == Pose2D(6.0, 50.0, 0.0)
     then = tracker.map_from_base(robot_stamp_ns=7 * STEP_NS + STEP_NS // 2, now_ns=11 * STEP_NS)
@@ -150,7 +150,7 @@ def test_a_slow_localizer_is_joined_with_the_odometry_of_its_own_moment() -> Non
 
 def test_names_of_frames_may_have_an_old_leading_slash() -> None:
     tracker = PoseTracker(TransformFrames(map="/map", odom="/odom", base="/base_link"))
-    told = tracker.take_transforms(
+    told = tracker.add_transforms(
         [Transform("map", "base_link", Pose2D(1.0, 0.0, 0.0), 9)], stamp_ns=STEP_NS, static=False
     )
     assert told is not None
@@ -170,7 +170,7 @@ def test_the_pose_goes_on_when_the_robot_s_clock_is_set_back(step_s: float) -> N
             Transform("map", "odom", Pose2D(0.0, 0.0, 0.0), stamp_ns),
             Transform("odom", "base_link", Pose2D(0.015 * step, 0.0, 0.0), stamp_ns),
         ]
-        pose = tracker.take_transforms(told, stamp_ns=step * STEP_NS, static=False)
+        pose = tracker.add_transforms(told, stamp_ns=step * STEP_NS, static=False)
         shown_m[step] = pose.pose_in_map.x_m if pose else math.nan
         scanned = tracker.map_from_base(robot_stamp_ns=stamp_ns, now_ns=step * STEP_NS)
         scanned_m[step] = scanned.x_m if scanned else math.nan

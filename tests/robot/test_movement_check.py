@@ -53,7 +53,7 @@ class Base:
                     round(self.now_s * 1e9), None, self.pose if poses else Pose2D(0.0, 0.0, 0.0),
                     twist if speeds else ZERO_TWIST,
                 )  # fmt: skip
-                self.check.take_odometry(told)
+                self.check.add_odometry(told)
             state = self.check.state(self.now_s)
             if not self.states or self.states[-1] != state:
                 self.states.append(state)

@@ -52,7 +52,7 @@ def test_how_a_goal_ended_is_told_by_its_status_when_the_link_is_back(number: in
 
 
 def test_a_robot_that_does_not_tell_how_a_goal_ended_may_still_be_moving(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(navigation_client, "FATE_TOLD_WITHIN_S", 0.4)
+    monkeypatch.setattr(navigation_client, "FATE_WITHIN_S", 0.4)
 
     async def test(bench: LoopBench) -> None:
         await under_way_when_the_link_is_lost(bench)

@@ -81,7 +81,7 @@ def test_a_link_that_is_lost_in_mid_sentence_does_not_hold_the_voice(
     monkeypatch: pytest.MonkeyPatch, *, answers_at_end: bool, told_again: bool
 ) -> None:
     # Long enough for a reconnect where the robot reports the end, short otherwise.
-    monkeypatch.setattr(robot_speech_choice, "FATE_TOLD_WITHIN_S", 20.0 if told_again else 0.05)
+    monkeypatch.setattr(robot_speech_choice, "FATE_WITHIN_S", 20.0 if told_again else 0.05)
 
     async def test(bench: LoopBench) -> None:
         bench.send(Say(now_ns(), "u1", "A long story"))

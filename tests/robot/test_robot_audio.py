@@ -22,7 +22,7 @@ ROBOT = RobotProfile("test", "Test", audio=EAR)
 
 async def listening(bench: LoopBench) -> dict[str, Any]:
     assert bench.bridge.operations("subscribe", "/audio") == [], "nobody has asked for it"
-    bench.link.take_commands([link_commands.ListenToRobot(1, on=True)])
+    bench.link.process_commands([link_commands.ListenToRobot(1, on=True)])
     [subscribed] = await bench.until(lambda: bench.bridge.operations("subscribe", "/audio"), "the subscription")
     return subscribed
 
@@ -42,7 +42,7 @@ def test_what_the_robot_hears_arrives_in_either_encoding_while_it_is_listened_to
             assert (chunk.source, chunk.sample_rate_hz, chunk.samples.shape) == ("robot microphone", 16000, (1600, 1))
             assert np.array_equal(chunk.samples[:, 0], TONE)
         assert second.stamp_ns - first.stamp_ns == pytest.approx(100_000_000, abs=2_000_000), "one follows the other"
-        bench.link.take_commands([link_commands.ListenToRobot(2, on=False)])
+        bench.link.process_commands([link_commands.ListenToRobot(2, on=False)])
         await bench.until(lambda: bench.bridge.operations("unsubscribe", "/audio"), "the end of the subscription")
 
     with_link(ROBOT, test, media=True)
@@ -133,7 +133,7 @@ def test_a_stamp_of_the_robot_is_the_moment_of_the_first_sample() -> None:
 
 def test_what_the_wizard_says_goes_to_the_robots_loudspeaker_now_or_never() -> None:
     async def test(bench: LoopBench) -> None:
-        bench.link.take_commands([link_commands.PlayOnRobot(1, TONE[:, None])])
+        bench.link.process_commands([link_commands.PlayOnRobot(1, TONE[:, None])])
         [message] = await bench.until(lambda: bench.bridge.published("/speaker"), "the sound")
         assert base64.b64decode(message["data"]) == TONE.tobytes()
         [told] = bench.bridge.operations("advertise", "/speaker")

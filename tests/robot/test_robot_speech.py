@@ -130,7 +130,7 @@ def test_what_became_of_a_sentence_while_the_link_was_lost_is_told_by_its_status
 
 
 def test_a_sentence_of_which_nobody_tells_afterwards_has_failed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(robot_speech, "FATE_TOLD_WITHIN_S", 0.4)
+    monkeypatch.setattr(robot_speech, "FATE_WITHIN_S", 0.4)
 
     async def test(bench: LoopBench) -> None:
         bench.send(Say(now_ns(), "u1", "Hello"))
@@ -150,7 +150,7 @@ def test_silence_that_finds_no_link_is_kept_for_the_robot() -> None:
         [first] = await goal_ids(bench, 1)
         await bench.bridge.drop()
         await bench.until(lambda: bench.state == "lost", "the loss")
-        bench.link.take_commands([Silence(now_ns())])
+        bench.link.process_commands([Silence(now_ns())])
         [cancel] = await bench.until(lambda: bench.bridge.published("/tts/cancel"), "the cancellation")
         assert cancel["id"] == first
         await bench.until(lambda: states(bench) == [("u1", "interrupted")], "interrupted")

@@ -88,7 +88,7 @@ def test_each_topic_is_asked_for_in_an_encoding_that_its_type_can_be_sent_in(ros
 def test_a_silent_topic_is_asked_for_in_the_other_encoding_and_that_is_told_when_it_helps(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(subscription_watchdog, "FIRST_LOOK_S", 0.1)
+    monkeypatch.setattr(subscription_watchdog, "FIRST_CHECK_S", 0.1)
 
     def prepare(bridge: Bridge) -> None:
         bridge.answers.update(PUBLISHED)
@@ -122,7 +122,7 @@ def test_a_silent_topic_is_asked_for_in_the_other_encoding_and_that_is_told_when
 
 
 def test_a_robot_that_was_only_slow_keeps_the_encoding_that_is_usual(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subscription_watchdog, "FIRST_LOOK_S", 0.5)
+    monkeypatch.setattr(subscription_watchdog, "FIRST_CHECK_S", 0.5)
 
     def prepare(bridge: Bridge) -> None:
         bridge.answers.update(PUBLISHED)
@@ -146,7 +146,7 @@ def test_a_robot_that_was_only_slow_keeps_the_encoding_that_is_usual(monkeypatch
 
 
 def test_a_topic_that_comes_stays_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subscription_watchdog, "FIRST_LOOK_S", 0.1)
+    monkeypatch.setattr(subscription_watchdog, "FIRST_CHECK_S", 0.1)
     looked: list[str] = []
 
     def prepare(bridge: Bridge) -> None:
@@ -172,7 +172,7 @@ def test_a_topic_that_comes_stays_as_it_is(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_in_ros2_a_silent_topic_is_first_asked_for_anew_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subscription_watchdog, "FIRST_LOOK_S", 0.1)
+    monkeypatch.setattr(subscription_watchdog, "FIRST_CHECK_S", 0.1)
 
     def prepare(bridge: Bridge) -> None:
         bridge.answers.update(PUBLISHED)

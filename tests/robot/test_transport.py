@@ -321,8 +321,8 @@ def test_when_handling_lags_the_newest_of_each_topic_wins(bridge: BridgeDouble) 
             "what is worked on for long is the newest"
         )
         assert [message["data"] for message in every] == list(range(50))
-        assert ros.factory.take_overtaken() == {"/newest": 45, "/large": 49}
-        assert not ros.factory.take_overtaken(), "each is told once"
+        assert ros.factory.pop_overtaken() == {"/newest": 45, "/large": 49}
+        assert not ros.factory.pop_overtaken(), "each is told once"
 
     connected(bridge, use)
 

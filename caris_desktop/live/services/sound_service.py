@@ -252,7 +252,7 @@ class SoundService(Service):
         self._open_for = QTimer(self, singleShot=True, interval=_OPEN_FOR_MS)
         self._open_for.timeout.connect(microphones.close_wizards)
         self._deaf = QTimer(self, singleShot=True, interval=_DEAF_FOR_MS)
-        self._deaf.timeout.connect(self._hear_or_not)
+        self._deaf.timeout.connect(self._update_hearing)
         bus.tap(self._take, (AudioChunk,))
         state.wizard_microphone.changed.connect(self._on_microphone)
         state.robot.changed.connect(self._get_ready)
@@ -330,7 +330,7 @@ class SoundService(Service):
             rate_hz = robot.audio.rate_hz if robot is not None and robot.audio is not None else 16_000
             self._voice.begin(self._outlets(scenario), rate_hz, intent.actor)
         self._show(talking=intent.to)
-        self._hear_or_not()
+        self._update_hearing()
         self._open_for.stop()
         self._microphones.open_wizards()
 
@@ -356,7 +356,7 @@ class SoundService(Service):
             self._microphones.mute_wizards()
         self._show(talking="")
         self._open_for.start()
-        self._hear_or_not()
+        self._update_hearing()
 
     def _on_voice_over(self, detail: str) -> None:
         if self._state.sound.value.talking != "dictation":
@@ -372,7 +372,7 @@ class SoundService(Service):
                 tr("Type the text, or hold the key again when this has changed."),
                 cause=ANSWER,
             )
-        self._hear_or_not()
+        self._update_hearing()
 
     def _on_microphone(self, status: MicrophoneStatus) -> None:
         if status.state == "failed":
@@ -405,9 +405,9 @@ class SoundService(Service):
             self._hearing.begin(_HEARING, volume=self._state.sound.value.volume)
         else:
             self._hearing.end(at_once=True)
-        self._hear_or_not()
+        self._update_hearing()
 
-    def _hear_or_not(self) -> None:
+    def _update_hearing(self) -> None:
         status: SoundStatus = self._state.sound.value
         self._hears = status.hearing and status.talking != "robot" and not self._deaf.isActive()
 
