@@ -24,18 +24,18 @@ def reference_files() -> dict[Path, str]:
 
 
 def _section(title: str, parser: argparse.ArgumentParser) -> Iterator[str]:
-    needed = "".join(f" {_shown(action)}" for action in parser._actions if action.required)
+    needed = "".join(f" {_default_text(action)}" for action in parser._actions if action.required)
     yield f"## {title}\n\n{parser.description}\n\n    {parser.prog}{needed}\n"
     yield "| argument or option | meaning |\n| --- | --- |"
     for action in parser._actions:
         if not isinstance(action, argparse._HelpAction):
             meaning = (action.help or "") % {**vars(action), "prog": parser.prog}
             meaning = meaning.replace("|", r"\|")
-            yield f"| `{_shown(action)}` | {meaning} |"
+            yield f"| `{_default_text(action)}` | {meaning} |"
     yield ""
 
 
-def _shown(action: argparse.Action) -> str:
+def _default_text(action: argparse.Action) -> str:
     name = action.metavar if isinstance(action.metavar, str) else action.dest.upper()
     if not action.option_strings:
         return f"[{name} ...]" if action.nargs == "*" else name

@@ -22,7 +22,7 @@ from caris_desktop.app.lost_screen import end_with_screen, forget_screen
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_layouts import OwnLayoutFiles
 from caris_desktop.app.saved_settings import SavedSettings
-from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
+from caris_desktop.app.user_settings import bring_up_to_date, own_settings, retranslated_failure
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import ANSWER
 from caris_desktop.domain.failure import UserFacingError
@@ -75,7 +75,7 @@ class ConsoleRun:
         self.settings = SavedSettings(store)
         self._arguments = arguments
         # Without a visible window, nobody can be asked.
-        self._asks = robot is None
+        self._asks_robot = robot is None
         self._to_confirm: ConfirmationNeededError | None = None
         scenario, refused = self._scenario_to_start_with()
         study = composition.open_study(arguments.study)
@@ -219,7 +219,7 @@ class ConsoleRun:
     def report_settings(self) -> None:
         """Report settings of the last run that could not be loaded."""
         if self._settings_trouble is not None:
-            self._on_settings_failed(said_now(self._settings_trouble))
+            self._on_settings_failed(retranslated_failure(self._settings_trouble))
 
     def report_narrowed(self) -> None:
         """Report files that were open to other users of this computer."""
@@ -289,7 +289,7 @@ class ConsoleRun:
         try:
             reference = named or last_time
             accepted = self._arguments.accept_named
-            return composition.find_scenario(reference, accept_named=accepted, ask=self._asks), ""
+            return composition.find_scenario(reference, accept_named=accepted, ask=self._asks_robot), ""
         except ConfirmationNeededError as needed:
             self._to_confirm = needed
             return composition.find_scenario("tour-guide"), ""

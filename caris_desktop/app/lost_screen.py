@@ -18,8 +18,8 @@ _of_qt = logging.getLogger("qt")
 
 # On logout or shutdown, programs and their screen end in no particular order. Python runs signal handlers while it
 # sleeps, so that a termination signal is logged.
-_TOLD_WITHIN_S = 1.0
-_SAYS_SO = ("The X11 connection broke", "The Wayland connection broke")
+_MESSAGE_WITHIN_S = 1.0
+_MESSAGES = ("The X11 connection broke", "The Wayland connection broke")
 # A screen reader keeps querying parts that are already deleted, and answers late on a busy machine.
 _OF_SCREEN_READERS = (
     "Could not find accessible on path", "Received text event for invalid interface", "Subscription string",
@@ -49,13 +49,13 @@ def forget_screen() -> None:
 def _on_message(level: QtMsgType, _context: QMessageLogContext, message: str) -> None:
     usual = message.startswith(_OF_SCREEN_READERS)
     _of_qt.log(logging.DEBUG if usual else _LEVELS.get(level, logging.WARNING), "%s", message)
-    if message.startswith(_SAYS_SO):
+    if message.startswith(_MESSAGES):
         _end()
 
 
 def _end() -> None:
     _log.error("The screen is gone: the program ends, and the recorder finishes what is recorded.")
-    time.sleep(_TOLD_WITHIN_S)
+    time.sleep(_MESSAGE_WITHIN_S)
     logging.shutdown()
     os._exit(1)
 

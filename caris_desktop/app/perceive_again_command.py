@@ -212,7 +212,7 @@ def _layer(
         info, image_bgr = picture.info, picture.image_bgr
         height_px, width_px = image_bgr.shape[:2]
         while waiting is not None and waiting.stamp_ns <= info.stamp_ns + _AHEAD_NS:
-            turning.take(waiting)
+            turning.add(waiting)
             waiting = next(turns, None)
         ref = FrameRef(info.stamp_ns, info.robot_stamp_ns, camera, "", 0, number, width_px, height_px)
         direction = None if model is None else turning.direction(info.stamp_ns, on_head=model.on_head)

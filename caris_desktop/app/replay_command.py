@@ -26,7 +26,7 @@ from caris_desktop.app.console_command import check_screen
 from caris_desktop.app.lost_screen import end_with_screen, forget_screen
 from caris_desktop.app.qt_application import the_application
 from caris_desktop.app.saved_settings import SavedSettings
-from caris_desktop.app.user_settings import bring_up_to_date, own_settings, said_now
+from caris_desktop.app.user_settings import bring_up_to_date, own_settings, retranslated_failure
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
@@ -53,11 +53,11 @@ from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
-_LOOK_EVERY_S = 0.02
+_POLL_EVERY_S = 0.02
 _IMPORT_PREFIX = ".import-"
 _UNFINISHED_AFTER_S = 24 * 3600.0
 # Each jump requests these again, and parsing one takes longer than the window may freeze.
-_READ_TEXTS_KEPT = 64
+_MAX_TEXTS = 64
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -147,7 +147,7 @@ class ReplayRun:
         self._garbage = GarbageCollector(self.console)
         self.console.start()
         if self._settings_trouble is not None:
-            self._on_settings_failed(said_now(self._settings_trouble))
+            self._on_settings_failed(retranslated_failure(self._settings_trouble))
         if self._arguments.at_ns is not None:
             self.console.seek(self._arguments.at_ns)
         elif self._arguments.at is not None:
@@ -208,7 +208,7 @@ def _opened(folder: Path) -> Session:
         opened = background.submit(asyncio.to_thread(open_session, folder))
         while not opened.done():
             QApplication.processEvents()
-            time.sleep(_LOOK_EVERY_S)
+            time.sleep(_POLL_EVERY_S)
         return opened.result()
     finally:
         background.stop()
@@ -315,7 +315,7 @@ def _or_raise(read: T | ValueError) -> T:
     return read
 
 
-@functools.lru_cache(_READ_TEXTS_KEPT)
+@functools.lru_cache(_MAX_TEXTS)
 def _scenario_in(text: str, file_name: str) -> Scenario | ValueError:
     try:
         return parse_scenario(text, path=Path(file_name))
@@ -323,7 +323,7 @@ def _scenario_in(text: str, file_name: str) -> Scenario | ValueError:
         return ValueError(str(error))
 
 
-@functools.lru_cache(_READ_TEXTS_KEPT)
+@functools.lru_cache(_MAX_TEXTS)
 def _layout_in(text: str) -> LayoutNode | ValueError:
     try:
         return checked_layout(json.loads(text))
@@ -331,7 +331,7 @@ def _layout_in(text: str) -> LayoutNode | ValueError:
         return ValueError(str(error))
 
 
-@functools.lru_cache(_READ_TEXTS_KEPT)
+@functools.lru_cache(_MAX_TEXTS)
 def _robot_in(text: str, name: str) -> RobotProfile | ValueError:
     try:
         return parse_profile(text, file_name=f"{name}.yaml", name=name)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 _log = logging.getLogger(__name__)
 SAY, PREPARE, FAULT = "/simulator/say", "/simulator/prepare", "/simulator/fault"
 # Speech is synthesised first, which takes long on a busy computer.
-_TOLD_WITHIN_S = 60.0
+_TIMEOUT_S = 60.0
 
 
 async def call(address: str, service: str, arguments: Sequence[Mapping[str, str]]) -> None:
@@ -19,7 +19,7 @@ async def call(address: str, service: str, arguments: Sequence[Mapping[str, str]
     from websockets.exceptions import WebSocketException
 
     try:
-        async with asyncio.timeout(_TOLD_WITHIN_S), connect(address) as robot:
+        async with asyncio.timeout(_TIMEOUT_S), connect(address) as robot:
             for number, values in enumerate(arguments):
                 operation = {"op": "call_service", "id": f"{number}", "service": service, "args": dict(values)}
                 await robot.send(json.dumps(operation))

@@ -81,7 +81,7 @@ def bring_up_to_date(settings: QSettings) -> UserFacingError | None:
     return None
 
 
-def said_now(failure: UserFacingError) -> UserFacingError:
+def retranslated_failure(failure: UserFacingError) -> UserFacingError:
     """Result of ``bring_up_to_date`` in the language that the window meanwhile uses."""
     return UserFacingError(tr(failure.what), tr(failure.meaning), tr(failure.advice), severity=failure.severity)
 

@@ -77,9 +77,9 @@ def test_a_picture_meets_the_pose_and_head_of_its_own_moment() -> None:
     locator = PeopleLocator()
     for step in range(10):
         stamp_ns = step * 50_000_000
-        locator.take(scan_of((0.0, 2.0), stamp_ns=stamp_ns))
-        locator.take(RobotPose(stamp_ns, None, Pose2D(float(step), 0.0, 0.0)))
-        locator.take(HeadState(stamp_ns, None, math.pi / 2, 0.0))
+        locator.add(scan_of((0.0, 2.0), stamp_ns=stamp_ns))
+        locator.add(RobotPose(stamp_ns, None, Pose2D(float(step), 0.0, 0.0)))
+        locator.add(HeadState(stamp_ns, None, math.pi / 2, 0.0))
     camera = CameraModel(**{**_fields(CAMERA), "on_head": True})
     looking_left = camera.with_head_at(pan_rad=math.pi / 2, tilt_rad=0.0)
     people = seen((0.0, 2.0), camera=looking_left, stamp_ns=4 * 50_000_000)
@@ -91,8 +91,8 @@ def test_a_picture_meets_the_pose_and_head_of_its_own_moment() -> None:
 
 def test_without_a_scan_of_that_moment_nothing_is_said() -> None:
     locator = PeopleLocator()
-    locator.take(scan_of((2.0, 0.0)))
-    locator.take(RobotPose(0, None, Pose2D(0.0, 0.0, 0.0)))
+    locator.add(scan_of((2.0, 0.0)))
+    locator.add(RobotPose(0, None, Pose2D(0.0, 0.0, 0.0)))
     assert locator.locate(seen((2.0, 0.0), stamp_ns=1_000_000_000), CAMERA) is None
 
 
@@ -122,13 +122,13 @@ def test_a_camera_that_knows_depth_places_people_without_a_scan_and_before_one()
     near, far = (2.0, 0.6), (4.0, -0.9)
     people = seen(near, far)
     locator = PeopleLocator()
-    locator.take(RobotPose(0, None, Pose2D(1.0, 0.0, 0.0)))
+    locator.add(RobotPose(0, None, Pose2D(1.0, 0.0, 0.0)))
     assert locator.locate(people, CAMERA) is None
     # Distance from the camera to the front of a body, along its axis
-    locator.take(depth_of(people, CAMERA, 2.0 - 0.12, 4.0 - 0.12))
+    locator.add(depth_of(people, CAMERA, 2.0 - 0.12, 4.0 - 0.12))
     for scan in (None, scan_of((3.0, 0.9), (1.2, -0.27))):  # of other people in the same directions
         if scan is not None:
-            locator.take(scan)
+            locator.add(scan)
         places = locator.locate(people, CAMERA)
         assert places is not None
         assert [place.source for place in places.people] == ["depth", "depth"]
@@ -140,11 +140,11 @@ def test_a_camera_that_knows_depth_places_people_without_a_scan_and_before_one()
 def test_depth_of_another_moment_or_camera_or_too_far_away_says_nothing() -> None:
     people = seen((2.0, 0.0), stamp_ns=2_000_000_000)
     locator = PeopleLocator()
-    locator.take(RobotPose(2_000_000_000, None, Pose2D(0.0, 0.0, 0.0)))
-    locator.take(depth_of(people, CAMERA, 2.0, stamp_ns=1_000_000_000))
-    locator.take(replace(depth_of(people, CAMERA, 2.0, stamp_ns=2_000_000_000), camera="rear"))
+    locator.add(RobotPose(2_000_000_000, None, Pose2D(0.0, 0.0, 0.0)))
+    locator.add(depth_of(people, CAMERA, 2.0, stamp_ns=1_000_000_000))
+    locator.add(replace(depth_of(people, CAMERA, 2.0, stamp_ns=2_000_000_000), camera="rear"))
     assert locator.locate(people, CAMERA) is None
-    locator.take(depth_of(people, CAMERA, 9.0, stamp_ns=2_000_000_000))
+    locator.add(depth_of(people, CAMERA, 9.0, stamp_ns=2_000_000_000))
     places = locator.locate(people, CAMERA)
     assert places is not None and places.people == ()
 

@@ -78,8 +78,8 @@ class Scene:
             self.step += 1
             stamp_ns = self.step * 100 * MS
             people = [way(self.step / 10.0) for way in self.ways]
-            self.locator.take(scan_of(people, stamp_ns))
-            self.locator.take(RobotPose(stamp_ns, None, ROBOT))
+            self.locator.add(scan_of(people, stamp_ns))
+            self.locator.add(RobotPose(stamp_ns, None, ROBOT))
             name = "desk" if self.step % 3 == 0 else "front"
             if name in cameras:
                 self._look(name, DESK if name == "desk" else FRONT, people, stamp_ns)
@@ -179,8 +179,8 @@ def test_visitors_of_the_simulated_robot_stand_where_both_cameras_say() -> None:
         if step % 10 or not robot.people:
             continue
         stamp_ns = round(robot.now_s * 1e9)
-        locator.take(robot.scan(stamp_ns=stamp_ns))
-        locator.take(RobotPose(stamp_ns, None, robot.pose_in_map))
+        locator.add(robot.scan(stamp_ns=stamp_ns))
+        locator.add(RobotPose(stamp_ns, None, robot.pose_in_map))
         for name, camera, base in (("front", FRONT, robot.truth.pose_in_map), ("desk", desk, DESK_CAMERA_IN_MAP)):
             there = [(each.x_m, each.y_m) for each in robot.people]
             in_sight = [at for at in there if sees(base @ Pose2D(camera.x_m, camera.y_m, 0.0), *at)]

@@ -25,7 +25,7 @@ def looks(turns: CameraRotation, cameras: tuple[str, ...], *, seconds: int, star
         now_ns = start_ns + number * 100 * MS
         for camera in cameras:
             turns.offer(frame(camera, number), now_ns=now_ns)
-            ref = turns.take(now_ns=now_ns)
+            ref = turns.pop(now_ns=now_ns)
             if ref is not None:
                 looked[ref.camera] += 1
     return looked
@@ -34,10 +34,10 @@ def looks(turns: CameraRotation, cameras: tuple[str, ...], *, seconds: int, star
 def test_one_camera_gets_every_look_and_its_newest_picture() -> None:
     turns = CameraRotation()
     assert looks(turns, ("front",), seconds=2) == {"front": 20}
-    assert turns.take(now_ns=2000 * MS) is None
+    assert turns.pop(now_ns=2000 * MS) is None
     assert turns.offer(frame("front", 50), now_ns=2000 * MS), "a look is due"
     assert not turns.offer(frame("front", 51), now_ns=2001 * MS), "it is due already"
-    assert turns.take(now_ns=2002 * MS) == frame("front", 51)
+    assert turns.pop(now_ns=2002 * MS) == frame("front", 51)
 
 
 def test_two_cameras_make_no_more_work_than_one() -> None:
@@ -75,7 +75,7 @@ def test_a_slow_detector_sees_both_cameras() -> None:
         now_ns = number * 500 * MS
         for camera in ("front", "rear"):
             turns.offer(frame(camera, number), now_ns=now_ns)
-        ref = turns.take(now_ns=now_ns)
+        ref = turns.pop(now_ns=now_ns)
         assert ref is not None
         looked[ref.camera] += 1
     assert abs(looked["front"] - looked["rear"]) <= 1
@@ -94,10 +94,10 @@ def test_nobody_waits_for_a_camera_on_show_that_sends_nothing() -> None:
     turns = CameraRotation()
     turns.show("front")
     turns.offer(frame("front"), now_ns=0)
-    assert turns.take(now_ns=0) is not None
+    assert turns.pop(now_ns=0) is not None
     turns.offer(frame("rear"), now_ns=OTHERS_EVERY_NS)
-    assert turns.take(now_ns=OTHERS_EVERY_NS) is None, "its own next picture may come any moment"
-    assert turns.take(now_ns=SILENT_AFTER_NS) == frame("rear")
+    assert turns.pop(now_ns=OTHERS_EVERY_NS) is None, "its own next picture may come any moment"
+    assert turns.pop(now_ns=SILENT_AFTER_NS) == frame("rear")
 
 
 def test_what_is_forgotten_is_not_looked_at() -> None:
@@ -105,9 +105,9 @@ def test_what_is_forgotten_is_not_looked_at() -> None:
     turns.show("front")
     turns.offer(frame("front"), now_ns=0)
     turns.forget()
-    assert turns.take(now_ns=SILENT_AFTER_NS) is None
+    assert turns.pop(now_ns=SILENT_AFTER_NS) is None
     turns.offer(frame("head"), now_ns=SILENT_AFTER_NS)
-    assert turns.take(now_ns=SILENT_AFTER_NS) == frame("head")
+    assert turns.pop(now_ns=SILENT_AFTER_NS) == frame("head")
 
 
 def test_it_is_told_how_often_each_camera_is_looked_at() -> None:
@@ -117,7 +117,7 @@ def test_it_is_told_how_often_each_camera_is_looked_at() -> None:
         now_ns = number * 100 * MS
         for camera in ("front", "left", "right", "rear"):
             turns.offer(frame(camera, number), now_ns=now_ns)
-        ref = turns.take(now_ns=now_ns)
+        ref = turns.pop(now_ns=now_ns)
         if ref is not None:
             rates.note(ref.camera, now_ns=now_ns)
     told = rates.per_second(now_ns=9900 * MS)
