@@ -145,7 +145,7 @@ class DriveInputFilter(QObject):
         actions.use_letters(self._keys.letters(position_codes(sys.platform)))
         console.state.drive.changed.connect(self._on_drive_changed)
         console.state.event_happened.connect(self._on_event)
-        self._bindings.take(actions.all_specs)
+        self._bindings.use(actions.all_specs)
 
     def close(self) -> None:
         """Stop listening; all held input is released."""
@@ -218,11 +218,11 @@ class DriveInputFilter(QObject):
 
     def _on_rebound(self) -> None:
         self.release_all(QT_TR_NOOP("The key bindings were changed"))
-        self._bindings.take(self._actions.all_specs)
+        self._bindings.use(self._actions.all_specs)
 
     def _on_rebuilt(self) -> None:
         self.release_all(QT_TR_NOOP("The scenario was changed"))
-        self._bindings.take(self._actions.all_specs)
+        self._bindings.use(self._actions.all_specs)
         self._update_key_owner()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:

@@ -34,7 +34,7 @@ class KeyBindings:
         self._bare_marks: dict[tuple[int, int], str] = {}
         self._function_keys: dict[int, str] = {}
 
-    def take(self, specs: Iterable[ActionSpec]) -> None:
+    def use(self, specs: Iterable[ActionSpec]) -> None:
         """Replace all bindings by these rows of the table."""
         for keys in (self._bare, self._chords, self._marks, self._bare_marks, self._function_keys):
             keys.clear()

@@ -477,7 +477,7 @@ class MainWindow(PanelWindow, QWidget):
     def _on_event(self, event: object) -> None:
         # In a replay, recorded problems are history.
         if isinstance(event, Problem) and self._replay is None:
-            self._problems.take(event)
+            self._problems.add(event)
 
     def changeEvent(self, event: QEvent) -> None:
         super().changeEvent(event)

@@ -76,7 +76,7 @@ class ProblemCards(InSight):
         card.installEventFilter(self)
         self._on_laid_out()
 
-    def take(self, problem: Problem) -> None:
+    def add(self, problem: Problem) -> None:
         """Show a refusal, unless an alarm already gives the reason."""
         if problem.cause == ANSWER and cause_among(problem, self._state.alarms.value) is None:
             self.show_problem(problem)

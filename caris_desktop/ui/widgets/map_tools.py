@@ -82,7 +82,7 @@ class MapTools(QObject):
         """Toggle the goal tool; False if there is none."""
         if not self.may_go or self._tools["goal"].isHidden():
             return False
-        self.take("look" if self._view.map_state.tool == "goal" else "goal")
+        self.use("look" if self._view.map_state.tool == "goal" else "goal")
         return True
 
     def _make_tools(self) -> dict[Tool, ActionButton]:
@@ -100,7 +100,7 @@ class MapTools(QObject):
         return tools
 
     def _tool_taker(self, tool: str) -> object:
-        return lambda checked=False: self.take(tool if checked else "look")  # type: ignore[arg-type]
+        return lambda checked=False: self.use(tool if checked else "look")  # type: ignore[arg-type]
 
     def arrange(self) -> None:
         """Arrange the tools along the left edge, horizontally in a low panel."""
@@ -114,7 +114,7 @@ class MapTools(QObject):
             left, top = (left, top + 34) if upright else (left + size.width() + 4, top)
         self._view.left_px = 44 if upright and self._tools else 0
 
-    def take(self, tool: Tool, *, at: QPointF | None = None) -> None:
+    def use(self, tool: Tool, *, at: QPointF | None = None) -> None:
         self._moving = None
         self._card.hide()
         self._name.hide()
@@ -184,10 +184,10 @@ class MapTools(QObject):
             target = Pose2D(at.x(), at.y(), self._view.heading_towards(at))
             if self.can_navigate():
                 choices.append(("map_go_here", tr("Go here"), "navigation-arrow", lambda: self._go_to_point(target)))
-                choices.append(("map_go_heading", tr("Choose heading"), "compass", lambda: self.take("goal", at=at)))
-            choices.append(("map_add_place", tr("Add place"), "flag", lambda: self.take("place", at=at)))
+                choices.append(("map_go_heading", tr("Choose heading"), "compass", lambda: self.use("goal", at=at)))
+            choices.append(("map_add_place", tr("Add place"), "flag", lambda: self.use("place", at=at)))
             if self._can_set_pose():
-                choices.append(("map_robot_here", tr("Robot is here"), "map-pin", lambda: self.take("pose", at=at)))
+                choices.append(("map_robot_here", tr("Robot is here"), "map-pin", lambda: self.use("pose", at=at)))
         self._card.offer(where, line, choices, per_row=2 if self.can_navigate() else 1)
         self._view.show_mark(at)
 
@@ -214,7 +214,7 @@ class MapTools(QObject):
         self.changed.emit()
 
     def _begin_moving(self, name: str) -> None:
-        self.take("place")
+        self.use("place")
         self._moving = name
         self._on_tool_changed("place")
 
