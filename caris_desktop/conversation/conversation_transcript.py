@@ -64,7 +64,7 @@ class Transcript:
     def add(self, event: UtteranceReport) -> None:
         turn_id = event.utterance_id
         if isinstance(event, UtteranceCorrected):
-            self._corrections.add(event)
+            self._corrections.take(event)
         else:
             known = self._recognized.get(turn_id)
             self._recognized[turn_id] = _first(event) if known is None else _next(known, event)

@@ -56,7 +56,7 @@ class _Making:
         self._listener: tuple[StreamingBuffer, OnPart] | None = None
 
     @property
-    def is_playing(self) -> bool:
+    def playing(self) -> bool:
         return self._listener is not None
 
     def play(self, sound: StreamingBuffer, on_part: OnPart) -> None:
@@ -103,7 +103,7 @@ class Rendering:
         """
         with self._changed:
             making = self._making
-            if making is not None and making.text == text and not (making.is_playing or making.stop.is_set):
+            if making is not None and making.text == text and not (making.playing or making.stop.is_set):
                 making.play(sound, on_part)
                 return
             self._pending = _Making(text)
@@ -116,7 +116,7 @@ class Rendering:
         """Cancel the requested text."""
         with self._changed:
             self._pending = None
-            if self._making is not None and self._making.is_playing:
+            if self._making is not None and self._making.playing:
                 self._making.stop.set()
 
     def draft(self, text: str) -> None:
@@ -126,12 +126,7 @@ class Rendering:
         with self._changed:
             self._draft = "" if self._cache.get(text) is not None else text
             making = self._making
-            if (
-                making is not None
-                and not making.is_playing
-                and making.text != text
-                and (self._draft or making.is_draft)
-            ):
+            if making is not None and not making.playing and making.text != text and (self._draft or making.is_draft):
                 making.stop.set()
             self._changed.notify()
 
@@ -171,12 +166,12 @@ class Rendering:
                     continue
                 making = self._next()
                 cached = self._cache.get(making.text)
-                if cached is not None and not making.is_playing:
+                if cached is not None and not making.playing:
                     continue
                 self._making = making
             begun_s = time.monotonic()
             self._make(making, cached)
-            if not (making.is_draft or making.is_playing):
+            if not (making.is_draft or making.playing):
                 # Not urgent: leave half of the processor time to others.
                 with self._changed:
                     if not (self._ended or self._pending or self._draft):

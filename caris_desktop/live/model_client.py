@@ -417,7 +417,7 @@ def _exchange(request: _Request, response: _Response, outcome: LlmOutcome, detai
         messages=request.recorded,
         answer="".join(response.pieces).strip(),
         outcome=outcome,
-        requested_ns=request.requested_ns,
+        asked_ns=request.requested_ns,
         first_token_ns=response.first_token_ns,
         parameters=parameters,
         detail=detail,

@@ -13,7 +13,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 
-OnMessage = Callable[[Any], None]
+Sink = Callable[[Any], None]
 Reads = Callable[[Any, bytes], None]
 
 
@@ -34,12 +34,7 @@ class ProcessManager(QObject):
         self._closed = True
 
     def new(
-        self,
-        body: ProcessSpec,
-        *,
-        ended: Callable[[ChildProcess], None],
-        on_message: OnMessage,
-        reads: Reads | None = None,
+        self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], on_message: Sink, reads: Reads | None = None
     ) -> ChildProcess:
         """Create a child without starting it.
 
@@ -58,12 +53,7 @@ class ProcessManager(QObject):
         return child
 
     def start(
-        self,
-        body: ProcessSpec,
-        *,
-        ended: Callable[[ChildProcess], None],
-        on_message: OnMessage,
-        reads: Reads | None = None,
+        self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], on_message: Sink, reads: Reads | None = None
     ) -> ChildProcess:
         """Create and start a child."""
         child = self.new(body, ended=ended, on_message=on_message, reads=reads)
@@ -92,7 +82,7 @@ class ProcessManager(QObject):
             thread.join()
         self._ends.clear()
 
-    def pass_on(self, on_message: OnMessage, value: Any, raw: bytes) -> None:
+    def pass_on(self, on_message: Sink, value: Any, raw: bytes) -> None:
         """Deliver a child's message to the bus, or to ``on_message`` in the GUI thread. Any thread."""
         if type(value) in BY_TYPE:
             self._bus.publish(localize_problem(value) if isinstance(value, Problem) else value, raw)

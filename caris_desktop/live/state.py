@@ -72,7 +72,7 @@ class PresentClock:
     """
 
     now_ns: Callable[[], int] = clock.now_ns
-    anchor: ClockAnchor = field(default_factory=ClockAnchor.add)
+    anchor: ClockAnchor = field(default_factory=ClockAnchor.take)
     live: bool = True
 
 
@@ -193,7 +193,7 @@ class LiveState(QObject):
     :meth:`frame_of`, :meth:`people_of` and :meth:`state_of` are streams per camera, with their own age. ``own_cameras``
     are those of this computer, a CameraModel or None by name, and ``camera_state`` their state. ``named_person`` is the
     id of the person being named. ``selected_person`` is the id of the selected person, empty for none; ``asked_person``
-    is the suggestion that keys answer, an IdentityQuestion or None, and ``person_history`` the last lookup, a PersonHistory
+    is the IdentityQuestion that keys answer, or None, and ``person_history`` the last lookup, a PersonHistory
     or None. ``everybody`` (tuple of PersonRow) includes former and known people; ``portraits`` maps the keys in their
     rows to images. ``transcript`` (tuple of Turn) is that of the session, in a replay all of it. ``assistant_setup`` is
     an AssistantSetup, ``going_on`` a CrashRecoveryStatus, ``practice`` a PracticeStatus, ``health`` the Health of each

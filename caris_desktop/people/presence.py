@@ -686,7 +686,7 @@ class UtteranceHistory:
 
     def correct(self, event: UtteranceCorrected, visit_of: Callable[[str], str]) -> None:
         """Apply a correction. ``visit_of`` returns the visit of a person."""
-        self._corrections.add(event)
+        self._corrections.take(event)
         entry, made = self._entries.get(event.utterance_id), self._corrections.of(event.utterance_id)
         if entry is None:
             return

@@ -40,7 +40,7 @@ REMEMBERED_S = 300.0
 # required margin to the second best; limit for waiting for a better view.
 _USUAL_DISTANCE, _SAME_PERSON, _SAME_MARGIN, _LIKELY_SAME = 0.3, 0.27, 0.06, 0.4
 _WAIT_FOR_VIEW_S = 0.5
-_COST_WEIGHT = 2.0
+_WEIGHT = 2.0
 _UNLIKE, _MISTAKEN_BY, _STRANGE = 0.3, 0.15, 0.38
 _MEMORY = 0.9
 _EMBED_EVERY_S = 0.5
@@ -355,8 +355,7 @@ def _pairs(
     if views is not None:
         embeddings = [views.of(box) for box in boxes]
         cost += [
-            [_COST_WEIGHT * (_apart(track.embedding, each) - _USUAL_DISTANCE) for each in embeddings]
-            for track in tracks
+            [_WEIGHT * (_apart(track.embedding, each) - _USUAL_DISTANCE) for each in embeddings] for track in tracks
         ]
     return [(tracks[row], boxes[column]) for row, column in assigned(cost, 1.0) if overlap[row, column] >= least]
 

@@ -29,7 +29,7 @@ from caris_desktop.domain.link_commands import UseControl
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.robot.action_client import FATE_WITHIN_S, FATE_UNKNOWN, ActionClient, make_action_client
+from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S, ActionClient, make_action_client
 from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes, TypeKind, coerce_to_definition
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
@@ -116,7 +116,7 @@ class _Goal:
 class _Server:
     """Action server used by controls, with our goals. A ``GoalListener``."""
 
-    report: Callable[[UseControl, RequestState, str], None]
+    emit: Callable[[UseControl, RequestState, str], None]
     client: ActionClient | None = None
     goals: dict[str, _Goal] = field(default_factory=dict)
     lost: tuple[str, ...] = ()
@@ -139,9 +139,7 @@ class _Server:
         goal = self.goals.pop(wire_id, None)
         if goal is not None:
             state: RequestState = "succeeded" if ending == "reached" else "failed"
-            self.report(
-                goal.command, state, detail or (QT_TR_NOOP("it was cancelled") if ending == "cancelled" else "")
-            )
+            self.emit(goal.command, state, detail or (QT_TR_NOOP("it was cancelled") if ending == "cancelled" else ""))
 
 
 class RobotControls:

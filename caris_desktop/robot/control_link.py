@@ -37,7 +37,7 @@ from caris_desktop.robot.movement_check import MovementCheck
 from caris_desktop.robot.navigation_client import Navigator
 from caris_desktop.robot.navigation_speed import NavigationSpeed
 from caris_desktop.robot.profile import RobotProfile, interface_names
-from caris_desktop.robot.robot_checks import missing_from, nothing_is_missing, problem_of_missing, list_inventory
+from caris_desktop.robot.robot_checks import list_inventory, missing_from, nothing_is_missing, problem_of_missing
 from caris_desktop.robot.robot_speech_choice import RobotSpeech
 from caris_desktop.robot.sensors import Sensors
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
@@ -141,7 +141,7 @@ class ControlLink:
             self._ros, self._dialect, profile.navigation, emit=self._put, in_background=self._in_background
         )
         self._voice = RobotSpeech(self._ros, self._dialect, profile.speech, emit=self._put)
-        self._watched = SubscriptionWatchdog(self._ros, self._dialect, tell=self._put)
+        self._watched = SubscriptionWatchdog(self._ros, self._dialect, report=self._put)
         self._head = RobotHead(self._ros, self._dialect, profile.head, self._watched, emit=self._put)
         self._controls = RobotControls(
             self._ros,
@@ -178,9 +178,9 @@ class ControlLink:
             self._measurement,
             self._watched,
             put=self._put,
-            scan_taken=self._process_scan,
-            odometry_taken=self._process_odometry,
-            pose_taken=self._process_pose,
+            on_scan=self._process_scan,
+            on_odometry=self._process_odometry,
+            on_pose=self._process_pose,
         )
 
     def start(self) -> None:
@@ -449,7 +449,7 @@ class ControlLink:
         self._commanded = twist
         if self._velocity.publish(message):
             self._unread.sent(self._loop.time(), moving=twist.moving)
-            self._handled.ask()
+            self._handled.request()
             self._guard.note_sent(twist, self._loop.time())
             self._movement.sent(twist, self._loop.time())
             self._sequence += 1

@@ -39,12 +39,12 @@ from caris_desktop.robot.robot_checks import (
     RobotInventory,
     actions_of,
     in_dialect,
+    list_inventory,
     map_services_of,
     named_in,
     picture_advice,
-    services_of,
-    list_inventory,
     rosapi_reply,
+    services_of,
 )
 from caris_desktop.robot.transport import MEDIA_SIZES, RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros import joint_messages, message_conversion, navigation_messages

@@ -223,7 +223,7 @@ class MediaLink:
         self._takes_updates = profile.map_updates is not None
         self._measuring: asyncio.Task[None] | None = None
         self._lenses: dict[str, CameraModel] = {}
-        self._watched = SubscriptionWatchdog(self._ros, dialect, tell=self._put)
+        self._watched = SubscriptionWatchdog(self._ros, dialect, report=self._put)
         self._raw_bytes: dict[str, tuple[int, int]] = {}
         self._advised: set[str] = set()
         for camera in profile.cameras:

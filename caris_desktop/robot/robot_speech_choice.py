@@ -15,7 +15,7 @@ from caris_desktop.domain.control_definitions import VALUE, fill_template
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.link_commands import Say
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.robot.action_client import FATE_WITHIN_S, FATE_UNKNOWN
+from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S
 from caris_desktop.robot.profile import SpeechInterface, SpeechService, SpeechWeb
 from caris_desktop.robot.robot_speech import (
     STARTED_UNTOLD_S,

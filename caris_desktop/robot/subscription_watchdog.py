@@ -48,7 +48,7 @@ class SubscriptionWatchdog:
     """Renews subscriptions that are silent although the robot has a publisher.
 
     Two causes are possible. rosbridge silently drops messages that it cannot encode as requested: the other encoding is
-    tried. If messages then arrive, the first is tried once more, since the robot may only have been slow, and ``report``
+    tried. If messages then arrive, the first is tried once more, as the robot may only have been slow, and ``report``
     gets a Problem if it was not. And ROS 2's rosbridge copies its quality of service from the publishers known at
     subscription: if too early, it is volatile, and a message published once before never arrives.
 

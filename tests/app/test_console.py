@@ -21,7 +21,7 @@ from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
 from caris_desktop.live.services.assistant_service import AssistantService
-from caris_desktop.live.services.cameras_service import OwnCamera, CameraSelection
+from caris_desktop.live.services.cameras_service import CameraSelection, OwnCamera
 from caris_desktop.live.services.robot_service import RobotConnection
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.presence import PersonRow

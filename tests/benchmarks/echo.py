@@ -289,7 +289,7 @@ def heard(scene: Scene, engine: LocalEngine, canceller: EchoCanceller, own_words
         canceller=canceller,
         robot_speech=own_words,
         turn_over=None if model is None else model.turn_over,
-        tell=tell,
+        report=tell,
     )
     to_play = list(scene.played)
     to_end: list[tuple[int, UtteranceChanged]] = []

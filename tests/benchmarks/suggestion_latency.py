@@ -185,7 +185,7 @@ def rounds_alone(sounds: Sequence[NDArray[np.int16]]) -> list[float]:
             while clock.now_ns() < until_ns:
                 match connection.recv() if connection.poll(0.005) else None:
                     case Hearing() as hearing:
-                        rounds.hear(hearing)
+                        rounds.add(hearing)
                     case UtteranceChanged(speaker="participant") as utterance:
                         rounds.on_participant(utterance, clock.now_ns())
                 rounds.pass_time(clock.now_ns())

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from caris_desktop.conversation.listening.echo import EchoCanceller
 from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
 from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
-from caris_desktop.conversation.listening.engine import RecognisedText
+from caris_desktop.conversation.listening.engine import Recognised
 from caris_desktop.conversation.listening.heard_turn import TurnInterval
 from caris_desktop.conversation.listening.local_engine import LocalEngine
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
@@ -117,9 +117,9 @@ class Participant:
             canceller=EchoCanceller(),
             robot_speech=RobotSpeechFilter(),
             turn_over=self._judge,
-            tell=self._on_reported,
+            report=self._on_reported,
         )
-        coming: tuple[float, TurnInterval, RecognisedText] | None = None
+        coming: tuple[float, TurnInterval, Recognised] | None = None
         for at in range(0, len(turn.sound), _CHUNK):
             # A chunk is available after its last sample.
             self._now_s = max(self._now_s, (at + _CHUNK) / RATE_HZ)
@@ -201,7 +201,7 @@ def main() -> None:
     for name, turns in made_turns(given.turns, given.seed, given.voice, HELD_OUT if given.held_out else SENTENCES):
         participant, own = Participant(engine, turn_model), Kept()
         for turn in turns:
-            participant.process(turn)
+            participant.hear(turn)
             for kept in (ours, own):
                 kept.add(turn, participant.ends)
             for silence_s, ends in silence_alone(turn, _SILENCES_S).items():

@@ -108,21 +108,21 @@ def test_a_portrait_is_made_once_a_second_at_most_and_only_of_a_better_view() ->
     portraits = PortraitTaker()
     image, _ = picture({50: RED})
 
-    def taken(stamp_s: float, quality: float) -> list[float]:
+    def extract(stamp_s: float, quality: float) -> list[float]:
         box = TrackedBox(1, 50.0, 150.0, 80.0, 250.0, 0.9, 0, quality)
         return [each.quality for each in portraits.extract(image, look(stamp_s).frame, [box])]
 
-    assert taken(0.0, 0.1) == []
-    assert taken(0.1, 0.4) == [0.4]
-    assert taken(0.5, 0.9) == []
-    assert taken(1.2, 0.9) == [0.9]
-    assert taken(2.5, 0.95) == []
+    assert extract(0.0, 0.1) == []
+    assert extract(0.1, 0.4) == [0.4]
+    assert extract(0.5, 0.9) == []
+    assert extract(1.2, 0.9) == [0.9]
+    assert extract(2.5, 0.95) == []
 
 
 def test_a_portrait_shows_who_it_is_of() -> None:
     image, _ = picture({50: RED})
     box = TrackedBox(7, 50.0, 150.0, 80.0, 250.0, 0.9, 0, 0.9)
-    (portrait,) = PortraitTaker().taken(image, look(3.0).frame, [box])
+    (portrait,) = PortraitTaker().extract(image, look(3.0).frame, [box])
     assert (portrait.track, portrait.camera, portrait.stamp_ns) == (7, "front", 3_000_000_000)
     shown = cv2.imdecode(np.frombuffer(portrait.jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert shown is not None

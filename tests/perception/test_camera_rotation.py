@@ -19,23 +19,23 @@ def test_between_two_values_and_never_across_the_full_turn() -> None:
     turning = CameraTurning()
     for step in range(10):
         turning.add(odometry(100 * step, math.remainder(3.0 + 0.1 * step, math.tau)))
-    assert turning.looked(250 * MS, on_head=False) == (pytest.approx(3.25), 0.0)
-    assert turning.looked(850 * MS, on_head=False) == (pytest.approx(3.85), 0.0)
-    assert turning.looked(1100 * MS, on_head=False) == (pytest.approx(3.9), 0.0), "the newest, for a while"
-    assert turning.looked(2100 * MS, on_head=False) is None
+    assert turning.direction(250 * MS, on_head=False) == (pytest.approx(3.25), 0.0)
+    assert turning.direction(850 * MS, on_head=False) == (pytest.approx(3.85), 0.0)
+    assert turning.direction(1100 * MS, on_head=False) == (pytest.approx(3.9), 0.0), "the newest, for a while"
+    assert turning.direction(2100 * MS, on_head=False) is None
 
 
 def test_a_head_turns_its_camera_and_no_other() -> None:
     turning = CameraTurning()
     turning.add(odometry(0, 1.0))
     turning.add(HeadState(0, None, 0.5, 0.2))
-    assert turning.looked(0, on_head=True) == (pytest.approx(1.5), pytest.approx(0.2))
-    assert turning.looked(0, on_head=False) == (pytest.approx(1.0), 0.0)
+    assert turning.direction(0, on_head=True) == (pytest.approx(1.5), pytest.approx(0.2))
+    assert turning.direction(0, on_head=False) == (pytest.approx(1.0), 0.0)
 
 
 def test_nothing_is_known_of_a_robot_that_tells_nothing() -> None:
     turning = CameraTurning()
-    assert turning.looked(0, on_head=True) is None
+    assert turning.direction(0, on_head=True) is None
     turning.add(odometry(0, 1.0))
     turning.forget()
-    assert turning.looked(0, on_head=False) is None
+    assert turning.direction(0, on_head=False) is None

@@ -102,7 +102,7 @@ def test_no_face_is_looked_at_unless_the_scenario_says_so(network: Path) -> None
     assert len(faces.extract(image, DetectionRequest(frame(), faces=True), [BOX], None)) == 1
     assert faces.extract(image, DetectionRequest(frame(9.0)), [BOX], None) == []
     assert (
-        StudyFaces(network.with_name("none.onnx")).taken(image, DetectionRequest(frame(), faces=True), [BOX], None)
+        StudyFaces(network.with_name("none.onnx")).extract(image, DetectionRequest(frame(), faces=True), [BOX], None)
         == []
     )
 

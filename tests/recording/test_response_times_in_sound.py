@@ -69,7 +69,7 @@ def listened(samples: NDArray[np.int16]) -> list[tuple[int, UtteranceChanged]]:
     for first in range(0, len(samples) - chunk, chunk):
         stamp_ns = at(first / RATE_HZ)
         bench.ear.process(AudioChunk(stamp_ns, ROBOT_MICROPHONE, RATE_HZ, samples[first : first + chunk, None]))
-        stretch = bench.ear.wanted(0.5)
+        stretch = bench.ear.next_interval(0.5)
         if stretch is not None:
             bench.ear.add_result(stretch, bench.answer(stretch))
         told += [(stamp_ns + 100_000_000, event) for event in bench.utterances[len(told) :]]

@@ -138,7 +138,7 @@ class FakeConsole:
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, Problem) and not self.is_replay:
-            self.alarms.take(event)
+            self.alarms.add(event)
 
     def dismiss_alarm(self, alarm_id: str) -> None:
         self.calls.append(("dismiss_alarm", alarm_id))

@@ -40,13 +40,13 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.live.status import (
     AssistantStatus,
+    DisplayedReply,
     DriveStatus,
     LevelsStatus,
     LinkStatus,
     PerceptionStatus,
     ProposalStatus,
     RecordingStatus,
-    DisplayedReply,
     SpeechStatus,
     SuggestionsStatus,
 )

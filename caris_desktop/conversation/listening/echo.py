@@ -203,7 +203,7 @@ class EchoCanceller:
         """What of the sound is missing, from one place to another."""
         self._reported_late_from: int | None = None
         self._caught_up_at = -_CATCHES_UP_EVERY
-        self._relearn_from: int | None = None
+        self._redo_from: int | None = None
         """From where on what was given is known better by now."""
         self._energies: dict[int, _Energies] = {}
 
@@ -312,7 +312,7 @@ class EchoCanceller:
             self._microphone = self._robot = np.zeros(0, np.float32)
             self._microphone_from = self._given_until = self._next_frame = 0
             self._frames[:] = 0
-            self._began = self._reported_late_from = self._may_sound_from = self._found = self._relearn_from = None
+            self._began = self._reported_late_from = self._may_sound_from = self._found = self._redo_from = None
             self._searched_at = -_HINDSIGHT
             self._lost = []
             self._caught_up_at = -_CATCHES_UP_EVERY
@@ -328,7 +328,7 @@ class EchoCanceller:
         self._microphone = self._robot = np.zeros(0, np.float32)
         self._microphone_from = self._given_until = self._next_frame = 0
         self._lost = []
-        self._reported_late_from, self._relearn_from, self._caught_up_at = None, None, -_CATCHES_UP_EVERY
+        self._reported_late_from, self._redo_from, self._caught_up_at = None, None, -_CATCHES_UP_EVERY
         self._energies = {at - later: energies for at, energies in self._energies.items() if at < later}
         self._last_played -= later
         self._searched_at -= later
@@ -487,7 +487,7 @@ class EchoCanceller:
     def _learn_again(self, start: int, until: int) -> None:
         """Relearn the frames from ``start`` up to ``until`` (exclusive)."""
         if start < self._given_until:
-            self._relearn_from = start if self._relearn_from is None else min(start, self._relearn_from)
+            self._redo_from = start if self._redo_from is None else min(start, self._redo_from)
         self._robot[start - self._microphone_from :] = 0
         self._recompute_from(start - HOP)
         for at in range(start, until, HOP):
@@ -501,12 +501,10 @@ class EchoCanceller:
 
     def _give(self, until: int) -> CleanSound:
         start, until = self._given_until, max(until, self._given_until)
-        again = (
-            _EMPTY if self._relearn_from is None else self._clean(max(self._relearn_from, self._microphone_from), start)
-        )
+        again = _EMPTY if self._redo_from is None else self._clean(max(self._redo_from, self._microphone_from), start)
         clean = self._clean(start, until)
         sound = CleanSound(self._base_ns + ns_of(start), clean, self._share(start, until) or 0.0, again)
-        self._given_until, self._relearn_from = until, None
+        self._given_until, self._redo_from = until, None
         old = (min(until, self._next_frame) - self._microphone_from - _HISTORY) // HOP * HOP
         if old > SAMPLE_RATE_HZ:
             self._microphone, self._robot = self._microphone[old:], self._robot[old:]

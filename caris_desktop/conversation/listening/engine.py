@@ -19,7 +19,7 @@ class EngineUnavailableError(UserFacingError):
 
 
 @dataclass(frozen=True, slots=True)
-class RecognisedText:
+class Recognised:
     """Transcript of an interval."""
 
     words: tuple[RecognisedWord, ...]
@@ -33,9 +33,7 @@ class Engine(Protocol):
     language: str
     every_s: float
 
-    def transcribe(
-        self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0
-    ) -> RecognisedText:
+    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> Recognised:
         """Transcribe ``sound``: 16 kHz, mono. ``before`` is the preceding text. ``careful``: possibly the final pass,
         worth more time. ``voice_s``: end of known voice in the sound. Raises EngineUnavailableError.
         """

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.engine import RecognisedText
+from caris_desktop.conversation.listening.engine import Recognised
 from caris_desktop.conversation.listening.hallucination_filter import within_voice, without_repetition
 from caris_desktop.conversation.listening.local_agreement import AgreedWords, RecognisedWord
 from caris_desktop.conversation.listening.turn_model import SECONDS as JUDGED_S
@@ -151,7 +151,7 @@ class TurnAudio:
         ended_s = (self.voice_ended_ns - self._sound_from_ns) / 1e9
         return TurnInterval(self.turn_id, self._sound_of(self._from_s), self._from_s, ended_s, before, at_pause)
 
-    def add_result(self, stretch: TurnInterval, recognised: RecognisedText | None) -> bool:
+    def add_result(self, stretch: TurnInterval, recognised: Recognised | None) -> bool:
         """Add a transcript; None if recognition failed. True if the words changed."""
         self.requested = False
         self._known_until_ns = self._requested_until_ns

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.engine import RecognisedText, NoEngineError
+from caris_desktop.conversation.listening.engine import NoEngineError, Recognised
 from caris_desktop.conversation.listening.hallucination_filter import is_nothing
 from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 from caris_desktop.conversation.listening.recogniser_files import OFFLINE_PACKAGE, find_recogniser
@@ -73,9 +73,7 @@ class LocalEngine:
             )
         self.transcribe(np.zeros(_RATE_HZ, np.float32), "", careful=False)  # warm-up: the first run is slower
 
-    def transcribe(
-        self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0
-    ) -> RecognisedText:
+    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> Recognised:
         """See Engine."""
         seconds = math.ceil(len(sound) / _RATE_HZ) + _SILENCE_BEHIND_S
         self._model.see_s = min(_WINDOW_MAX_S, max(_WINDOW_MIN_S, seconds))
@@ -101,7 +99,7 @@ class LocalEngine:
             for word in segment.words or ()
             if word.word.strip()
         ]
-        return RecognisedText(tuple(words), str(info.language))
+        return Recognised(tuple(words), str(info.language))
 
     def close(self) -> None:
         """See Engine."""

@@ -26,7 +26,7 @@ from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeech
 from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
 from caris_desktop.conversation.listening.turn_model import TurnModel
 from caris_desktop.conversation.listening.voice_activity import NoVoiceActivity, VoiceActivity
-from caris_desktop.conversation.listening.words_thread import RecognitionResult, WordsReady, WordsThread
+from caris_desktop.conversation.listening.words_thread import Recognition, WordsReady, WordsThread
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged
 from caris_desktop.domain.failure import UserFacingError
@@ -158,7 +158,7 @@ class _Recogniser:
             canceller=canceller,
             robot_speech=self._robot_speech,
             turn_over=None if self._turn_model is None else self._turn_model.turn_over,
-            tell=self._connection.send,
+            report=self._connection.send,
         )
 
     def _close_segmenters(self) -> None:
@@ -194,10 +194,10 @@ class _Recogniser:
                     self._connection.send(self._ready)
                 case NoEngineError() as failure:
                     self._fail(failure)
-                case RecognitionResult() as result:
+                case Recognition() as result:
                     self._process_result(result)
 
-    def _process_result(self, result: RecognitionResult) -> None:
+    def _process_result(self, result: Recognition) -> None:
         segmenter, self._transcribing = self._transcribing, None
         self._not_before_s = time.monotonic() + (_ROOM - 1) * result.took_s
         if result.away is not None and not self._away:

@@ -74,7 +74,7 @@ _SOUNDS = (
 
 
 @dataclass(frozen=True, slots=True)
-class _RobotUtterance:
+class _Utterance:
     utterance_id: str
     words: tuple[str, ...]
     started_ns: int
@@ -95,7 +95,7 @@ class RobotSpeechFilter:
     """The robot's utterances, from its events, and the words of them that one microphone heard."""
 
     def __init__(self) -> None:
-        self._sayings: deque[_RobotUtterance] = deque(maxlen=_MAX_UTTERANCES)
+        self._sayings: deque[_Utterance] = deque(maxlen=_MAX_UTTERANCES)
         self._late_s = 0.0
         """Last delay from reported to heard."""
         self._captured_until_ns = 0
@@ -109,9 +109,7 @@ class RobotSpeechFilter:
                 self._sayings.remove(known)
             return
         if known is None:
-            known = _RobotUtterance(
-                utterance.utterance_id, (), utterance.stamp_ns + _STARTS_AFTER_NS, None, exactly=False
-            )
+            known = _Utterance(utterance.utterance_id, (), utterance.stamp_ns + _STARTS_AFTER_NS, None, exactly=False)
             self._sayings.append(known)
         words = _words(utterance.text) or known.words
         exactly = not utterance.estimated
@@ -200,7 +198,7 @@ class RobotSpeechFilter:
         self,
         late_s: float,
         aligned: "_Aligned",
-        sayings: Sequence[_RobotUtterance],
+        sayings: Sequence[_Utterance],
         started_ns: int,
         echo_share: float | None,
     ) -> bool:
@@ -288,7 +286,7 @@ class RobotSpeechFilter:
         until_ns = rings_ns + round(self._late_s * 1e9)
         return any(saying.started_ns - rings_ns <= moment_ns <= saying.end_ns + until_ns for saying in self._sayings)
 
-    def _note_captured(self, saying: _RobotUtterance, places: frozenset[int], until_ns: int) -> None:
+    def _note_captured(self, saying: _Utterance, places: frozenset[int], until_ns: int) -> None:
         self._captured_until_ns = max(self._captured_until_ns, until_ns)
         now = replace(
             saying, captured=saying.captured | places, captured_until_ns=max(saying.captured_until_ns, until_ns)
@@ -330,7 +328,7 @@ class RobotSpeechFilter:
                 break
         return most
 
-    def _near(self, started_ns: int, ended_ns: int) -> list[_RobotUtterance]:
+    def _near(self, started_ns: int, ended_ns: int) -> list[_Utterance]:
         """Robot utterances around that interval, in order."""
         late_ns = (_WHOLE_LATE_S + self._late_s) * 1e9
         near = [
@@ -340,7 +338,7 @@ class RobotSpeechFilter:
         ]
         return sorted(near, key=lambda saying: saying.started_ns)
 
-    def _around(self, started_ns: int, ended_ns: int) -> list[list[_RobotUtterance]]:
+    def _around(self, started_ns: int, ended_ns: int) -> list[list[_Utterance]]:
         """The same: each alone, and all combined."""
         near = self._near(started_ns, ended_ns)
         return [[saying] for saying in near] + ([near] if len(near) > 1 else [])
@@ -377,7 +375,7 @@ def _without_loops(words: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _sounds_like(
-    transcribed: Sequence[str], spoken: Sequence[str], interval_ns: tuple[int, int], sayings: Sequence[_RobotUtterance]
+    transcribed: Sequence[str], spoken: Sequence[str], interval_ns: tuple[int, int], sayings: Sequence[_Utterance]
 ) -> float:
     """Phonetic similarity of a transcript to the robot's simultaneous words, 0 if too low. Recognisers that hear a
     robot badly produce similar-sounding words: "That's him, I've got the quest" for "That is a good question".
@@ -485,7 +483,7 @@ def _distance(one: str, other: str) -> int:
 
 
 def _late_s(
-    aligned: _Aligned, transcribed: Sequence[str], interval_ns: tuple[int, int], sayings: Sequence[_RobotUtterance]
+    aligned: _Aligned, transcribed: Sequence[str], interval_ns: tuple[int, int], sayings: Sequence[_Utterance]
 ) -> float:
     """Median delay of heard words relative to the robot's."""
     transcribed_at_s = _moments(transcribed, *interval_ns)

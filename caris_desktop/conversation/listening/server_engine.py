@@ -14,7 +14,7 @@ import httpx
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.engine import EngineUnavailableError, RecognisedText, NoEngineError
+from caris_desktop.conversation.listening.engine import EngineUnavailableError, NoEngineError, Recognised
 from caris_desktop.conversation.listening.hallucination_filter import is_nothing
 from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
@@ -78,9 +78,7 @@ class ServerEngine:
             self.close()
             raise NoEngineError(error.what, _NO_TEXT, error.advice) from error
 
-    def transcribe(
-        self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0
-    ) -> RecognisedText:
+    def transcribe(self, sound: NDArray[np.float32], before: str, *, careful: bool, voice_s: float = 0.0) -> Recognised:
         """See Engine."""
         fields = {"model": self._endpoint.model, "response_format": "verbose_json", "temperature": "0"}
         if self.language:
@@ -105,7 +103,7 @@ class ServerEngine:
         try:
             answer = parse_json(body)
             language = str(answer.get("language") or self.language)
-            return RecognisedText(tuple(_words(answer, len(sound) / _RATE_HZ, self.language or language)), language)
+            return Recognised(tuple(_words(answer, len(sound) / _RATE_HZ, self.language or language)), language)
         except (ValueError, TypeError, AttributeError, LookupError) as error:
             what = QT_TR_NOOP("The transcription server at {server} returned an invalid transcription.")
             raise self._away(what, QT_TR_NOOP("Correct listening.server.")) from error

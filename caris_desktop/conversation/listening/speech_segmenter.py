@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
 from caris_desktop.conversation.listening.endpointing import TurnTaking
-from caris_desktop.conversation.listening.engine import RecognisedText
+from caris_desktop.conversation.listening.engine import Recognised
 from caris_desktop.conversation.listening.heard_turn import TurnAudio, TurnInterval
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
 from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
@@ -200,7 +200,7 @@ class SpeechSegmenter:
                 return turn.ask(at_pause=False)
         return None
 
-    def add_result(self, stretch: TurnInterval, recognised: RecognisedText | None) -> None:
+    def add_result(self, stretch: TurnInterval, recognised: Recognised | None) -> None:
         """Add the transcript of an interval; None if recognition failed."""
         for turn in (*self._ending, self._turn):
             if turn is None or turn.turn_id != stretch.turn_id:

@@ -6,7 +6,7 @@ import queue
 import threading
 import time
 
-from caris_desktop.conversation.listening.engine import Engine, EngineUnavailableError, RecognisedText, NoEngineError
+from caris_desktop.conversation.listening.engine import Engine, EngineUnavailableError, NoEngineError, Recognised
 from caris_desktop.conversation.listening.heard_turn import TurnInterval
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.domain.value_class import dataclass
@@ -27,20 +27,20 @@ class WordsReady:
 
 
 @dataclass(frozen=True, slots=True)
-class RecognitionResult:
+class Recognition:
     """Result of an interval; ``text`` is None on failure, with ``away`` if the engine is unavailable."""
 
     stretch: TurnInterval
-    text: RecognisedText | None
+    text: Recognised | None
     took_s: float
     away: EngineUnavailableError | None = None
 
 
 class WordsThread:
-    """One interval at a time. ``news`` has WordsReady, or a final NoEngineError, and a RecognitionResult per request."""
+    """One interval at a time. ``news`` has WordsReady, or a final NoEngineError, and a Recognition per request."""
 
     def __init__(self, settings: RecogniserSettings) -> None:
-        self.news: queue.SimpleQueue[WordsReady | NoEngineError | RecognitionResult] = queue.SimpleQueue()
+        self.news: queue.SimpleQueue[WordsReady | NoEngineError | Recognition] = queue.SimpleQueue()
         self._requests: queue.SimpleQueue[TurnInterval | None] = queue.SimpleQueue()
         self._settings = settings
         self._thread = threading.Thread(target=self._run, name=WORDS_THREAD, daemon=True)
@@ -78,7 +78,7 @@ class WordsThread:
             away = error
         except Exception:
             _log.exception("%.1f s of sound could not be transcribed", len(stretch.sound) / 16_000)
-        self.news.put(RecognitionResult(stretch, text, time.monotonic() - began_s, away))
+        self.news.put(Recognition(stretch, text, time.monotonic() - began_s, away))
 
 
 def open_engine(settings: RecogniserSettings) -> Engine:

@@ -517,7 +517,7 @@ class Exchanges(QObject):
     # Model
 
     def use_endpoint(self, endpoint: ModelEndpoint, *, display_name: str, local_only: bool) -> None:
-        """Switch the model; ``display_name``: its display name. Pending questions end; existing answers remain usable."""
+        """Switch the model, shown as ``display_name``. Pending questions end; existing answers remain usable."""
         self._client.use(endpoint, display_name=display_name, local_only=local_only)
         self._show()
 

@@ -21,7 +21,7 @@ from caris_desktop.live.process_manager import ProcessManager
 from caris_desktop.live.service import Restarts, Service
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PerceptionStatus
-from caris_desktop.perception.cameras.camera_process import StreamSound, PlayVideo
+from caris_desktop.perception.cameras.camera_process import PlayVideo, StreamSound
 from caris_desktop.robot.profile import CameraTopic
 from caris_desktop.scenario.scenario_model import Scenario
 

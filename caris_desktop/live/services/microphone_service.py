@@ -240,7 +240,7 @@ class MicrophoneService(Service):
         """Open what is needed, after closing the rest: both share one status."""
         source = self.current if self._needs else "none"
         scenario, robot = self._scenario, self._state.robot.value
-        if scenario is not None and scenario.sound.source == "auto" and robot is None and not self.records:
+        if scenario is not None and scenario.sound.ear == "auto" and robot is None and not self.records:
             source = "none"  # the robot is not known yet
         if source != "computer":
             self._participant.close()

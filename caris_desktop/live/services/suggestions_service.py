@@ -37,7 +37,7 @@ from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.proposals_service import ProposalsService
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import LevelsStatus, DisplayedReply, SuggestionsStatus
+from caris_desktop.live.status import DisplayedReply, LevelsStatus, SuggestionsStatus
 from caris_desktop.live.template_values import current_place
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.assistance import levels_up_to

@@ -14,7 +14,7 @@ from caris_desktop.domain.sound_values import WIZARD_MICROPHONE, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import OpenGap, MicrophoneStatus, SoundStatus, SpeechStatus
+from caris_desktop.live.status import MicrophoneStatus, OpenGap, SoundStatus, SpeechStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.gestures import MOST_GESTURES
 from caris_desktop.scenario.phrases import phrase_groups, sentences

@@ -115,7 +115,7 @@ def test_a_server_without_verbose_json_is_asked_for_json_from_then_on(server: Se
     for _ in range(2):
         assert [word.text for word in asked.transcribe(SOUND, "", careful=True).words] == ["Where", "is", "the", "lab?"]
     assert [fields["response_format"] for fields in server.fields] == ["verbose_json", "json", "json"]
-    assert "json" in asked.asked_with
+    assert "json" in asked.request_form
 
 
 def test_fields_that_a_server_refuses_are_left_out(server: Server) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
 from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
 from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
-from caris_desktop.conversation.listening.engine import RecognisedText
+from caris_desktop.conversation.listening.engine import Recognised
 from caris_desktop.conversation.listening.heard_turn import TurnInterval
 from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
@@ -74,7 +74,7 @@ class Bench:
         self.told: list[Any] = []
         self.now_s = 10.0
         self.asked: list[TurnInterval] = []
-        self.answer: Callable[[TurnInterval], RecognisedText | None] = self.words
+        self.answer: Callable[[TurnInterval], Recognised | None] = self.words
         self.ear = SpeechSegmenter(
             source,
             TurnTaking(SilenceOfPeople(), SilenceBounds()),
@@ -82,17 +82,17 @@ class Bench:
             canceller=self.canceller,
             robot_speech=self.own_words,
             turn_over=lambda _sound: turn_over,
-            tell=self.told.append,
+            report=self.told.append,
         )
 
-    def words(self, stretch: TurnInterval) -> RecognisedText:
+    def words(self, stretch: TurnInterval) -> Recognised:
         loud = np.flatnonzero(np.abs(stretch.sound) > 0.1) / RATE_HZ
         if not len(loud):
-            return RecognisedText((), "en")
+            return Recognised((), "en")
         first = round(stretch.from_s * WORDS_A_SECOND)
         starts = loud[0] + np.arange(int((loud[-1] - loud[0]) * WORDS_A_SECOND)) / WORDS_A_SECOND
         words = [RecognisedWord(_word(first + at), start_s, start_s + 0.4, 0.8) for at, start_s in enumerate(starts)]
-        return RecognisedText(tuple(words), "en")
+        return Recognised(tuple(words), "en")
 
     def hear(self, seconds: float, level: int = 0, *, missing: bool = False) -> "Bench":
         until_s = self.now_s + seconds
@@ -214,7 +214,7 @@ ROBOT_SAYS = "Hello! Welcome to our lab."
 PARTICIPANT_SAYS = "Thank you. What is there to see?"
 
 
-def _said(sound: NDArray[np.float32], texts: dict[int, str]) -> RecognisedText:
+def _said(sound: NDArray[np.float32], texts: dict[int, str]) -> Recognised:
     """Words of each loud interval: its level selects the text."""
     words: list[RecognisedWord] = []
     for level, text in texts.items():
@@ -225,7 +225,7 @@ def _said(sound: NDArray[np.float32], texts: dict[int, str]) -> RecognisedText:
                 RecognisedWord(word, at[0] + number * each_s, at[0] + (number + 1) * each_s)
                 for number, word in enumerate(text.split())
             ]
-    return RecognisedText(tuple(words), "en")
+    return Recognised(tuple(words), "en")
 
 
 @pytest.mark.parametrize("between_s", [0.1, 1.2], ids=["at once", "after a pause"])
@@ -337,7 +337,7 @@ def test_what_turns_out_to_have_been_the_robot_is_not_listened_to_again(silent_s
 
 def test_sound_without_words_is_told_as_nothing() -> None:
     bench = Bench()
-    bench.answer = lambda _stretch: RecognisedText((), "en")
+    bench.answer = lambda _stretch: Recognised((), "en")
     bench.hear(1).say(1).hear(2)
     assert [each.state for each in bench.utterances] == ["started", "failed"]
 

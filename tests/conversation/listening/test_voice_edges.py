@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
 from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
-from caris_desktop.conversation.listening.engine import RecognisedText
+from caris_desktop.conversation.listening.engine import Recognised
 from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
 from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
@@ -70,7 +70,7 @@ def _heard(
     told: list[object] = []
     ear = SpeechSegmenter(
         ROBOT_MICROPHONE, TurnTaking(SilenceOfPeople(), SilenceBounds()), VoiceActivity(), canceller=Plain(),
-        robot_speech=own, turn_over=lambda _sound: 1.0, tell=told.append,
+        robot_speech=own, turn_over=lambda _sound: 1.0, report=told.append,
     )  # fmt: skip
     for at in range(0, len(samples), 1600):
         chunk = AudioChunk(_BEGAN_NS + at * 10**9 // RATE_HZ, ROBOT_MICROPHONE, RATE_HZ, samples[at : at + 1600, None])
@@ -86,7 +86,7 @@ def _heard(
                 if first_s < began_s + from_s + len(stretch.sound) / RATE_HZ and end_s > began_s + from_s
                 for n, word in enumerate(text.split())
             ]
-            ear.add_result(stretch, RecognisedText(tuple(words), "en"))
+            ear.add_result(stretch, Recognised(tuple(words), "en"))
     return told
 
 

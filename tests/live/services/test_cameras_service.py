@@ -17,7 +17,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
 from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.live.services import cameras_service
-from caris_desktop.live.services.cameras_service import CamerasService, OwnCamera, CameraSelection
+from caris_desktop.live.services.cameras_service import CameraSelection, CamerasService, OwnCamera
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.perception.cameras.camera_process import PlayVideo

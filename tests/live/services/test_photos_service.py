@@ -171,8 +171,8 @@ def test_when_the_session_ends_what_was_deleted_is_gone_and_the_rest_stays_as_it
 
 
 def test_photos_without_a_session_are_found_again_with_their_tags(bench: Bench) -> None:
-    bench.add(bench.study, "photos/2026-11-01_10-00-00.png", Camera="rear", Keywords="door, lab", People="p-3")
-    bench.add(bench.study, "photos/2026-11-02_10-00-00.png")
+    bench.take(bench.study, "photos/2026-11-01_10-00-00.png", Camera="rear", Keywords="door, lab", People="p-3")
+    bench.take(bench.study, "photos/2026-11-02_10-00-00.png")
     os.utime(bench.study / "photos/2026-11-01_10-00-00.png", (1, 1))
     (bench.study / "photos" / "torn.png").write_bytes(b"\x89PNG\r\n\x1a\n and no more")
     aside = bench.study / "photos" / ".deleted"

@@ -30,7 +30,7 @@ from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.live.services.cameras_service import OwnCamera, CameraSelection
+from caris_desktop.live.services.cameras_service import CameraSelection, OwnCamera
 from caris_desktop.live.services.robot_service import RobotConnection, RobotService
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.link import LinkSettings

@@ -13,7 +13,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.picture_checks import PictureError
 from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid, FrameRef
 from caris_desktop.perception.cameras import camera_process, camera_source
-from caris_desktop.perception.cameras.camera_process import StreamSound, PlayVideo
+from caris_desktop.perception.cameras.camera_process import PlayVideo, StreamSound
 from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, Picture, picture_of
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
 from caris_desktop.perception.cameras.device_camera import DeviceCamera

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QLabel, QMenu, QWid
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.live.status import LevelsStatus, ProposalStatus, DisplayedReply, SuggestionsStatus
+from caris_desktop.live.status import DisplayedReply, LevelsStatus, ProposalStatus, SuggestionsStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards

@@ -13,8 +13,8 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sound_values import WIZARD_MICROPHONE, Hearing
 from caris_desktop.live.status import (
-    OpenGap,
     DisplayedReply,
+    OpenGap,
     SoundStatus,
     SpeechStatus,
     SuggestionsStatus,
