@@ -44,7 +44,7 @@ def load_header(session: Path) -> dict[str, dict[str, str]]:
     return dict(json.loads((session / "session.json").read_text("utf-8")))
 
 
-def test_the_sessions_are_whole() -> None:
+def test_the_sessions_are_complete() -> None:
     for session in SESSIONS:
         assert verify_manifest(session) == []
 

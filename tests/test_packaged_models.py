@@ -142,7 +142,7 @@ def test_a_file_of_the_user_is_another_and_stays_theirs(tmp_path: Path) -> None:
     assert read_checked(own) == (b"of my own", check_file(own))
 
 
-def test_a_checksum_beside_a_file_of_the_user_counts(tmp_path: Path) -> None:
+def test_a_checksum_next_to_a_file_of_the_user_counts(tmp_path: Path) -> None:
     own = tmp_path / "mine.onnx"
     own.write_bytes(b"of my own")
     own.with_name("mine.onnx.sha256").write_text(f"{check_file(own).upper()}  mine.onnx\n")

@@ -425,13 +425,13 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
 
 @pytest.mark.parametrize("kind", INTENTS, ids=lambda kind: kind.__name__)
 @pytest.mark.long("Drive")
-def test_what_happens_names_who_asked_for_it(story: Story, kind: type[Intent]) -> None:
+def test_what_happens_names_who_requested_it(story: Story, kind: type[Intent]) -> None:
     assert (kind in story.traces) != (kind in LEAVES_NOTHING), "tell() has to ask for it, and say what follows"
     if kind not in LEAVES_NOTHING:
         assert story.traces[kind] is not None, f"nothing that followed names {OTHER}"
 
 
-def test_the_file_has_it_all_and_of_everything_somebody_asked_for(story: Story) -> None:
+def test_the_file_has_it_all_and_of_everything_a_person_requested(story: Story) -> None:
     recorded = [value for _, value in open_session(story.folder).values() if hasattr(value, "actor")]
     by_other = {type(value) for value in recorded if value.actor == OTHER}
     traced = {type(event) for event in story.traces.values() if event.actor == OTHER}

@@ -188,7 +188,7 @@ _IN_EVERY_RUN = ("never", "tls")
     "way", [pytest.param(way, marks=[] if way in _IN_EVERY_RUN else [pytest.mark.long]) for way in (*WAYS, "tls")]
 )
 @pytest.mark.long("never")
-def test_beside_it_every_key_arrives_the_robot_moves_on_and_speaks(desk: Desk, way: str) -> None:
+def test_next_to_it_every_key_arrives_the_robot_moves_on_and_speaks(desk: Desk, way: str) -> None:
     model, expected = ("ollama:unproven", "is not trusted")
     if way in WAYS:
         model, expected = "openai:unsteady", WAYS[way][1]

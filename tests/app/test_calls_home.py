@@ -84,7 +84,7 @@ def calls_after_s(tmp_path_factory: pytest.TempPathFactory) -> float | None:
 
 @pytest.mark.long  # test_rehearsal and test_bodies_call_nobody test the program itself
 @pytest.mark.parametrize("network", _NETWORKS)
-def test_a_process_of_the_program_tells_nobody_what_it_runs(
+def test_no_process_of_the_program_reveals_what_it_runs(
     network: str, tmp_path: Path, calls_after_s: float | None
 ) -> None:
     """Observed for twice the time that it takes without the program's switches."""

@@ -16,7 +16,7 @@ def scenario(folder: Path, **told: str) -> Scenario:
     return replace(shipped, path=folder / "mine.yaml", perception=PerceptionSettings(**told))  # type: ignore[arg-type]
 
 
-def test_a_detector_beside_the_scenario_is_named(tmp_path: Path) -> None:
+def test_a_detector_next_to_the_scenario_is_named(tmp_path: Path) -> None:
     (tmp_path / "mine.onnx").write_bytes(b"network")
     finding = detector_finding(scenario(tmp_path, model="mine.onnx"))
     assert (finding.ok, finding.text) == (True, f"mine.onnx ({tmp_path / 'mine.onnx'})")
@@ -30,7 +30,7 @@ def test_a_detector_beside_the_scenario_is_named(tmp_path: Path) -> None:
         ({"server": "ws://127.0.0.1:1"}, "127.0.0.1:1 does not respond"),
     ],
 )
-def test_what_is_wrong_with_it_is_told_with_advice(tmp_path: Path, told: dict[str, str], words: str) -> None:
+def test_what_is_wrong_with_it_is_reported_with_advice(tmp_path: Path, told: dict[str, str], words: str) -> None:
     (tmp_path / "mine.onnx").write_bytes(b"network")
     finding = detector_finding(scenario(tmp_path, **told))
     assert not finding.ok

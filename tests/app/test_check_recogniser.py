@@ -18,7 +18,7 @@ def shipped() -> Scenario:
     return composition.find_scenario("mental-health-check")
 
 
-def test_a_model_beside_the_scenario_is_found_and_a_missing_one_is_told(shipped: Scenario, tmp_path: Path) -> None:
+def test_a_model_next_to_the_scenario_is_found_and_a_missing_one_is_reported(shipped: Scenario, tmp_path: Path) -> None:
     named = replace(shipped, path=tmp_path / "mine.yaml", listening=ListeningSettings(model="small"))
     missing = recogniser_finding(named)
     assert not missing.ok
@@ -29,7 +29,7 @@ def test_a_model_beside_the_scenario_is_found_and_a_missing_one_is_told(shipped:
     assert (found.ok, found.text) == (True, str(tmp_path / "small"))
 
 
-def test_a_server_that_may_not_be_used_is_told(shipped: Scenario) -> None:
+def test_a_server_that_may_not_be_used_is_reported(shipped: Scenario) -> None:
     listening = ListeningSettings(engine="server", model="whisper-1", server="https://lab.example.org/v1")
     refused = recogniser_finding(replace(shipped, listening=listening))
     assert not refused.ok
@@ -39,7 +39,7 @@ def test_a_server_that_may_not_be_used_is_told(shipped: Scenario) -> None:
     assert not away.ok and "127.0.0.1:9 cannot be reached" in away.text
 
 
-def test_a_server_is_sent_a_second_of_sound_and_what_it_does_not_take_is_told(shipped: Scenario) -> None:
+def test_a_server_is_sent_a_second_of_sound_and_what_it_does_not_take_is_reported(shipped: Scenario) -> None:
     with serving() as server:
         server.answers = lambda fields: (
             (400, b'{"error": "no verbose_json here"}')

@@ -73,7 +73,7 @@ def test_a_camera_on_a_desk_stands_at_one_of_the_places(tmp_path: Path) -> None:
         scenario_with("cameras:\n  - {source: '0', place: Desk}\n", tmp_path)
 
 
-def test_a_camera_that_is_not_understood_is_told_before_the_start_or_with_its_scenario(tmp_path: Path) -> None:
+def test_a_camera_that_is_not_understood_is_reported_before_the_start_or_with_its_scenario(tmp_path: Path) -> None:
     study = composition.open_study(tmp_path / "study")
     with pytest.raises(composition.StartError, match="ftp://"):
         composition.parts(study=study, cameras=["ftp://camera/a"])

@@ -110,7 +110,7 @@ def test_whoever_asks_no_recording_begins_without_the_required_checks(qtbot: QtB
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_the_model_is_told_what_the_cameras_see_beside_people_and_nothing_twice(qtbot: QtBot, asked: Asked) -> None:
+def test_the_model_is_told_what_the_cameras_see_next_to_people_and_nothing_twice(qtbot: QtBot, asked: Asked) -> None:
     now_ns = clock.now_ns()
     for camera, labels in (("front", ("chair", "chair")), ("desk", ("chair", "dog"))):
         things = tuple(ThingBox(label, 0.0, 0.0, 5.0, 5.0, 0.9) for label in labels)
@@ -149,7 +149,7 @@ def test_a_scenario_that_does_not_drive_refuses_every_way_to_move_the_robot(qtbo
         console.shutdown()
 
 
-def test_a_recording_begins_with_what_goes_on_and_tells_what_the_closing_of_the_program_ended(
+def test_a_recording_begins_with_what_is_in_progress_and_shows_what_the_closing_of_the_program_ended(
     qtbot: QtBot, tmp_path: Path
 ) -> None:
     async def never_answers(*_: object, **__: object) -> AsyncIterator[str]:
@@ -298,7 +298,7 @@ def test_what_takes_long_at_the_end_is_named_while_it_is_done(tmp_path: Path) ->
 
 
 @pytest.mark.logs(r"live\.bus: ", r"live\.child_process: camera desk ended")
-def test_a_camera_whose_process_dies_is_back_and_the_other_goes_on(qtbot: QtBot, tmp_path: Path) -> None:
+def test_a_camera_whose_process_dies_is_back_and_the_other_continues(qtbot: QtBot, tmp_path: Path) -> None:
     scenario = _without_models()
     parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     own = tuple(

@@ -159,7 +159,7 @@ def test_a_killed_robot_is_noticed_and_nothing_old_is_sent_when_it_is_back(
     listener.close()
 
 
-def test_one_lost_link_raises_one_alarm_that_ends_by_itself(
+def test_one_lost_link_raises_one_alarm_that_ends_automatically(
     bench: Bench, robot: SimulatedRobot, console: ConsoleProcess
 ) -> None:
     raised_before = console.wait_until_shown(link="connected", alarms=[])["alarms_raised"]

@@ -22,7 +22,7 @@ DESK = "places:\n  - {name: Desk, x_m: 5.2, y_m: 2.6, heading_deg: -170}\n"
 
 @pytest.mark.long  # tests/people tests the same with simulated time
 @needs_int8_weights
-def test_somebody_before_the_robot_and_the_desk_is_one_row(tmp_path: Path) -> None:
+def test_a_person_before_the_robot_and_the_desk_is_one_row(tmp_path: Path) -> None:
     visits = tmp_path / "visits.csv"
     visits.write_text("person,comes_s,stays_s,clothes\n1,2,600,1\n", encoding="utf-8")
     with SimulatedRobot("--visits", str(visits), "--desk-camera", "0") as robot:

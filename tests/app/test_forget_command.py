@@ -98,7 +98,7 @@ def test_what_could_not_be_looked_into_makes_it_incomplete(study: Path, capsys: 
     assert "Incomplete" not in capsys.readouterr().err
 
 
-def test_a_copy_of_the_people_is_told_since_it_has_the_key(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_copy_of_the_people_is_reported_since_it_has_the_key(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("people.sqlite.bak", "old people.db"):
         shutil.copy(study / "people.sqlite", study / name)
     assert run(study, NAME, "--text", "redact", "--yes") == 1
@@ -134,7 +134,7 @@ def test_texts_are_decided_on_in_a_list_and_handed_back(study: Path, capsys: pyt
     assert not review.exists()
 
 
-def test_what_is_kept_of_others_names_them_no_more(study: Path) -> None:
+def test_what_is_saved_of_others_names_them_no_more(study: Path) -> None:
     with closing(PeopleStore(study / "people.sqlite")) as store:
         for person_id in (PERSON, "p-2"):
             store.add_history(person_id, "said", f"{OTHER}, this is {NAME}.", utc_ns=5)
@@ -169,7 +169,7 @@ def test_without_a_yes_nothing_is_done(study: Path, capsys: pytest.CaptureFixtur
         ((PERSON, "--yes", "--review", "absent.txt"), "absent.txt cannot be read"),
     ],
 )
-def test_what_cannot_be_done_is_told(
+def test_what_cannot_be_done_is_reported(
     study: Path, capsys: pytest.CaptureFixture[str], words: Sequence[str], expected: str
 ) -> None:
     assert run(study, *words) == 1
@@ -185,7 +185,7 @@ def test_a_list_with_a_wrong_word_changes_nothing(study: Path, capsys: pytest.Ca
     assert found_in(study) == before
 
 
-def test_somebody_whom_the_database_does_not_know_is_forgotten_by_id_and_name(study: Path) -> None:
+def test_a_person_whom_the_database_does_not_know_is_forgotten_by_id_and_name(study: Path) -> None:
     (study / "people.sqlite").unlink()
     assert run(study, PERSON, "--yes", "--also-called", NAME, "--text", "redact") == 0
     assert found_in(study) == []

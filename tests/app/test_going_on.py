@@ -72,7 +72,7 @@ def _begin_anyway(console: ConsoleProcess) -> None:
     wait_for(begun, "a recording", timeout_s=60.0, every_s=1.0)
 
 
-def test_a_killed_program_offers_to_go_on_and_records_nothing_before_all_is_confirmed(
+def test_a_killed_program_offers_to_continue_and_records_nothing_before_all_is_confirmed(
     start: Callable[..., ConsoleProcess],
 ) -> None:
     killed = start()
@@ -126,7 +126,7 @@ def screen() -> Iterator[tuple["subprocess.Popen[bytes]", dict[str, str]]]:
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="needs Xvfb")
 @pytest.mark.parametrize("told_to_end", [False, pytest.param(True, marks=pytest.mark.long)])
 @pytest.mark.long
-def test_without_its_screen_the_program_ends_at_once_and_a_trial_goes_on_unless_it_was_told_to_end(
+def test_without_its_screen_the_program_ends_at_once_and_a_trial_continues_unless_it_was_told_to_end(
     start: Callable[..., ConsoleProcess],
     screen: tuple["subprocess.Popen[bytes]", dict[str, str]],
     told_to_end: bool,

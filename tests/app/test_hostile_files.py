@@ -90,7 +90,7 @@ def test_no_name_in_a_bundle_leads_out_of_it(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("about", ["[" * 100_000, '{"a":' * 50_000, "", "null", "9" * 5000, "\x00", '{"format": []}'])
-def test_an_about_that_is_none_is_told(tmp_path: Path, about: str) -> None:
+def test_an_about_that_is_none_is_reported(tmp_path: Path, about: str) -> None:
     path = tmp_path / "b.caris"
     path.write_bytes(
         _rezipped(_bundle(tmp_path), lambda old, data: (old, about.encode() if old == "about.json" else data))

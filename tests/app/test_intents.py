@@ -259,7 +259,7 @@ def test_under_the_emergency_stop_nothing_that_moves_is_done(bench: Bench, asked
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_a_language_model_asks_for_nothing_by_itself(bench: Bench) -> None:
+def test_a_language_model_requests_nothing_automatically(bench: Bench) -> None:
     for asked in SAMPLES:
         refused = bench.console.do(replace(asked, actor=MODEL))
         assert refused.endswith(" is not possible: a language model cannot do this directly."), asked
@@ -340,7 +340,7 @@ def test_a_value_that_cannot_be_is_refused(bench: Bench) -> None:
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_the_wizard_is_told_of_a_refusal_but_not_while_a_key_is_held(bench: Bench, qapp: QApplication) -> None:
+def test_the_wizard_is_notified_of_a_refusal_but_not_while_a_key_is_held(bench: Bench, qapp: QApplication) -> None:
     told: list[object] = []
     bench.console.state.event_happened.connect(told.append)
     bench.permit(driving=False)

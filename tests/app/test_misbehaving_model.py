@@ -118,7 +118,9 @@ def desk(qapp: QApplication, tmp_path: Path, servers: dict[str, Served]) -> Iter
 
 
 @pytest.mark.parametrize("ways", [("never", "500", "429", "half"), ("json", "page", "line", "plain")])
-def test_each_failure_is_told_beside_its_question_while_the_wizard_goes_on(desk: Desk, ways: tuple[str, ...]) -> None:
+def test_each_failure_is_reported_next_to_its_question_while_the_wizard_continues(
+    desk: Desk, ways: tuple[str, ...]
+) -> None:
     for way in ways:
         assert desk.console.do(intents.Ask(f"What of {way}")) == ""
     assert desk.console.do(intents.Ask("One more of never")) != "", "the field keeps what is refused"

@@ -71,7 +71,9 @@ def contents(folder: Path) -> dict[str, str]:
 
 
 @needs_int8_weights
-def test_a_layer_is_made_beside_the_recording_and_never_twice(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_layer_is_made_next_to_the_recording_and_never_twice(
+    street: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     session = street / "sessions" / "one"
     before = contents(session)
     status, printed, told = perceive_again(capsys, street, "--model", str(INT8_WEIGHTS), "--name", "better")

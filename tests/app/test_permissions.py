@@ -187,7 +187,7 @@ PROOFS: dict[Permission, tuple[Callable[[Bench], None], ...]] = {
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_without_its_permission_nothing_of_it_goes_on(bench: Bench) -> None:
+def test_without_its_permission_nothing_of_it_continues(bench: Bench) -> None:
     assert set(PROOFS) == set(PERMISSIONS), "a new permission says here what it stands for"
     for proofs in PROOFS.values():
         for proof in proofs:

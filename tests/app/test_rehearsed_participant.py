@@ -11,7 +11,7 @@ SENTENCES = ["Hello.", "Yes.", "Goodbye."]
 
 
 @pytest.mark.long
-def test_nothing_of_what_they_are_told_to_say_is_lost() -> None:
+def test_nothing_of_what_they_are_notified_to_say_is_lost() -> None:
     thread = AsyncioThread()
     try:
         with SimulatedRobot("--empty") as robot:

@@ -187,7 +187,7 @@ def _part(run: ReplayRun, name: str) -> QWidget:
 
 
 @pytest.mark.logs(r"app\.replay_command: ")
-def test_a_replay_looks_like_one_shares_the_settings_and_lets_go_of_the_names(tmp_path: Path, qtbot: QtBot) -> None:
+def test_a_replay_looks_like_one_shares_the_settings_and_releases_the_names(tmp_path: Path, qtbot: QtBot) -> None:
     _record(tmp_path / "sessions" / "one", [(0.0, lambda at_ns: ScenarioOpened(at_ns, "new.yaml", "", "", NEWER))])
     PeopleStore(tmp_path / "people.sqlite").close()
     run = ReplayRun(_arguments(tmp_path / "sessions" / "one"))
@@ -256,7 +256,7 @@ def _import(path: Path, folder: Path) -> ImportReport:
 
 
 @pytest.mark.logs(r"app\.replay_command: ")
-def test_a_cache_that_takes_nothing_is_told(bag: Path, tmp_path: Path) -> None:
+def test_a_cache_that_takes_nothing_is_reported(bag: Path, tmp_path: Path) -> None:
     (tmp_path / "imports").write_text("a file where the folder should be")
     with pytest.raises(SessionError, match=r"drive\.bag cannot be opened: .*imports"):
         replay_command._session_folder(bag)

@@ -50,7 +50,7 @@ def test_an_unknown_robot_is_explored_saved_and_listened_to(
         assert "ok   LIDAR" in capsys.readouterr().out
 
 
-def test_a_robot_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_that_is_not_there_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--explore", "ws://127.0.0.1:9") == 1
     assert "Start rosbridge on the robot" in capsys.readouterr().err
     assert run("--save", "A") == 2

@@ -37,7 +37,7 @@ A control that may move the robot obeys the emergency stop and the permission to
 A base without a known timeout is driven at half speed:
     tests/robot/test_profile.py; controller: a_base_that_may_not_stop_by_itself_is_driven_at_half_speed
 A command older than 0.25 s is dropped:
-    test_a_drive_older_than_a_quarter_of_a_second_is_dropped_though_the_lease_is_kept; link: an_old_order_moves_nothing
+    test_a_drive_older_than_a_quarter_of_a_second_is_dropped_despite_the_lease; link: an_old_order_moves_nothing
 Stop halts motion and cancels goals, always:
     test_escape_stops_also_before_a_modal_dialog; keys: escape_stops_from_anywhere;
     test_the_keys_of_a_replay_in_front_stop_the_live_robot
@@ -47,7 +47,7 @@ The emergency stop latches, refuses commands, needs an explicit reset, and calls
     an_emergency_stop_without_a_robot_is_told_to_it_when_it_is_back
 Driving is capped when video or LIDAR is stale:
     test_driving_is_capped_without_fresh_video, test_driving_is_capped_without_a_fresh_scan;
-    in the link alone: test_the_link_caps_by_itself_without_a_scan
+    in the link alone: test_the_link_caps_automatically_without_a_scan
 Driving is refused when the link is stale:
     controller: a_link_that_does_not_answer_refuses; link: a_robot_that_stops_answering_is_noticed_within_a_second
 The robot touches nothing that its LIDAR sees:
@@ -364,7 +364,9 @@ def link(running_link: LinkProcess, robot: SimulatedRobot, wire: TwistListener) 
     _wait_for_silence(wire)
 
 
-def test_the_link_caps_by_itself_without_a_scan(link: LinkProcess, robot: SimulatedRobot, wire: TwistListener) -> None:
+def test_the_link_caps_automatically_without_a_scan(
+    link: LinkProcess, robot: SimulatedRobot, wire: TwistListener
+) -> None:
     link.drive_until(lambda: [twist for twist in wire.seen if twist.turn_radps == 1.0], "full speed", turn_radps=1.0)
     robot.fault("silent_lidar")
 
@@ -377,7 +379,7 @@ def test_the_link_caps_by_itself_without_a_scan(link: LinkProcess, robot: Simula
     link.drive_until(lambda: wire.seen[-1].turn_radps == capped, "30 % of the robot's own", turn_radps=1.0)
 
 
-def test_a_drive_older_than_a_quarter_of_a_second_is_dropped_though_the_lease_is_kept(
+def test_a_drive_older_than_a_quarter_of_a_second_is_dropped_despite_the_lease(
     link: LinkProcess, wire: TwistListener
 ) -> None:
     pid = link.process.pid

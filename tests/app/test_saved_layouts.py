@@ -39,7 +39,7 @@ def _save(qtbot: QtBot, run: ConsoleRun, layout: LayoutNode) -> None:
     qtbot.waitUntil(lambda: run.console.scenario.layout == layout, timeout=20_000)
 
 
-def test_a_saved_arrangement_is_undone_in_the_window_and_in_the_file(run: ConsoleRun, qtbot: QtBot) -> None:
+def test_a_saved_layout_is_undone_in_the_window_and_in_the_file(run: ConsoleRun, qtbot: QtBot) -> None:
     shipped = run.console.scenario.layout
     _save(qtbot, run, ARRANGED)
     own = user_scenarios_dir() / "tour-guide.yaml"
@@ -54,7 +54,7 @@ def test_a_saved_arrangement_is_undone_in_the_window_and_in_the_file(run: Consol
     assert load_scenario(own).layout == shipped, "there is nothing more to undo"
 
 
-def test_an_arrangement_that_is_saved_while_the_window_closes_is_there_the_next_time(
+def test_a_layout_that_is_saved_while_the_window_closes_is_there_the_next_time(
     run: ConsoleRun, settings: QSettings
 ) -> None:
     assert run.console.do(intents.SaveLayout(layout_text(ARRANGED), "usual")) == ""
@@ -123,6 +123,6 @@ def test_saving_as_another_scenario_leaves_this_one_and_writes_over_nothing(run:
     assert not (user_scenarios_dir() / "tour-guide.yaml").exists()
 
 
-def test_why_it_was_not_saved_is_told_without_a_number() -> None:
+def test_why_it_was_not_saved_is_reported_without_a_number() -> None:
     told = saved_layouts._not_saved(Path("tour.yaml"), PermissionError(13, "Permission denied", "/place/tour.yaml"))
     assert told.meaning == "tour.yaml cannot be written (Permission denied)."

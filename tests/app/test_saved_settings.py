@@ -66,7 +66,9 @@ def test_the_thread_of_the_window_writes_nothing(qtbot: QtBot, tmp_path: Path, m
     assert threading.main_thread() not in by and len(by) <= 2, "what was set meanwhile is written together"
 
 
-def test_a_folder_that_cannot_be_written_to_is_told_once_and_costs_nothing_else(qtbot: QtBot, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_to_is_reported_once_and_costs_nothing_else(
+    qtbot: QtBot, tmp_path: Path
+) -> None:
     (tmp_path / "no folder").write_text("a file")
     kept = SavedSettings(_in_file(tmp_path / "no folder" / "settings.ini"))
     told: list[UserFacingError] = []

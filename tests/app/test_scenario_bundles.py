@@ -109,7 +109,7 @@ def list_own() -> list[Path]:
     return sorted(user_scenarios_dir().glob("*.yaml")) if user_scenarios_dir().is_dir() else []
 
 
-def test_a_robot_in_it_that_cannot_be_is_told_and_nothing_is_kept(tmp_path: Path) -> None:
+def test_a_robot_in_it_that_cannot_be_is_reported_and_nothing_is_saved(tmp_path: Path) -> None:
     save_profile(load_profile("simulated"), user_robots_dir() / "ours.yaml")
     tour = replace(composition.find_scenario("tour-guide"), robot="ours")
     share_scenario(tour, tmp_path / "tour.caris")

@@ -40,7 +40,7 @@ def test_what_a_replay_shows_within_a_second_is_no_difference(behind_ns: int) ->
     assert found == []
 
 
-def test_what_it_never_shows_is_told_by_what_differs() -> None:
+def test_what_it_never_shows_is_reported_by_what_differs() -> None:
     replayed = shown(scan=[AT_NS - 3 * S, "fresh"], drive={"allowed": False, "speed": 0.5})
     sample = {"at_ns": AT_NS, "shown": shown()}
     assert differences(sample, lambda _at_ns: replayed, lambda *_: []) == [

@@ -180,7 +180,7 @@ def test_a_recording_that_is_ended_while_its_folder_is_made_holds_what_was_until
 
 
 @pytest.mark.logs(r"live\.bus: The disk is full\.")
-def test_that_there_is_no_folder_is_told_and_nothing_is_recorded(bench: Bench, qtbot: QtBot) -> None:
+def test_that_there_is_no_folder_is_reported_and_nothing_is_recorded(bench: Bench, qtbot: QtBot) -> None:
     console, state = bench.console, bench.state
     bench.disk.error = FULL
     console.do(intents.StartRecording(TrialDetails(), anyway=True))
@@ -192,7 +192,7 @@ def test_that_there_is_no_folder_is_told_and_nothing_is_recorded(bench: Bench, q
     assert console.session_folder is None
 
 
-def test_places_are_kept_one_after_the_other_and_another_scenario_is_the_last_word(bench: Bench, qtbot: QtBot) -> None:
+def test_places_are_saved_one_after_the_other_and_another_scenario_is_the_last_word(bench: Bench, qtbot: QtBot) -> None:
     console, before = bench.console, bench.place_names()
     assert bench.scenario.path is not None and bench.other.path is not None
     console.do(intents.SavePlace("Lift", HERE))
@@ -218,7 +218,7 @@ def test_places_are_kept_one_after_the_other_and_another_scenario_is_the_last_wo
 
 
 @pytest.mark.logs(r"live\.bus: The disk is full\.")
-def test_a_place_that_cannot_be_kept_is_told_and_does_not_take_the_next_along(bench: Bench, qtbot: QtBot) -> None:
+def test_a_place_that_cannot_be_saved_is_reported_and_does_not_take_the_next_along(bench: Bench, qtbot: QtBot) -> None:
     console, before = bench.console, bench.place_names()
     bench.disk.error = FULL
     console.do(intents.SavePlace("Lift", HERE))
@@ -230,7 +230,7 @@ def test_a_place_that_cannot_be_kept_is_told_and_does_not_take_the_next_along(be
     assert [place.name for place in load_scenario(bench.scenario.path).places] == [*before, "Stairs"]
 
 
-def test_the_present_robot_is_driven_until_the_last_one_asked_for_is_found(bench: Bench, qtbot: QtBot) -> None:
+def test_the_present_robot_is_driven_until_the_last_one_requested_is_found(bench: Bench, qtbot: QtBot) -> None:
     bench.console.do(intents.UseRobot("first"))
     bench.console.do(intents.UseRobot("last"))
     qtbot.waitUntil(bench.disk.waiting.is_set, timeout=20_000)
@@ -255,7 +255,7 @@ def test_a_robot_that_cannot_be_read_leaves_the_present_one(bench: Bench, qtbot:
     assert bench.state.link.value.state == "connected"
 
 
-def test_what_a_recording_would_begin_with_is_told_when_the_disk_has_told(bench: Bench, qtbot: QtBot) -> None:
+def test_what_a_recording_would_begin_with_is_reported_when_the_disk_has_reported(bench: Bench, qtbot: QtBot) -> None:
     told: list[BeforeRecording] = []
     bench.console.check_before_recording(told.append)
     qtbot.waitUntil(bench.disk.waiting.is_set, timeout=20_000)
@@ -268,7 +268,7 @@ def test_what_a_recording_would_begin_with_is_told_when_the_disk_has_told(bench:
 
 
 @pytest.mark.logs("live.background_worker: ")
-def test_a_disk_that_tells_nothing_keeps_nobody_from_recording(bench: Bench, qtbot: QtBot) -> None:
+def test_a_disk_that_reports_nothing_keeps_nobody_from_recording(bench: Bench, qtbot: QtBot) -> None:
     told: list[BeforeRecording] = []
     bench.disk.error = OSError("gone")
     bench.console.check_before_recording(told.append)
@@ -276,7 +276,7 @@ def test_a_disk_that_tells_nothing_keeps_nobody_from_recording(bench: Bench, qtb
     qtbot.waitUntil(lambda: told == [BeforeRecording()], timeout=20_000)
 
 
-def test_the_list_of_robots_is_told_when_the_disk_has_told(bench: Bench, qtbot: QtBot) -> None:
+def test_the_list_of_robots_is_reported_when_the_disk_has_reported(bench: Bench, qtbot: QtBot) -> None:
     told: list[str] = []
     console = bench.console
     console.run_in_background(console.robots, lambda robots: told.extend(robot.name for robot in robots))
@@ -287,7 +287,7 @@ def test_the_list_of_robots_is_told_when_the_disk_has_told(bench: Bench, qtbot: 
     qtbot.waitUntil(lambda: "simulated" in told, timeout=20_000)
 
 
-def test_a_session_whose_folder_is_made_while_the_window_closes_is_kept(bench: Bench, qtbot: QtBot) -> None:
+def test_a_session_whose_folder_is_made_while_the_window_closes_is_saved(bench: Bench, qtbot: QtBot) -> None:
     bench.console.start()
     bench.console.do(intents.StartRecording(TrialDetails(participant="P4"), anyway=True))
     bench.console.do(intents.Mark("last"))
@@ -298,7 +298,7 @@ def test_a_session_whose_folder_is_made_while_the_window_closes_is_kept(bench: B
     assert (session.reason, _marks(session)) == ("console_closed", ["last"])
 
 
-def test_a_place_that_is_saved_while_the_window_closes_is_kept(bench: Bench, qtbot: QtBot) -> None:
+def test_a_place_that_is_saved_while_the_window_closes_is_saved(bench: Bench, qtbot: QtBot) -> None:
     assert bench.scenario.path is not None
     bench.console.do(intents.SavePlace("Lift", HERE))
     bench.console.do(intents.UseRobot("late"))

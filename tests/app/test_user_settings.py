@@ -70,7 +70,7 @@ def test_settings_of_the_first_release_are_brought_into_their_groups(file: Path)
     ],
     ids=["newer", "version no number", "negative version", "json", "cut off", "no text at all"],
 )
-def test_what_cannot_be_taken_over_is_kept_as_a_copy_and_told(file: Path, content: bytes, told: str) -> None:
+def test_what_cannot_be_taken_over_is_saved_as_a_copy_and_reported(file: Path, content: bytes, told: str) -> None:
     file.write_bytes(content)
     settings = opened(file)
     failure = user_settings.bring_up_to_date(settings)
@@ -95,7 +95,7 @@ def test_two_broken_ones_within_a_second_are_both_kept(file: Path) -> None:
 
 
 @pytest.mark.logs(r"app\.user_settings: ")
-def test_settings_that_are_no_file_are_told_and_left(tmp_path: Path) -> None:
+def test_settings_that_are_no_file_are_reported_and_left(tmp_path: Path) -> None:
     (tmp_path / "settings.ini").mkdir()
     failure = user_settings.bring_up_to_date(opened(tmp_path / "settings.ini"))
     assert failure is not None
@@ -112,7 +112,7 @@ def run(qtbot: QtBot, tmp_path: Path, file: Path) -> Iterator[ConsoleRun]:
 
 
 @pytest.mark.logs(r"app\.user_settings: |live\.bus: Your settings")
-def test_the_console_starts_and_says_so(run: ConsoleRun, qtbot: QtBot) -> None:
+def test_the_console_starts_and_reports_it(run: ConsoleRun, qtbot: QtBot) -> None:
     told: list[Problem] = []
     run.console.state.event_happened.connect(lambda event: told.append(event) if isinstance(event, Problem) else None)
     run.report_settings()

@@ -68,7 +68,7 @@ def _key() -> dict[str, str]:
     return {"Authorization": f"Bearer {os.environ[EMBEDDED_KEY]}"}
 
 
-def test_another_user_of_this_computer_is_told_nothing(url: str) -> None:
+def test_another_user_of_this_computer_is_reported_nothing(url: str) -> None:
     question = {"messages": [{"role": "user", "content": "Hello."}], "max_tokens": 1}
     for path in ("/v1/chat/completions", "/completion", "/tokenize", "/slots", "/props", "/metrics"):
         for headers in ({}, {"Authorization": "Bearer wrong"}, {"Host": "evil.example"}):
@@ -92,14 +92,14 @@ def test_it_answers_piece_by_piece(url: str) -> None:
     assert "robot" in "".join(pieces).lower()
 
 
-def test_it_does_not_say_the_same_for_ever(url: str) -> None:
+def test_it_does_not_say_the_same_permanently(url: str) -> None:
     asked = "Count the sheep: one sheep, one sheep, one sheep, one sheep,"
     answer = "".join(asyncio.run(_answer(url, max_tokens=60, asked=asked)))
     assert len(answer.split()) > 5
     assert fit_to_say(answer[:LONGEST_REPLY].rsplit(" ", 1)[0] + "."), answer
 
 
-def test_it_tells_which_weights_answer(url: str) -> None:
+def test_it_shows_which_weights_answer(url: str) -> None:
     weights = find_embedded_weights()
     assert weights is not None
     told: list[str] = []
@@ -135,7 +135,7 @@ def test_a_cancelled_question_does_not_hold_up_the_next(url: str) -> None:
 
 
 @pytest.mark.long
-def test_what_was_read_once_is_kept_beside_another_question(url: str) -> None:
+def test_what_was_read_once_is_retained_next_to_another_question(url: str) -> None:
     """Prompts of questions and suggestions stay in the cache while both alternate or run in parallel."""
     background = "The robot arm lifts five kilos and stops as soon as it touches something. " * 12
 
@@ -224,7 +224,7 @@ def _without_weights(connection: Connection) -> None:
     run_embedded_server(connection)
 
 
-def test_missing_packages_are_told_with_what_to_install() -> None:
+def test_missing_packages_are_reported_with_what_to_install() -> None:
     ours, theirs = _CONTEXT.Pipe()
     process = _CONTEXT.Process(target=_without_weights, args=(theirs,), daemon=True)
     process.start()

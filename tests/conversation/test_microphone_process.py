@@ -167,7 +167,7 @@ def _until_loud(microphone: Body) -> None:
     raise AssertionError("the tone was not heard")
 
 
-def test_without_a_microphone_the_session_goes_on_quietly(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_microphone_the_session_continues_quietly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PULSE_SERVER", "unix:/nonexistent/no-sound-server")
     microphone = Body(run_microphone)
     try:

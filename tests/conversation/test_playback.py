@@ -78,7 +78,7 @@ def sound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SoundServ
 
 
 @pytest.mark.long
-def test_what_is_played_is_heard_when_it_says_and_told_whole(sound: SoundServer) -> None:
+def test_what_is_played_is_heard_when_it_says_and_reported_whole(sound: SoundServer) -> None:
     tone = (np.sin(np.arange(RATE_HZ // 2) * 0.3) * 12000).astype(np.int16)
     with sound.stamped() as recording:
         playback = Body(run_playback)

@@ -39,7 +39,7 @@ def gaps_s(timed: list[ResponseTimed]) -> list[tuple[str, str, str, float]]:
     ]
 
 
-def test_every_moment_of_an_answer_is_told() -> None:
+def test_every_moment_of_an_answer_is_reported() -> None:
     shown = SuggestionChanged(round(2.7 * S), "s1", "displayed", "p", 3, 1, "Yes.", "small")
     assert told(
         heard("p", "started", 1.0), heard("p", "finished", 2.0), shown,
@@ -52,7 +52,7 @@ def test_every_moment_of_an_answer_is_told() -> None:
     ]  # fmt: skip
 
 
-def test_an_edited_suggestion_is_told_apart() -> None:
+def test_an_edited_suggestion_is_distinguished() -> None:
     taken = SuggestionChanged(3 * S, "s1", "edited", "p", 3, 1, "Yes.", "small", utterance_id="r")
     events = (heard("p", "finished", 2.0), said("r", "requested", 3.0, "suggestion"), taken)
     assert gaps_s(told(*events, said("r", "started", 3.2, "suggestion"))) == [("p", "r", "edited_suggestion", 1.2)]
@@ -66,7 +66,7 @@ def test_a_filler_and_then_the_first_that_is_none() -> None:
     assert gaps_s(timed) == [("p", "f", "filler", 0.8), ("p", "r", "typed", 3.0)]
 
 
-def test_who_speaks_over_somebody_answers_before_they_are_done() -> None:
+def test_who_speaks_over_a_person_answers_before_they_are_done() -> None:
     timed = told(heard("p", "started", 1.0), said("r", "started", 1.8, "phrase"), heard("p", "finished", 2.5))
     assert gaps_s(timed) == [("p", "r", "phrase", -0.7)]
 
@@ -110,7 +110,7 @@ def test_what_the_robot_itself_said_into_the_microphone_was_no_turn() -> None:
     assert [one.person_id for one in told(heard("p", "finished", 2.0), who, said("r", "started", 3.0))] == ["p-7"]
 
 
-def test_what_the_robot_says_by_itself_is_nobody_s_answer() -> None:
+def test_what_the_robot_says_automatically_is_nobody_s_answer() -> None:
     assert told(heard("p", "finished", 2.0), said("r", "started", 3.0, "heard")) == []
 
 
@@ -129,7 +129,7 @@ def stands(at_s: float, *turns: Turn, hearing: Hearing | None = None) -> tuple[s
     return None if now is None else (now.state, round(now.seconds, 3))
 
 
-def test_it_is_known_how_long_somebody_waits() -> None:
+def test_it_is_known_how_long_a_person_waits() -> None:
     question, answer = turn("p", "participant", 1.0, 2.0), turn("r", "robot", 3.1, None)
     assert stands(0.5, question) is None
     assert stands(1.5, question) == ("talking", 0.0)

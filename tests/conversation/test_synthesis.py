@@ -217,7 +217,7 @@ def test_silence_is_heard_at_once_and_drops_what_waits(sound: SoundServer, start
 
 
 @pytest.mark.long
-def test_what_is_played_is_told_as_it_begins_and_when_it_is_cut_off(
+def test_what_is_played_is_reported_as_it_begins_and_when_it_is_cut_off(
     sound: SoundServer, start_speech: StartSpeech
 ) -> None:
     speech = start_speech(sound)
@@ -240,7 +240,9 @@ def test_what_is_played_is_told_as_it_begins_and_when_it_is_cut_off(
 
 
 @pytest.mark.long
-def test_a_voice_that_is_not_here_is_replaced_by_one_that_is_and_the_wizard_is_told(start_speech: StartSpeech) -> None:
+def test_a_voice_that_is_not_here_is_replaced_by_one_that_is_and_the_wizard_is_notified(
+    start_speech: StartSpeech,
+) -> None:
     speech = start_speech(None)
     speech.wait_ready()
     speech.connection.send(UseVoice(SynthesisSettings("piper:de_DE-nobody-low", rate=1.8, at_hand=True)))
@@ -274,7 +276,7 @@ class ToldEngine:
 
 
 @pytest.mark.parametrize("order", [("part", "started"), ("started", "part")])
-def test_a_start_that_is_told_before_its_sound_is_a_start(order: tuple[str, ...]) -> None:
+def test_a_start_that_is_reported_before_its_sound_is_a_start(order: tuple[str, ...]) -> None:
     ours, theirs = _CONTEXT.Pipe()
     desk = _Synthesis(theirs, SynthesisDeadlines(open_s=0.0, heartbeat_s=60.0), queue.SimpleQueue())
     desk._engine = ToldEngine()  # type: ignore[assignment]
@@ -348,7 +350,7 @@ def test_a_sound_server_that_dies_and_returns(own_sound: SoundServer, start_spee
 
 
 @pytest.mark.long
-def test_a_sound_server_that_hangs_is_given_up(own_sound: SoundServer, start_speech: StartSpeech) -> None:
+def test_a_sound_server_that_hangs_is_abandoned(own_sound: SoundServer, start_speech: StartSpeech) -> None:
     speech = start_speech(own_sound, open_s=1.5)
     assert speech.wait_ready().audible
     own_sound.signal(signal.SIGSTOP)

@@ -132,7 +132,7 @@ def test_velocities_are_no_matter_of_a_control() -> None:
     assert (index, "Only driving may send them" in sentence) == (0, True)
 
 
-def test_two_controls_of_one_name_and_an_upside_down_range_are_told() -> None:
+def test_two_controls_of_one_name_and_an_upside_down_range_are_reported() -> None:
     one = data_of(RobotControl, CONTROLS[1])
     found = list(control_problems([one, {**one, "range": [1, 0]}]))
     assert [index for index, _sentence in found] == [1, 1]

@@ -119,7 +119,7 @@ def test_content_then_name_are_brought_to_the_disk_where_the_caller_asks(
     assert synced == ([("a file beside it", b"old"), ("the folder", b"new")] if durable else [])
 
 
-def test_a_full_disk_is_asked_for_room_and_the_write_goes_on(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_asked_for_room_and_the_write_continues(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write = os.write
     room = [3]
 

@@ -46,7 +46,7 @@ def broke_off(camera: str) -> LocalizedText:
 
 
 @pytest.mark.usefixtures("german")
-def test_it_is_english_and_can_be_said_anew_after_it_came_from_another_process() -> None:
+def test_it_is_english_and_can_be_said_again_after_it_came_from_another_process() -> None:
     text = pickle.loads(pickle.dumps(localized("The disk is slow: it took {delay} s.", delay=2.5)))  # noqa: S301
     assert text == "The disk is slow: it took 2.5 s."
     assert tr(text) == "2.5 s hat die Festplatte gebraucht."
@@ -76,7 +76,7 @@ def test_a_marked_text_is_one_wherever_it_goes() -> None:
 
 
 @pytest.mark.usefixtures("german")
-def test_an_error_tells_it_on() -> None:
+def test_an_error_reports_it_on() -> None:
     assert tr(str(OSError(broke_off("Front")))) == "Front brach ab: keine Antwort."
     assert tr(localized("{why}", why=ValueError(localized("no answer")))) == "keine Antwort"
     assert tr(UserFacingError(broke_off("Front"), "", "").what) == "Front brach ab: keine Antwort."
@@ -111,7 +111,7 @@ def test_the_record_has_it_in_english_and_as_plain_text() -> None:
 
 
 @pytest.mark.usefixtures("german")
-def test_the_console_tells_it_in_the_wizards_language() -> None:
+def test_the_console_reports_it_in_the_wizards_language() -> None:
     sent = Problem(1, "warning", broke_off("Front"), "no answer", joined((broke_off("A"), "as it is")))
     here = localize_problem(pickle.loads(pickle.dumps(sent)))  # noqa: S301
     assert (here.what, here.meaning, here.advice) == (
@@ -122,7 +122,7 @@ def test_the_console_tells_it_in_the_wizards_language() -> None:
 
 
 @pytest.mark.usefixtures("german")
-def test_what_was_kept_as_plain_text_is_found_again() -> None:
+def test_what_was_retained_as_plain_text_is_found_again() -> None:
     texts = (*GERMAN, "{camera}: {why}.")
     kept = (
         broke_off("the {hall}: left"), localized("%n pictures of {camera} are lost.", camera="A\nB"),
@@ -168,7 +168,7 @@ def _is_glued(part: ast.expr) -> bool:
     return isinstance(part, ast.JoinedStr) or (isinstance(part, ast.BinOp) and not isinstance(part.op, ast.Div))
 
 
-def test_no_child_process_glues_what_it_tells() -> None:
+def test_no_child_process_glues_what_it_reports() -> None:
     package = Path(__file__).parents[2] / "caris_desktop"
     files = [file for room in ROOMS for file in (package / room).rglob("*.py")]
     files += [

@@ -154,13 +154,13 @@ def test_a_setting_that_is_declared_is_checked_told_read_written_and_explained()
         ),
     ],
 )
-def test_a_mistake_is_told_once_with_its_place_and_what_is_allowed(
+def test_a_mistake_is_reported_once_with_its_place_and_what_is_allowed(
     wrong: dict[str, Any], path: tuple[str | int, ...], sentence: str
 ) -> None:
     assert told(LEAST | wrong) == [(path, sentence)]
 
 
-def test_every_mistake_is_told() -> None:
+def test_every_mistake_is_reported() -> None:
     assert told({"boards": 0, "wood": "elm"}) == [
         ((), "'width_cm' is missing."),
         (("boards",), "'boards' is 0. Allowed: at least 1."),

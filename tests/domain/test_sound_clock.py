@@ -32,7 +32,7 @@ def test_pieces_that_were_lost_are_found_within_a_second_and_then_it_is_right_ag
     assert told[31] == (0, 0), "20 pieces are a second"
 
 
-def test_a_long_silence_is_told_at_once() -> None:
+def test_a_long_silence_is_reported_at_once() -> None:
     told = heard([0] * 3 + [None] * 100 + [0] * 3)
     assert told[3] == (0, 5000)
 

@@ -109,7 +109,7 @@ def test_what_is_frozen_is_neither_set_nor_deleted() -> None:
         hash(changing)
 
 
-def test_what_is_made_anew_is_made_each_time() -> None:
+def test_what_is_made_again_is_made_each_time() -> None:
     assert Longer(1, by_name="").more is not Longer(1, by_name="").more
     given_list = [1]
     assert Changing(1, given_list).items is given_list

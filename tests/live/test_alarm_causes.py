@@ -173,7 +173,7 @@ def test_what_needs_nothing_done_and_answers_are_no_alarms(desk: Desk) -> None:
     assert desk.raised == []
 
 
-def test_what_is_told_again_as_long_as_it_goes_on_is_one_alarm_that_lapses(desk: Desk) -> None:
+def test_what_is_reported_again_as_long_as_it_continues_is_one_alarm_that_lapses(desk: Desk) -> None:
     for number in (1, 12, 15):
         desk.told(f"{number} pictures were dropped.", until="quiet", cause="image front")
         desk.wait(10)
@@ -194,7 +194,7 @@ def test_of_one_cause_the_gravest_words_stand(desk: Desk) -> None:
     assert list(desk.alarms) == ["Broken.", "The disk is full."], "the newest first"
 
 
-def test_somebody_sees_to_what_does_not_end_by_itself(desk: Desk) -> None:
+def test_a_person_sees_to_what_does_not_end_automatically(desk: Desk) -> None:
     desk.told("Classes unknown to the detector: cake.", until="")
     desk.told("People are not found.", until="people")
     unknown, lost = desk.alarms["Classes unknown to the detector: cake."], desk.alarms["People are not found."]

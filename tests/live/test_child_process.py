@@ -127,7 +127,7 @@ def test_a_child_has_a_session_of_its_own() -> None:
 
 @pytest.mark.logs("ended by itself with exit code")
 @pytest.mark.parametrize("how", ["send_raw", "send_raw_waiting"])
-def test_the_connection_is_not_closed_while_somebody_sends(monkeypatch: pytest.MonkeyPatch, how: str) -> None:
+def test_the_connection_is_not_closed_while_a_person_sends(monkeypatch: pytest.MonkeyPatch, how: str) -> None:
     """Otherwise the next opened file would get its number, and then the message."""
     child, messages, exits = _start(ProcessSpec("deaf", bodies.deaf))
     messages.get(timeout=20)

@@ -76,7 +76,7 @@ def test_everything_that_a_scenario_names_is_listed(tmp_path: Path) -> None:
     assert all(one.text in question_words(question) for one in question.named)
 
 
-def test_the_answer_is_kept_for_the_file_and_a_change_asks_for_what_is_new(tmp_path: Path) -> None:
+def test_the_answer_is_retained_for_the_file_and_a_change_requests_what_is_new(tmp_path: Path) -> None:
     path = written(tmp_path / "s.yaml", PLAIN + "robot: ws://lab:9090\n")
     question = asked(path)
     assert question is not None
@@ -119,7 +119,7 @@ def test_another_model_under_the_same_name_is_asked(tmp_path: Path) -> None:
     assert asked(path) is not None
 
 
-def test_a_picture_beside_the_scenario_is_its_own_and_a_link_out_of_there_is_not(
+def test_a_picture_next_to_the_scenario_is_its_own_and_a_link_out_of_there_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "study"

@@ -142,7 +142,7 @@ def test_each_question_has_a_seed_of_its_own_where_the_server_takes_one(desk: De
     assert (exchange.server, exchange.seed) == ("models.example.org:8443", None)
 
 
-def test_the_version_is_asked_once_beside_the_first_answer_and_never_holds_it_up(desk: Desk, qtbot: QtBot) -> None:
+def test_the_version_is_asked_once_next_to_the_first_answer_and_never_holds_it_up(desk: Desk, qtbot: QtBot) -> None:
     asked: list[None] = []
     told = threading.Event()
 
@@ -160,7 +160,7 @@ def test_the_version_is_asked_once_beside_the_first_answer_and_never_holds_it_up
     assert len(asked) == 1
 
 
-def test_a_version_that_was_not_to_be_had_is_asked_for_with_the_next_question(desk: Desk, qtbot: QtBot) -> None:
+def test_a_version_that_was_not_to_be_had_is_requested_with_the_next_question(desk: Desk, qtbot: QtBot) -> None:
     desk.has_run()
     desk.looks_up = lambda: "sha256:0123456789ab"
     qtbot.waitUntil(lambda: _answered(desk, qtbot).model_version == "sha256:0123456789ab")

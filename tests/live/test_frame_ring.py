@@ -53,7 +53,7 @@ def test_what_does_not_fit_is_refused(ring: FrameRing, image: np.ndarray) -> Non
         ring.write(image, stamp_ns=1, robot_stamp_ns=None, camera="front")
 
 
-def test_a_writer_that_is_begun_again_goes_on_counting(ring: FrameRing) -> None:
+def test_a_writer_that_is_begun_again_continues_counting(ring: FrameRing) -> None:
     """A reference to an old frame must not return a new one."""
     before = [ring.write(_image(value), stamp_ns=value, robot_stamp_ns=None, camera="a") for value in range(1, 31)]
     again = FrameRing.attach(ring.name)

@@ -110,7 +110,7 @@ def test_an_unknown_device_gets_what_it_has_of_the_usual_layout() -> None:
     assert default_mapping({}, axis_count=0, button_count=7, hat_count=0).bound("emergency_stop") == "b6"
 
 
-def test_mappings_are_kept_as_text() -> None:
+def test_mappings_are_retained_as_text() -> None:
     mappings = {"03000": xbox(), "05000": GamepadMapping({"forward": "a1"}, {"stop": "b1|b2"}, dead_zone=0.2)}
     assert mappings_from_text(mappings_text(mappings)) == mappings
     assert mappings_from_text("") == {}
@@ -256,7 +256,9 @@ def test_a_stick_drives_and_a_button_stops(
     assert heard.lost == []
 
 
-def test_a_button_that_drives_lets_go_by_itself(qtbot: QtBot, gamepads: Gamepads, heard: Heard, plug: Plug) -> None:
+def test_a_button_that_drives_releases_automatically(
+    qtbot: QtBot, gamepads: Gamepads, heard: Heard, plug: Plug
+) -> None:
     pad = plug()
     gamepads.set_mapping(gamepads.mapping.with_binding("turn", "b2|b3"))
     pad.press(3)
@@ -277,7 +279,7 @@ def test_no_button_is_lost_while_the_console_is_busy(qtbot: QtBot, heard: Heard,
 
 
 @pytest.mark.logs("gamepad mappings were not used")
-def test_pulling_the_plug_lets_go_and_the_mapping_comes_back_with_the_device(
+def test_pulling_the_plug_releases_and_the_mapping_comes_back_with_the_device(
     qtbot: QtBot, gamepads: Gamepads, heard: Heard, plug: Plug, published: list[GamepadChanged]
 ) -> None:
     pad = plug()
@@ -304,7 +306,7 @@ def test_pulling_the_plug_lets_go_and_the_mapping_comes_back_with_the_device(
     assert gamepads.mapping.bound("mark") == "b0"
 
 
-def test_a_stalled_console_does_not_go_on_with_an_old_stick(qtbot: QtBot, heard: Heard, plug: Plug) -> None:
+def test_a_stalled_console_does_not_continue_with_an_old_stick(qtbot: QtBot, heard: Heard, plug: Plug) -> None:
     pad = plug()
     pad.push(1, -1.0)
     qtbot.waitUntil(lambda: heard.moved[-1:] == [TeleopCommand(forward=0.6)])

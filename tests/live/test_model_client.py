@@ -122,7 +122,7 @@ def test_what_is_recorded_may_be_less_than_what_was_asked(talk: Talk, qtbot: QtB
     assert talk.given[0]["jpegs"] == (b"jpeg",)
 
 
-def test_a_wait_for_a_busy_server_is_told(talk: Talk, qtbot: QtBot) -> None:
+def test_a_wait_for_a_busy_server_is_reported(talk: Talk, qtbot: QtBot) -> None:
     talk.ask("busy")
     qtbot.waitUntil(lambda: bool(talk.ended))
     assert talk.waits == ["It is busy."]
@@ -178,7 +178,7 @@ def test_why_it_is_still_waited_for_is_said_in_the_wizards_language(talk: Talk, 
 
 
 @pytest.mark.logs("the language model exchange failed")
-def test_an_error_of_the_program_ends_it_and_tells_no_secret(talk: Talk, qtbot: QtBot) -> None:
+def test_an_error_of_the_program_ends_it_and_reports_no_secret(talk: Talk, qtbot: QtBot) -> None:
     talk.ask("this crashes")
     qtbot.waitUntil(lambda: bool(talk.ended))
     assert talk.ended[0].outcome == "failed"
@@ -223,7 +223,7 @@ def test_nothing_is_read_soon_for_a_model_that_answers_elsewhere(talk: Talk, qtb
     assert read == [] and talk.given == []
 
 
-def test_what_a_participant_said_is_asked_about_in_one_memory_and_the_wizards_questions_beside_it(
+def test_what_a_participant_said_is_asked_about_in_one_memory_and_the_wizards_questions_next_to_it(
     talk: Talk, qtbot: QtBot
 ) -> None:
     talk.client.warm_up([ChatMessage("user", "Hello.")], "replies")
@@ -238,7 +238,7 @@ def test_what_a_participant_said_is_asked_about_in_one_memory_and_the_wizards_qu
     assert talk.given[-1]["slot"] is None
 
 
-def test_it_is_told_that_another_model_is_in_use(talk: Talk, qtbot: QtBot) -> None:
+def test_it_is_reported_that_another_model_is_in_use(talk: Talk, qtbot: QtBot) -> None:
     with qtbot.waitSignal(talk.client.model_changed):
         talk.client.use(ELSEWHERE, display_name="Large", local_only=False)
     with qtbot.assertNotEmitted(talk.client.model_changed):

@@ -107,7 +107,7 @@ def test_who_comes_back_is_known_by_how_they_look_and_their_picture_is_at_hand(q
     assert everybody.person_id == person.person_id
 
 
-def test_somebody_who_stays_is_news_once(qtbot: QtBot, setup: Setup) -> None:
+def test_a_person_who_stays_is_news_once(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 200, lambda: setup.rows and setup.rows[-1])
     told, seen = len(setup.rows), len(setup.people())
     _show_until(qtbot, setup, 200, lambda: len(setup.people()) >= seen + 10)
@@ -132,7 +132,7 @@ def test_people_leave_also_when_no_frames_come_any_more(qtbot: QtBot, setup: Set
 
 
 @pytest.mark.logs("ended by itself with exit code")
-def test_a_native_crash_is_told_and_recognition_comes_back(qtbot: QtBot, setup: Setup) -> None:
+def test_a_native_crash_is_reported_and_recognition_comes_back(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 200, lambda: setup.people())
     setup.show(13)
     qtbot.waitUntil(lambda: bool(setup.of(Problem)), timeout=10_000)

@@ -172,14 +172,14 @@ def test_the_robots_own_camera_and_microphone_wait_for_it_while_it_is_away() -> 
     assert at_the_desk["microphone"].state == "major"
 
 
-def test_whoever_chose_a_shipped_profile_is_told_that_its_address_is_this_computer() -> None:
+def test_whoever_chose_a_shipped_profile_is_reported_that_its_address_is_this_computer() -> None:
     silent = replace(GOOD, link=LinkStatus("connecting", "TIAGo", address="ws://127.0.0.1:9090"))
     assert "Its address is this computer." in by_id(silent)["robot"].advice
     elsewhere = replace(silent, robot=replace(ROBOT, address="ws://tiago-0c:9090"))
     assert "Turn on the robot" in by_id(elsewhere)["robot"].advice
 
 
-def test_of_a_robot_that_does_not_answer_the_address_is_told_and_what_to_do() -> None:
+def test_of_a_robot_that_does_not_answer_the_address_is_reported_and_what_to_do() -> None:
     link = LinkStatus("connecting", "TIAGo", "ws://me:secret@10.0.0.7:9090")
     check = by_id(replace(GOOD, link=link, link_for_s=11.0))["robot"]
     assert "10.0.0.7:9090" in check.detail and "secret" not in check.detail
@@ -215,7 +215,7 @@ def test_only_what_the_scenario_needs_is_checked(permission: str, its_checks: se
     assert set(by_id(replace(quiet, scenario=allowed))) == bare | its_checks
 
 
-def test_a_robot_is_not_asked_for_what_it_has_not() -> None:
+def test_a_robot_is_not_requested_what_it_has_not() -> None:
     plain = replace(GOOD, robot=RobotProfile(name="base", title="Base"))
     assert not {"guard", "battery"} & set(by_id(plain))
     no_places = replace(GOOD, scenario=replace(STUDY, places=()))

@@ -64,7 +64,7 @@ def test_it_is_late_once_it_takes_longer_than_expected(walk: ProtocolRun) -> Non
     assert walk.status().late_s(at(9999)) == 0.0, "nothing is expected of it"
 
 
-def test_back_after_a_slip_goes_on_where_the_step_was(walk: ProtocolRun) -> None:
+def test_back_after_a_slip_continues_where_the_step_was(walk: ProtocolRun) -> None:
     walk.next(at(50), WIZARD)
     assert walk.back(at(55), WIZARD).how == "back"
     assert walk.status().elapsed_s(at(56)) == 51.0
@@ -85,7 +85,7 @@ def test_back_leads_the_way_that_one_came(walk: ProtocolRun) -> None:
     assert [walk.back(at(4 + n), WIZARD).step_id for n in range(3)] == ["ask", "show", "greet"]
 
 
-def test_a_step_that_is_begun_anew_has_its_time_anew_and_no_step_behind_it(walk: ProtocolRun) -> None:
+def test_a_step_that_is_begun_again_has_its_time_again_and_no_step_behind_it(walk: ProtocolRun) -> None:
     assert walk.choose("greet", at(30), WIZARD) == StepEntered(
         at(30), "greet", "Greet", 1, "chosen", "greet", "", WIZARD
     )
@@ -133,7 +133,7 @@ def test_an_edited_protocol_leaves_the_wizard_in_their_step(walk: ProtocolRun) -
     assert (walk.status().step_id, walk.status().ended) == ("", False)
 
 
-def test_what_cannot_be_done_is_told() -> None:
+def test_what_cannot_be_done_is_reported() -> None:
     empty, fresh = ProtocolRun(), ProtocolRun(STEPS)
     for move in (lambda: empty.next(0, WIZARD), lambda: empty.skip(0, WIZARD), lambda: empty.back(0, WIZARD)):
         with pytest.raises(UserFacingError, match="This scenario has no protocol"):
@@ -148,7 +148,7 @@ def test_what_cannot_be_done_is_told() -> None:
         fresh.branch("Cries", at(2), WIZARD)
 
 
-def test_the_plan_is_told_with_what_is_expected(walk: ProtocolRun) -> None:
+def test_the_plan_is_reported_with_what_is_expected(walk: ProtocolRun) -> None:
     assert walk.opened(at(5)) == ProtocolOpened(
         at(5),
         (

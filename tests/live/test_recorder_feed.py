@@ -98,7 +98,7 @@ def test_a_session_that_ends_before_it_has_a_place_holds_what_came_until_then() 
     assert pipe.messages == ["begin", Marked(1, "inside"), "end"]
 
 
-def test_nothing_of_a_session_that_is_given_up_reaches_the_next() -> None:
+def test_nothing_of_a_session_that_is_abandoned_reaches_the_next() -> None:
     feed, pipe = _fed()
     feed.hold("opened")
     feed.put(Marked(1, "given up"))
@@ -161,7 +161,7 @@ def test_events_are_never_dropped_and_states_are_counted() -> None:
     assert (gap.stream, gap.count) == ("battery", 50 - len(batteries)) and gap.count > 0
 
 
-def test_what_happened_once_is_told_again_after_a_pause() -> None:
+def test_what_happened_once_is_reported_again_after_a_pause() -> None:
     feed, pipe = _fed()
     feed.start("begin", "scenario A")
     feed.pause("pause", paused=True)
@@ -180,7 +180,7 @@ def test_what_a_lost_robot_told_does_not_head_the_next_recording() -> None:
     assert pipe.messages == ["begin", StatusShown(1, "drive", 1)]
 
 
-def test_what_was_dropped_is_told_before_the_end() -> None:
+def test_what_was_dropped_is_reported_before_the_end() -> None:
     feed, pipe = _fed(max_bytes=600)
     feed.start("begin")
     wait_for(lambda: pipe.raw, "the beginning is written")

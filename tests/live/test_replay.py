@@ -280,7 +280,7 @@ def test_a_standing_replay_does_not_age(made: RecordedSession, open_replay: Repl
 
 
 @pytest.mark.logs("of the session is not shown")
-def test_what_coders_do_is_saved_beside_the_recording(
+def test_what_coders_do_is_saved_next_to_the_recording(
     made: RecordedSession, open_replay: Replay, qtbot: QtBot, tmp_path: Path
 ) -> None:
     console = open_replay()
@@ -346,7 +346,9 @@ def test_what_could_not_be_saved_is_tried_again_at_the_end(open_replay: Replay, 
 
 
 @pytest.mark.logs("The last annotations could not be saved")
-def test_what_cannot_be_saved_is_kept_elsewhere_and_told(open_replay: Replay, qtbot: QtBot, tmp_path: Path) -> None:
+def test_what_cannot_be_saved_is_retained_elsewhere_and_reported(
+    open_replay: Replay, qtbot: QtBot, tmp_path: Path
+) -> None:
     minute.make_session(tmp_path / "session", lambda _begin_ns: [])
     console = open_replay(folder=tmp_path / "session", unsaved_dir=tmp_path / "state" / "unsaved")
     (tmp_path / "session" / "annotations").touch()
@@ -391,7 +393,7 @@ def test_the_clock_runs_stands_and_stops_at_the_end() -> None:
 
 
 @pytest.mark.logs("of the session is not shown")
-def test_another_camera_may_be_looked_through(made: RecordedSession, open_replay: Replay, qtbot: QtBot) -> None:
+def test_another_camera_may_be_searched(made: RecordedSession, open_replay: Replay, qtbot: QtBot) -> None:
     console = open_replay()
     at_ns = made.plan.started_ns + 5 * SECOND_NS
     for camera in ("front", "rear"):

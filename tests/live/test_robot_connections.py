@@ -102,7 +102,7 @@ def test_a_console_that_starts_later_is_found_and_one_that_ends_is_gone(
     qtbot.waitUntil(lambda: nobody == [True])
 
 
-def test_it_is_told_where_the_robot_is_out_of_reach(
+def test_it_is_reported_where_the_robot_is_out_of_reach(
     qtbot: QtBot, host: RobotConnections, replay: Replay, console: FakeConsole
 ) -> None:
     console.state.link.set(replace(console.state.link.value, state="lost"))
@@ -126,7 +126,7 @@ time.sleep(60)
 """
 
 
-def test_a_console_that_does_not_answer_or_is_killed_is_told(
+def test_a_console_that_does_not_answer_or_is_killed_is_reported(
     qtbot: QtBot, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(robot_connections, "CONFIRMED_WITHIN_MS", 50)
@@ -171,7 +171,7 @@ def test_what_a_killed_console_left_is_swept_away_and_nobody_else_may_listen(
     host.shutdown()
 
 
-def test_only_stops_can_be_asked_for(qtbot: QtBot, folder: Path, host: RobotConnections, console: FakeConsole) -> None:
+def test_only_stops_can_be_requested(qtbot: QtBot, folder: Path, host: RobotConnections, console: FakeConsole) -> None:
     caller = QLocalSocket()
     caller.connectToServer(str(folder / str(os.getpid())))
     caller.write(b'{"do": "clear_emergency_stop"}\n{"do": ["stop"]}\n[]\n{{{\n' + b'{"do": "drive"}\n')

@@ -75,7 +75,7 @@ def save(qtbot: QtBot, explorer: LiveRobotExplorer, profile: RobotProfile, title
     return answers.results[0]
 
 
-def test_nobody_there_is_told_in_words(qtbot: QtBot, explorer: LiveRobotExplorer) -> None:
+def test_nobody_there_is_reported_in_words(qtbot: QtBot, explorer: LiveRobotExplorer) -> None:
     answers = Answers()
     explorer.explore("ws://127.0.0.1:9", security=SecuritySettings(), progress=answers.progress, done=answers.done)
     qtbot.waitUntil(lambda: bool(answers.results), timeout=15_000)

@@ -40,7 +40,7 @@ class Voice(Service):
 AGAIN, GIVEN_UP = "It is being restarted.", "It failed too often: restart the program."
 
 
-def test_the_wizard_is_told_and_then_it_is_begun_again_three_times(qtbot: QtBot) -> None:
+def test_the_wizard_is_notified_and_then_it_is_begun_again_three_times(qtbot: QtBot) -> None:
     voice = Voice()
     for _ in range(4):
         voice.crash()

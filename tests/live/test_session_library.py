@@ -40,7 +40,7 @@ def make_library(tmp_path: Path, told: Told, qtbot: QtBot) -> Iterator[Library]:
 
 
 @pytest.mark.logs("the replay of .* ended with 1")
-def test_a_replay_that_does_not_open_tells_why(make_library: Library, told: Told, qtbot: QtBot) -> None:
+def test_a_replay_that_does_not_open_reports_why(make_library: Library, told: Told, qtbot: QtBot) -> None:
     script = "import sys; print('Qt says something'); sys.exit(f'{sys.argv[2]} is damaged {sys.argv[3]}')"
     library = make_library(program=(sys.executable, "-c", script))
     library.open_replay(Path("/study/one"))
@@ -122,7 +122,7 @@ def test_a_folder_for_an_export_is_one_that_is_not_there_yet(
 
 
 @pytest.mark.logs("the replay of /study/one")
-def test_a_program_that_cannot_be_begun_is_told(make_library: Library, told: Told, qtbot: QtBot) -> None:
+def test_a_program_that_cannot_be_begun_is_reported(make_library: Library, told: Told, qtbot: QtBot) -> None:
     make_library(program=("/nowhere/caris-desktop",)).open_replay(Path("/study/one"))
     assert told == [], "the disk is not waited for"
     qtbot.waitUntil(lambda: bool(told), timeout=10_000)
@@ -130,7 +130,7 @@ def test_a_program_that_cannot_be_begun_is_told(make_library: Library, told: Tol
 
 
 @pytest.mark.logs("looking for sessions in")
-def test_an_index_that_cannot_be_opened_is_told(
+def test_an_index_that_cannot_be_opened_is_reported(
     make_library: Library, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot, tmp_path: Path
 ) -> None:
     of_study = StudyIndex.of_study

@@ -64,7 +64,7 @@ def test_a_name_is_found_as_a_word_and_in_part() -> None:
     assert without_names(("Banana", "ANA!", "Dear Ms Torres"), ["Ana Torres"]) == ("Banana",)
 
 
-def test_only_the_newest_are_kept(tmp_path: Path, slow_work: BackgroundWorker, qtbot: QtBot) -> None:
+def test_only_the_newest_are_retained(tmp_path: Path, slow_work: BackgroundWorker, qtbot: QtBot) -> None:
     path = tmp_path / "a.jsonl"
     path.write_text("".join(f'"{number}"\n' for number in range(AT_MOST + 20)))
     kept = run(path, slow_work, qtbot, "new")

@@ -100,7 +100,7 @@ def test_silence_interrupts_and_drops_what_waits(qtbot: QtBot) -> None:
     assert len(voice.said) == 1
 
 
-def test_a_voice_that_is_not_there_fails_the_sentence_and_says_so(qtbot: QtBot) -> None:
+def test_a_voice_that_is_not_there_fails_the_sentence_and_reports_it(qtbot: QtBot) -> None:
     queue, voice, published, state = _setup()
     voice.available = False
     queue.say("Hello", "typed")
@@ -142,7 +142,7 @@ def test_a_voice_lost_in_mid_sentence_does_not_block_the_next(qtbot: QtBot) -> N
     assert [utterance.text for utterance in voice.said] == ["One", "Two"]
 
 
-def test_what_a_lost_voice_tells_late_is_dropped(qtbot: QtBot) -> None:
+def test_what_a_lost_voice_reports_late_is_dropped(qtbot: QtBot) -> None:
     queue, voice, published, _state = _setup()
     queue.say("One", "typed")
     _report(queue, voice.said[0], "started")
@@ -158,7 +158,7 @@ def test_what_a_lost_voice_tells_late_is_dropped(qtbot: QtBot) -> None:
     ]
 
 
-def test_a_voice_that_is_lost_after_it_has_told_the_end_has_not_failed(qtbot: QtBot) -> None:
+def test_a_voice_that_is_lost_after_it_has_reported_the_end_has_not_failed(qtbot: QtBot) -> None:
     queue, voice, published, _state = _setup()
     queue.say("One", "typed")
     queue.report(replace(voice.said[0], state="finished"))  # the GUI thread does not know it yet

@@ -189,7 +189,7 @@ def test_whom_two_cameras_see_is_on_the_map_once(state: LiveState) -> None:
     assert shown == [("", 5.0), ("", 5.1), ("p-1", 1.1)], "where the surer one says; who is not known may be anybody"
 
 
-def test_those_of_this_computer_come_as_they_were_asked_for_whoever_tells_first(state: LiveState) -> None:
+def test_those_of_this_computer_come_as_they_were_requested_whoever_reports_first(state: LiveState) -> None:
     state.own_cameras.set({"mast": None, "desk": None, "door": None})
     for camera in ("door", "desk", "mast"):
         state.add(frame_of(camera))

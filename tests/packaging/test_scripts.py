@@ -252,7 +252,7 @@ def test_what_is_installed_without_its_dependencies_has_a_checksum() -> None:
         assert pins and all(re.fullmatch(r"[\w-]+==[\d.]+ --hash=sha256:[0-9a-f]{64}", pin) for pin in pins)
 
 
-def test_the_size_of_a_download_and_its_cuda_packages_are_told(tmp_path: Path) -> None:
+def test_the_size_of_a_download_and_its_cuda_packages_are_reported(tmp_path: Path) -> None:
     names = ["torch", "nvidia-cudnn-cu13", "triton", "numpy"]
     packages = [{"metadata": {"name": name}, "download_info": {"url": f"file:///{name}.whl"}} for name in names]
     report = tmp_path / "report.json"

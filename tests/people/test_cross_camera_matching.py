@@ -46,7 +46,7 @@ def test_who_walks_the_same_way_at_the_same_time_is_one_person() -> None:
     assert together.partners(DESK) == (FRONT,)
 
 
-def test_who_stands_elsewhere_is_somebody_else() -> None:
+def test_who_stands_elsewhere_is_another_person() -> None:
     together = CrossCameraMatcher()
     walk(together, FRONT, from_m=(2.0, 0.0))
     walk(together, DESK, from_m=(4.0, 1.0), spread_m=0.3)

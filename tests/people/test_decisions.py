@@ -60,7 +60,7 @@ def stored(room: Room, person_id: str) -> About:
     return person.about
 
 
-def test_name_group_tags_and_note_are_kept_shown_and_taken_back_one_by_one(room: Room) -> None:
+def test_name_group_tags_and_note_are_retained_shown_and_taken_back_one_by_one(room: Room) -> None:
     (ada,) = room.visit(ADA, leaves=False)
     asked = (
         intents.NamePerson(ada, " Ada  Lovelace "),
@@ -91,7 +91,7 @@ def test_name_group_tags_and_note_are_kept_shown_and_taken_back_one_by_one(room:
     assert isinstance(told, Problem) and told.severity == "info"
 
 
-def test_two_of_one_name_stay_two_and_the_wizard_is_told(room: Room) -> None:
+def test_two_of_one_name_stay_two_and_the_wizard_is_notified(room: Room) -> None:
     ada, bo = room.visit(ADA, BO, leaves=False)
     do(room, intents.NamePerson(ada, "Alex"))
     renamed, told = do(room, intents.NamePerson(bo, "Alex"))
@@ -182,7 +182,7 @@ def test_two_rows_become_one_and_two_again(room: Room) -> None:
     assert rows(room)[bo].tags == ("tall",)
 
 
-def test_who_stands_there_now_is_somebody_else(room: Room) -> None:
+def test_who_stands_there_now_is_another_person(room: Room) -> None:
     (ada,) = room.visit(ADA, leaves=False)
     do(room, intents.NamePerson(ada, "Ada"))
     left, split, came = do(room, intents.SplitPerson(ada))
@@ -199,7 +199,7 @@ def test_who_stands_there_now_is_somebody_else(room: Room) -> None:
     assert [row.person_id for row in room.presence.persons()] == [ada]
 
 
-def test_a_visit_that_was_somebodys_is_split_off(room: Room) -> None:
+def test_a_visit_that_was_a_persons_is_split_off(room: Room) -> None:
     (ada,) = room.visit(ADA)
     do(room, intents.NamePerson(ada, "Ada"))
     (guest,) = room.visit(BO)
@@ -240,7 +240,7 @@ def test_consent_is_noted_with_who_and_when_and_its_newest_answer_counts(room: R
     assert rows(room)[ada].consents == ("video",)
 
 
-def test_what_happens_with_somebody_is_their_history(room: Room) -> None:
+def test_what_happens_with_a_person_is_their_history(room: Room) -> None:
     room.presence.note(SessionStarted(room.now_ns, "2026-11-23_P1"))
     (ada,) = room.visit(ADA, leaves=False)
     say(room, ada, "This is the Mona Lisa.")
@@ -339,7 +339,7 @@ def test_forgetting_is_for_good_and_who_still_stands_there_is_nobody_known(room:
     ],
     ids=lambda asked: type(asked).__name__,
 )
-def test_of_somebody_unknown_nothing_is_decided(room: Room, asked: PeopleIntent) -> None:
+def test_of_a_person_unknown_nothing_is_decided(room: Room, asked: PeopleIntent) -> None:
     (told,) = do(room, asked)
     assert isinstance(told, Problem) and told.what == "That person is no longer known."
 

@@ -52,7 +52,7 @@ def test_a_person_stands_where_picture_and_scan_agree(place: tuple[float, float]
     assert found.person_id == "p1"
 
 
-def test_places_are_told_in_the_map() -> None:
+def test_places_are_reported_in_the_map() -> None:
     robot = Pose2D(5.0, 1.0, math.pi / 2)
     (found,) = located(seen((2.0, 0.0)), scan_of((2.0, 0.0)), CAMERA, robot)
     assert math.dist((found.x_m, found.y_m), (5.0, 3.0)) < 0.2

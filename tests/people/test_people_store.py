@@ -93,7 +93,7 @@ def test_a_visit_is_noted_once_and_grows(path: Path) -> None:
     store.close()
 
 
-def test_everything_about_somebody_comes_back_and_stands_nowhere_in_the_clear(path: Path) -> None:
+def test_everything_about_a_person_comes_back_and_stands_nowhere_in_the_clear(path: Path) -> None:
     store = PeopleStore(path, utc_now_ns=lambda: NOW_NS)
     ada = furnished(store, ABOUT)
     held = everything(path)
@@ -115,7 +115,7 @@ def test_everything_about_somebody_comes_back_and_stands_nowhere_in_the_clear(pa
     store.close()
 
 
-def test_who_turns_out_to_be_somebody_has_one_history_until_that_is_taken_back(path: Path) -> None:
+def test_who_turns_out_to_be_a_person_has_one_history_until_that_is_taken_back(path: Path) -> None:
     store = PeopleStore(path)
     ada, guest, third = (store.add().person_id for _ in range(3))
     store.describe(ada, About("Ada"))
@@ -219,7 +219,7 @@ def test_a_forgotten_person_leaves_no_trace_in_the_files_and_the_others_stay_as_
 
 
 @pytest.mark.logs("people database .* could not be")
-def test_that_the_log_could_not_be_emptied_is_told_and_asking_again_ends_it(
+def test_that_the_log_could_not_be_emptied_is_reported_and_asking_again_ends_it(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("caris_desktop.people.database._BUSY_TIMEOUT_S", 0.05)

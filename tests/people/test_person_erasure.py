@@ -27,7 +27,7 @@ def database(tmp_path: Path) -> Path:
     return path
 
 
-def test_somebody_is_found_by_name_or_any_id_with_all_that_is_known(database: Path) -> None:
+def test_a_person_is_found_by_name_or_any_id_with_all_that_is_known(database: Path) -> None:
     by_name = find_person(database, "ada quill")
     assert by_name is not None
     assert by_name.names == ("Ada  Quill",)
@@ -55,7 +55,7 @@ def test_who_is_erased_is_gone_and_may_be_erased_again(database: Path) -> None:
 
 
 @pytest.mark.logs("could not be opened")
-def test_a_database_of_something_else_is_told_and_left(tmp_path: Path) -> None:
+def test_a_database_of_something_else_is_reported_and_left(tmp_path: Path) -> None:
     path = tmp_path / "people.sqlite"
     path.write_bytes(b"no database" * 100)
     with pytest.raises(UserFacingError, match="No person was erased"):

@@ -152,7 +152,7 @@ def test_a_track_that_returns_after_a_while_has_to_be_recognised_unless_nobody_i
         assert len(presence.persons(include_left=True)) == people
 
 
-def test_after_a_restart_of_the_tracker_a_number_is_somebody_else() -> None:
+def test_after_a_restart_of_the_tracker_a_number_is_another_person() -> None:
     presence = PresenceTracker()
     _watch(presence, [[1]] * 3)
     (before,) = presence.persons()
@@ -176,7 +176,7 @@ def test_a_name_is_in_the_database_and_the_panel_but_not_in_the_event(store: Peo
     assert presence.persons()[0].name == "Person 1"
 
 
-def test_naming_somebody_unknown_is_refused_in_words() -> None:
+def test_naming_a_person_unknown_is_refused_in_words() -> None:
     (event,) = PresenceTracker().do(NamePerson("p-unknown", "Ada"), 5)
     assert isinstance(event, Problem)
 
@@ -222,7 +222,7 @@ def test_everybody_who_left_had_appeared_and_nobody_appears_twice(frames: list[s
 
 
 @pytest.mark.parametrize(("portraits", "kept"), [("everybody", [1, 2]), ("consenting", [1]), ("nobody", [])])
-def test_of_whom_a_portrait_is_kept_follows_from_who_may_be_seen_in_pictures(
+def test_of_whom_a_portrait_is_retained_follows_from_who_may_be_seen_in_pictures(
     store: PeopleStore, portraits: PortraitsOf, kept: list[int]
 ) -> None:
     presence = PresenceTracker(KnownPeople(store))

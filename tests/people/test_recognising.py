@@ -118,7 +118,7 @@ def test_a_tracker_that_takes_one_for_another_passes_no_name_on() -> None:
     assert room.presence.persons()[0].name == "Ada", "the other's looks were not taken for hers"
 
 
-def test_those_who_were_mistaken_for_one_another_are_told_apart_with_more_care() -> None:
+def test_those_who_were_mistaken_for_one_another_are_distinguished_with_more_care() -> None:
     found = []
     for mistaken in (False, True):
         room = Room(settings=ASK_FIRST)

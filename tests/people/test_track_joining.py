@@ -56,7 +56,7 @@ def test_a_name_stays_with_who_comes_into_view_again() -> None:
     assert {row.track: row.name for row in room.presence.persons()} == {11: "Bo", 12: "Ada"}
 
 
-def test_somebody_else_at_the_same_place_is_somebody_new() -> None:
+def test_another_person_at_the_same_place_is_a_person_new() -> None:
     room = Room()
     see(room, {1: ADA}, {1: HERE})
     turn_away(room, 2.0)

@@ -107,7 +107,7 @@ def standing(x_m: float, y_m: float) -> Way:
     return lambda _seconds: (x_m, y_m)
 
 
-def test_somebody_whom_both_cameras_see_is_one_row() -> None:
+def test_a_person_whom_both_cameras_see_is_one_row() -> None:
     scene = Scene(PresenceTracker(), standing(4.0, 2.2))
     (row,) = scene.play(4.0)
     assert set(row.cameras) == {"front", "desk"}, "both are perceived"
@@ -157,7 +157,7 @@ def test_who_was_two_people_for_want_of_places_becomes_one(monkeypatch: pytest.M
     assert row.distance_m == pytest.approx(2.0, abs=0.3), "whichever camera still sees them tells where they are"
 
 
-def test_somebody_elsewhere_is_never_taken_for_them() -> None:
+def test_a_person_elsewhere_is_never_taken_for_them() -> None:
     scene = Scene(PresenceTracker(), standing(4.0, 2.2), standing(4.4, 0.9))
     for _ in range(5):
         rows = scene.play(1.0)

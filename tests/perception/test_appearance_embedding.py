@@ -55,13 +55,13 @@ def test_a_network_for_one_at_a_time_is_asked_one_by_one(tmp_path: Path, model: 
     ("content", "words"),
     [(b"no network", "could not be loaded"), (colours_of_places(height=64), "not a re-identification model")],
 )
-def test_a_file_that_is_no_such_network_is_told_by_name(tmp_path: Path, content: bytes, words: str) -> None:
+def test_a_file_that_is_no_such_network_is_reported_by_name(tmp_path: Path, content: bytes, words: str) -> None:
     (tmp_path / "osnet_bad.onnx").write_bytes(content)
     with pytest.raises(AppearanceError, match=f"osnet_bad.onnx.*{words}"):
         AppearanceModel(tmp_path / "osnet_bad.onnx")
 
 
-def test_a_checksum_beside_the_file_has_to_be_its_own(tmp_path: Path, model: AppearanceModel) -> None:
+def test_a_checksum_next_to_the_file_has_to_be_its_own(tmp_path: Path, model: AppearanceModel) -> None:
     path = tmp_path / "osnet_test.onnx"
     checksum = tmp_path / "osnet_test.onnx.sha256"
     checksum.write_text(f"{hashlib.sha256(path.read_bytes()).hexdigest().upper()}  osnet_test.onnx\n", encoding="ascii")

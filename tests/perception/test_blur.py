@@ -62,7 +62,7 @@ def test_a_whole_picture_keeps_no_face() -> None:
         (box(100, 200, 300, 100), (100, 200, 160, 290)),  # lying
     ],
 )
-def test_the_head_is_within_what_is_covered_of_somebody(person: PersonBox, head: Corners) -> None:
+def test_the_head_is_within_what_is_covered_of_a_person(person: PersonBox, head: Corners) -> None:
     left, top, right, bottom = blur.part_to_cover(person, "faces")
     assert left <= head[0] and top <= head[1] and right >= head[2] and bottom >= head[3]
     whole = blur.part_to_cover(person, "persons")

@@ -33,7 +33,7 @@ def test_a_head_turns_its_camera_and_no_other() -> None:
     assert turning.direction(0, on_head=False) == (pytest.approx(1.0), 0.0)
 
 
-def test_nothing_is_known_of_a_robot_that_tells_nothing() -> None:
+def test_nothing_is_known_of_a_robot_that_reports_nothing() -> None:
     turning = CameraTurning()
     assert turning.direction(0, on_head=True) is None
     turning.add(odometry(0, 1.0))

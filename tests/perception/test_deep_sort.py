@@ -32,7 +32,7 @@ def deep_sort() -> DeepSort:
     return DeepSort(itertools.count(1).__next__)
 
 
-def test_somebody_counts_from_the_third_picture_on_and_not_after_a_single_one() -> None:
+def test_a_person_counts_from_the_third_picture_on_and_not_after_a_single_one() -> None:
     tracker = deep_sort()
     assert [seen(tracker, [10.0], [0], 0.1 * step) for step in range(4)] == [[0], [0], [1], [1]]
     seen(tracker, [10.0, 400.0], [0, 1], 0.4)
@@ -40,21 +40,21 @@ def test_somebody_counts_from_the_third_picture_on_and_not_after_a_single_one() 
     assert seen(tracker, [10.0, 400.0], [0, 1], 0.6) == [1, 0], "the other began anew"
 
 
-def test_two_who_cross_are_told_apart_by_their_looks() -> None:
+def test_two_who_cross_are_distinguished_by_their_appearance() -> None:
     tracker = deep_sort()
     for step in range(10):
         seen(tracker, [100.0 + 10 * step, 300.0 - 10 * step], [0, 1], 0.1 * step)
     assert seen(tracker, [200.0, 205.0], [1, 0], 1.0) == [2, 1]
 
 
-def test_who_is_far_from_where_they_would_be_is_somebody_else_whatever_the_looks() -> None:
+def test_who_is_far_from_where_they_would_be_is_another_person_whatever_the_looks() -> None:
     tracker = deep_sort()
     for step in range(5):
         seen(tracker, [100.0], [0], 0.1 * step)
     assert seen(tracker, [500.0], [0], 0.5) == [0]
 
 
-def test_without_looks_ways_decide() -> None:
+def test_without_appearance_ways_decide() -> None:
     tracker = deep_sort()
     for step in range(5):
         seen(tracker, [100.0 + 10 * step, 400.0], [0, 1], 0.1 * step, looks=False)

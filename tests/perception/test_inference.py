@@ -170,7 +170,7 @@ def test_faces_are_looked_at_only_where_a_look_says_so(
 
 
 @needs_offline_package
-def test_numbers_of_one_camera_never_mean_somebody_of_another(
+def test_numbers_of_one_camera_never_mean_a_person_of_another(
     offline_inference: RunningInference, ready: InferenceReady
 ) -> None:
     street = bus_picture()

@@ -44,7 +44,7 @@ def score(film: Callable[[int], list[Picture]], *, turns_known: bool = True, loo
     return mean(idf1(one, follow_all(one, turns_known=turns_known, looks=looks)) for one in films)
 
 
-def test_somebody_who_walks_keeps_their_number_and_two_have_two() -> None:
+def test_a_person_who_walks_keeps_their_number_and_two_have_two() -> None:
     follower = CameraTracker()
     seen = [numbers(follower, [box(10.0 + 8 * step), box(400.0 - 8 * step)], 0.1 * step) for step in range(10)]
     assert seen[0] == {0: 1, 1: 2}
@@ -66,7 +66,7 @@ def test_where_pictures_are_rare_people_count_too(period_s: float) -> None:
     assert seen == [{}, {0: 1}, {0: 1}, {0: 1}, {0: 1}]
 
 
-def test_a_box_that_is_hardly_one_continues_somebody_and_begins_nobody() -> None:
+def test_a_box_that_is_hardly_one_continues_a_person_and_begins_nobody() -> None:
     follower = CameraTracker()
     numbers(follower, [box(10.0)], 0.0)
     assert numbers(follower, [box(12.0)], 0.1, confidence=SURE - 0.2) == {0: 1}
@@ -75,7 +75,7 @@ def test_a_box_that_is_hardly_one_continues_somebody_and_begins_nobody() -> None
     assert all(numbers(stranger, [box(10.0)], 0.1 * step, confidence=SURE - 0.3) == {} for step in range(1, 30))
 
 
-def test_poor_boxes_become_somebody_after_a_while_unless_another_covers_them() -> None:
+def test_poor_boxes_become_a_person_after_a_while_unless_another_covers_them() -> None:
     poor, person, legs = box(10.0), box(300.0), box(310.0, y=280.0, height=110.0)
     follower = CameraTracker()
     corners, confidences = np.array([poor, person, legs]), np.array([0.37, 0.9, 0.4])
@@ -85,7 +85,7 @@ def test_poor_boxes_become_somebody_after_a_while_unless_another_covers_them() -
 
 
 @pytest.mark.parametrize("period_s", [0.04, 0.15, 0.4])
-def test_somebody_hidden_for_a_second_goes_on_where_they_would_be(period_s: float) -> None:
+def test_a_person_hidden_for_a_second_continues_where_they_would_be(period_s: float) -> None:
     follower = CameraTracker()
     stamps = np.arange(0.0, 4.0, period_s)
     seen: list[dict[int, int]] = []
@@ -95,7 +95,7 @@ def test_somebody_hidden_for_a_second_goes_on_where_they_would_be(period_s: floa
     assert {number for each in seen for number in each.values()} == {1}
 
 
-def test_after_too_long_they_are_somebody_new_for_who_cannot_tell_by_looks() -> None:
+def test_after_too_long_a_person_without_embedding_is_new() -> None:
     follower = CameraTracker()
     numbers(follower, [box(10.0)], 0.0)
     for step in range(1, 10):
@@ -111,7 +111,7 @@ def test_who_is_where_they_were_before_a_pause_of_the_camera_is_the_same() -> No
     assert numbers(follower, [box(12.0)], 4.0) == {0: 1}
 
 
-def test_who_comes_back_elsewhere_is_known_by_their_looks_and_a_stranger_is_not() -> None:
+def test_who_comes_back_elsewhere_is_known_by_their_appearance_and_a_stranger_is_not() -> None:
     follower = CameraTracker()
     looks = np.eye(4)
 
@@ -150,7 +150,7 @@ def test_two_who_were_taken_for_each_other_get_their_numbers_back_when_they_are_
     assert later[2:] == [[2, 1]] * 6
 
 
-def test_who_comes_in_where_somebody_has_just_left_does_not_go_on_as_them() -> None:
+def test_who_comes_in_where_a_person_has_just_left_does_not_continue_as_them() -> None:
     follower = CameraTracker()
     likenesses = np.eye(2)
 

@@ -13,7 +13,7 @@ def box(number: int, x: float, *, looks: int | None = None) -> TrackedBox:
     return TrackedBox(number, x, 100.0, 40.0, 100.0, 0.8, 0, 0.8, None if looks is None else LOOKS[looks])
 
 
-def test_a_way_that_goes_on_under_another_number_is_one_persons() -> None:
+def test_a_way_that_continues_under_another_number_is_one_persons() -> None:
     stamps_s = [0.1 * step for step in range(14)]
     pictures = [[box(1 if step < 6 else 2, 10.0 * step)] if not 5 < step < 8 else [] for step in range(14)]
     assert linked(pictures, stamps_s) == {1: 1, 2: 1}
@@ -31,7 +31,7 @@ def test_who_returns_later_is_one_with_whom_they_look_like_and_with_nobody_of_th
     assert linked(pictures, [0.0, 5.0, 20.0, 20.1]) == {1: 1, 2: 2, 3: 2, 4: 4, 5: 5}
 
 
-def test_the_way_does_not_go_on_for_who_looks_otherwise() -> None:
+def test_the_way_does_not_continue_for_who_looks_otherwise() -> None:
     pictures = [[box(1, 10.0, looks=0)], [box(1, 12.0)], [box(2, 14.0, looks=1)]]
     assert linked(pictures, [0.0, 0.1, 0.2]) == {1: 1, 2: 2}
 

@@ -36,7 +36,7 @@ def look(number: int, *, to_cover: bool) -> DetectionRequest:
     return DetectionRequest(ref, to_cover=to_cover)
 
 
-def test_whoever_may_be_a_person_is_told_of_where_people_have_to_be_covered() -> None:
+def test_whoever_may_be_a_person_is_notified_of_where_people_have_to_be_covered() -> None:
     one = perceiver(Finds())
     first = one.perceive(PICTURE, look(0, to_cover=True))
     told = {round(box.left_px) for box in (*first.boxes, *first.unfollowed)}
@@ -48,7 +48,7 @@ def test_whoever_may_be_a_person_is_told_of_where_people_have_to_be_covered() ->
     assert one.perceive(PICTURE, look(7, to_cover=False)).unfollowed == ()
 
 
-def test_a_head_is_told_of_where_it_is_seen() -> None:
+def test_a_head_is_reported_of_where_it_is_seen() -> None:
     keypoints = np.zeros((3, 17, 3))
     keypoints[0, :3] = [(100, 330, 0.9), (104, 326, 0.9), (96, 326, 0.9)]
     perceived = perceiver(Finds(keypoints)).perceive(PICTURE, look(0, to_cover=True))

@@ -60,7 +60,7 @@ def test_what_could_be_either_stays_what_it_was() -> None:
     ],
     ids=["behind a table", "hips hidden", "lying", "nothing seen"],
 )
-def test_what_cannot_be_seen_is_not_told(points: Points) -> None:
+def test_what_cannot_be_seen_is_not_reported(points: Points) -> None:
     assert posture_of(points, "standing") == ""
 
 
@@ -92,7 +92,7 @@ def _told(*spans: tuple[float, Points], fps: float = 10.0) -> list[Pose]:
     return [poses.of(1, points, next(number) / fps) for seconds, points in spans for _ in range(round(seconds * fps))]
 
 
-def test_a_pose_is_told_once_it_was_seen_for_half_a_second() -> None:
+def test_a_pose_is_reported_once_it_was_seen_for_half_a_second() -> None:
     told = _told((1.0, body()), (1.0, SITS_BEFORE_THE_CAMERA))
     assert told[0] == Pose()
     assert told[9] == Pose("standing", False, True)
@@ -106,7 +106,7 @@ def test_single_bad_pictures_change_nothing() -> None:
     assert {pose.facing for pose in told[9:]} == {True}
 
 
-def test_what_is_not_seen_any_more_is_not_told_for_long() -> None:
+def test_what_is_not_seen_any_more_is_not_reported_for_long() -> None:
     told = _told((1.0, body()), (4.0, body(hidden=("knee", "wrist"))))
     assert told[20].posture == "standing"
     assert told[-1] == Pose("", None, True)

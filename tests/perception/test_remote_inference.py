@@ -66,7 +66,7 @@ def server() -> Iterator[Serving]:
 
 
 @pytest.mark.logs("pictures are passed over")
-def test_it_waits_for_the_other_machine_says_so_and_goes_on(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_waits_for_the_other_machine_says_so_and_continues(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inference, "_ASK_AGAIN_AFTER_S", 0.02)
     monkeypatch.setattr(remote, "_TRY_AGAIN_AFTER_S", 0.0)
     server.stop()
@@ -94,7 +94,7 @@ def test_it_waits_for_the_other_machine_says_so_and_goes_on(server: Serving, mon
         running.close()
 
 
-def test_things_and_poses_are_told_beside_people(server: Serving) -> None:
+def test_things_and_poses_are_reported_next_to_people(server: Serving) -> None:
     server.detector.class_names = ("chair", "person")
     running = Running(DetectorSettings(server=server.address, things=("Chair", "unicorn", "person")))
     try:

@@ -76,7 +76,7 @@ def test_the_models_folder_is_searched_in_order(folders: tuple[Path, Path], name
 
 @pytest.mark.logs("is not the published file")
 @pytest.mark.parametrize("name", ["yolov8n.pt", "yolov8s.pt"])
-def test_a_pickle_that_nobody_vouches_for_is_not_taken_by_itself(
+def test_a_pickle_that_nobody_vouches_for_is_not_taken_automatically(
     folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     _no_offline_package(monkeypatch)
@@ -204,7 +204,9 @@ def _sum(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def test_what_a_scenario_names_lies_beside_it_or_in_a_models_folder(tmp_path: Path, folders: tuple[Path, Path]) -> None:
+def test_what_a_scenario_names_lies_next_to_it_or_in_a_models_folder(
+    tmp_path: Path, folders: tuple[Path, Path]
+) -> None:
     (folders[0] / "other.onnx").write_bytes(b"network")
     choice = DetectorChoice("other.onnx", folder=tmp_path, input_px=640)
     found = find_weights(choice, folders=folders)
@@ -250,7 +252,7 @@ def test_a_pickle_that_a_scenario_names_needs_a_checksum(folders: tuple[Path, Pa
         ("empty", "or an OpenVINO folder"),
     ],
 )
-def test_what_a_scenario_names_wrongly_is_told(folders: tuple[Path, Path], source: str, words: str) -> None:
+def test_what_a_scenario_names_wrongly_is_reported(folders: tuple[Path, Path], source: str, words: str) -> None:
     (folders[0] / "notes.txt").touch()
     (folders[0] / "empty").mkdir()
     (folders[0].parent / "other.onnx").touch()
@@ -297,7 +299,7 @@ def test_a_named_address_is_fetched_once(folders: tuple[Path, Path], server: tup
         ("{}/away.onnx", _sum(b"network"), "not an https:// address"),
     ],
 )
-def test_an_address_that_gives_no_such_file_is_told(
+def test_an_address_that_gives_no_such_file_is_reported(
     folders: tuple[Path, Path], server: tuple[str, dict[str, bytes]], address: str, sha256: str, words: str
 ) -> None:
     server[1]["/my.onnx"] = b"network"

@@ -111,7 +111,7 @@ def test_the_report_has_both(session: Path, tmp_path: Path) -> None:
     assert "median 0.50 s, quartiles 0.50 and 0.50 s, 100 % under 1 s, 0 of 1 overlapping" in text
 
 
-def test_the_methods_sheet_tells_of_gaps(session: Path, tmp_path: Path) -> None:
+def test_the_methods_sheet_reports_gaps(session: Path, tmp_path: Path) -> None:
     export_session(session, "methods", tmp_path / "methods")
     text = " ".join(path.read_text(encoding="utf-8") for path in (tmp_path / "methods").iterdir())
     assert "median 0.50 s, quartiles 0.50 and 0.50 s, 100 % under 1 s, 0 of 1 overlapping" in text

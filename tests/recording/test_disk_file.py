@@ -48,7 +48,7 @@ def test_an_index_that_finds_no_room_leaves_the_file_as_it_was(tmp_path: Path, m
     file.close()
 
 
-def test_a_write_goes_on_where_it_stopped_once_there_is_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_write_continues_where_it_stopped_once_there_is_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     reserve = Reserve(tmp_path, 4096)
     assert not any(tmp_path.iterdir())
     file = DiskFile(tmp_path / "f", on_full=reserve.release)

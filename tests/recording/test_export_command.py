@@ -99,7 +99,7 @@ def test_the_methods_sheet_of_a_study_is_one(study: Path, tmp_path: Path, capsys
     assert "Exported 3 of 3 sessions and methods for all" in capsys.readouterr().out
 
 
-def test_what_cannot_be_exported_is_told_and_the_rest_goes_on(
+def test_what_cannot_be_exported_is_reported_and_the_rest_continues(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (study / "sessions" / "one" / "events.mcap").unlink()
@@ -118,7 +118,7 @@ def test_what_cannot_be_exported_is_told_and_the_rest_goes_on(
     assert names(tmp_path / "out" / "two") == ["kept.txt"]
 
 
-def test_what_was_repaired_first_is_told(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_was_repaired_first_is_reported(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copytree(session, tmp_path / "cut")
     header = json.loads((tmp_path / "cut" / "session.json").read_text())
     header["ended_ns"] = header["reason"] = None
@@ -208,7 +208,7 @@ def test_progress_is_shown_in_one_line_of_a_terminal(
     assert output.endswith("\r\033[K"), "nothing is left of it"
 
 
-def test_checksums_are_compared_first_where_asked_for(
+def test_checksums_are_compared_first_where_requested(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sessions = study / "sessions"
@@ -247,7 +247,7 @@ def test_unknown_formats_are_refused(
         (lambda path: (path / "sessions").mkdir(parents=True), "is not a session or a study"),
     ],
 )
-def test_what_is_no_session_is_told(
+def test_what_is_no_session_is_reported(
     tmp_path: Path, make: Callable[[Path], object], expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     make(tmp_path / "x")
@@ -267,7 +267,7 @@ def test_nothing_is_written_into_the_record(session: Path, tmp_path: Path) -> No
     assert names(tmp_path / "s") == sorted([*before, "export-vtt"])
 
 
-def test_the_process_tells_how_far_it_is_and_what_it_wrote(study: Path, tmp_path: Path) -> None:
+def test_the_process_shows_how_far_it_is_and_what_it_wrote(study: Path, tmp_path: Path) -> None:
     bad = tmp_path / "bad"
     bad.mkdir()
     request = ExportRequest((*sorted((study / "sessions").iterdir()), bad), ("csv", "vtt"), tmp_path / "out", "CC0-1.0")
@@ -329,7 +329,7 @@ def on_disk(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @in_own_mounts
-def test_a_full_disk_keeps_what_is_whole_and_ends_the_rest(study: Path, tmp_path: Path) -> None:
+def test_a_full_disk_keeps_what_is_complete_and_ends_the_rest(study: Path, tmp_path: Path) -> None:
     (tmp_path / "disk").mkdir()
     result = on_disk(
         'mount -t tmpfs -o size=300k none "$1"; status=0\n'
@@ -347,7 +347,7 @@ def test_a_full_disk_keeps_what_is_whole_and_ends_the_rest(study: Path, tmp_path
 
 
 @in_own_mounts
-def test_a_read_only_disk_is_told(session: Path, tmp_path: Path) -> None:
+def test_a_read_only_disk_is_reported(session: Path, tmp_path: Path) -> None:
     (tmp_path / "disk").mkdir()
     result = on_disk(
         'mount -t tmpfs -o ro none "$1"; "$3" -m caris_desktop export "$2" --to csv "$1/out"',
@@ -379,7 +379,7 @@ def test_a_header_of_nonsense_is_exported_as_far_as_it_goes(session: Path, tmp_p
     assert finished.problems == ()
 
 
-def test_a_finished_session_that_was_cut_is_told_by_every_export(
+def test_a_finished_session_that_was_cut_is_reported_by_every_export(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = study / "sessions" / "one"
@@ -398,7 +398,7 @@ def test_a_finished_session_that_was_cut_is_told_by_every_export(
             assert "No missing data was recorded" not in told
 
 
-def test_a_file_that_is_gone_is_told_by_every_export(
+def test_a_file_that_is_gone_is_reported_by_every_export(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = study / "sessions" / "one"

@@ -104,7 +104,7 @@ def test_no_export_says_who_made_the_recording_or_where_the_robot_is(study: Path
     assert "hello there" in found["one/csv/utterances.csv"]
 
 
-def test_names_are_exported_where_somebody_chose_that(study: Path, tmp_path: Path) -> None:
+def test_names_are_exported_where_a_person_chose_that(study: Path, tmp_path: Path) -> None:
     parser = argparse.ArgumentParser()
     export_command.add_arguments(parser)
     words = [str(study / "sessions" / "one"), "--to", "csv,methods,rocrate", "--with-names", str(tmp_path / "out")]

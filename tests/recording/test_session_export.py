@@ -198,7 +198,7 @@ def test_values_with_impossible_stamps_are_left_out(tmp_path: Path) -> None:
     export_session(tmp_path / "s", "parquet", tmp_path / "parquet")
 
 
-def test_what_heads_the_session_is_told_with_its_media(session: Path, tmp_path: Path) -> None:
+def test_what_heads_the_session_is_reported_with_its_media(session: Path, tmp_path: Path) -> None:
     path = session / "session.json"
     header = json.loads(path.read_text())
     header["videos"] = [{"file_name": "video-front.mp4", "frames": 7}, {"file_name": "video-up.mp4"}]

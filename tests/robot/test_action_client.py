@@ -102,7 +102,7 @@ def test_of_two_that_turn_up_none_is_cancelled_by_name(apart: bool) -> None:
 
 
 @pytest.mark.parametrize("refused", [True, False], ids=["refused", "never answered"])
-def test_somebody_else_s_later_goal_is_not_taken_for_one_that_never_turned_up(
+def test_another_person_s_later_goal_is_not_taken_for_one_that_never_turned_up(
     refused: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def test(bench: LoopBench) -> None:

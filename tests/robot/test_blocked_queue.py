@@ -169,7 +169,7 @@ def test_commands_that_are_read_and_not_handled_are_few_and_end_in_a_new_connect
 
 
 @pytest.mark.logs(r"robot\.")
-def test_a_server_that_shows_nothing_of_what_it_handles_is_driven_by_its_pings_and_that_is_told(
+def test_a_server_that_shows_nothing_of_what_it_handles_is_driven_by_its_pings_and_that_is_reported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(handled_operations, "_WAITED_FOR_AT_MOST_S", 0.2)

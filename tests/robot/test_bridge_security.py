@@ -180,7 +180,7 @@ def test_a_certificate_that_has_expired_is_refused(authority: Authority) -> None
 
 
 @pytest.mark.parametrize("issued_for", ["robot.example", "10.0.0.9"])
-def test_a_certificate_for_somebody_else_is_refused(authority: Authority, issued_for: str) -> None:
+def test_a_certificate_for_another_host_is_refused(authority: Authority, issued_for: str) -> None:
     async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, f"for another name: {issued_for}")
 
@@ -212,7 +212,7 @@ def fingerprint(files: ServerFiles) -> str:
 
 
 @pytest.mark.parametrize(("kind", "told"), KINDS)
-def test_everything_that_is_wrong_with_a_certificate_is_told_with_its_fingerprint(
+def test_everything_that_is_wrong_with_a_certificate_is_reported_with_its_fingerprint(
     authority: Authority, kind: dict[str, Any], told: tuple[str, ...]
 ) -> None:
     files = issued(authority, kind)
@@ -282,7 +282,7 @@ def test_a_certificate_made_as_the_guide_says_is_accepted_here_and_by_the_strict
         connect(use, rosbridge(files=files), SecuritySettings(ca_file=str(files.certificate)), host=host)
 
 
-def test_a_server_without_tls_and_a_client_without_tls_are_told_apart(authority: Authority) -> None:
+def test_a_server_without_tls_and_a_client_without_tls_are_distinguished(authority: Authority) -> None:
     async def plain_server(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:
         await is_told(observer, "does not use TLS", "ws://")
 
@@ -341,7 +341,7 @@ def test_a_wrong_secret_is_refused_in_words_and_never_shown_as_connected(
     assert "a wrong secret.." not in caplog.text
 
 
-def test_a_secret_that_is_not_set_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_secret_that_is_not_set_is_requested(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(SECRET_ENV, raising=False)
 
     async def use(ros: RosbridgeClient, observer: TellingObserver, server: Server) -> None:

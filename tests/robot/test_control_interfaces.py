@@ -99,7 +99,7 @@ def test_a_value_that_does_not_fit_the_type_is_explained_and_not_sent() -> None:
 
 
 @pytest.mark.logs(r"robot\.control_interfaces: ")
-def test_the_robots_own_types_are_asked_for_once() -> None:
+def test_the_robots_own_types_are_requested_once() -> None:
     def details(request: dict[str, Any]) -> dict[str, Any] | str:
         if request["type"] != "robot_msgs/Light":
             return "no such type"
@@ -177,7 +177,7 @@ def test_the_emergency_stop_holds_for_every_control_that_may_move_the_robot() ->
     with_link(RobotProfile("test", "Test", controls=(arm, EYES, WAVE, lamp, blink)), test)
 
 
-def test_the_emergency_stop_counts_also_while_a_type_is_asked_for() -> None:
+def test_the_emergency_stop_counts_also_while_a_type_is_requested() -> None:
     answers: list[dict[str, Any]] = []
 
     def prepare(bridge: Bridge) -> None:
@@ -315,7 +315,7 @@ def test_an_action_of_ros2() -> None:
     with_link(RobotProfile("test", "Test", ros=2, controls=(WAVE,)), test)
 
 
-def test_an_action_of_ros2_that_is_refused_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_action_of_ros2_that_is_refused_is_abandoned(monkeypatch: pytest.MonkeyPatch) -> None:
     """rosbridge sends no result for a goal that is refused or accepted by nobody."""
     monkeypatch.setattr(control_interfaces, "NO_ANSWER_S", 0.1)
 
@@ -326,7 +326,7 @@ def test_an_action_of_ros2_that_is_refused_is_given_up(monkeypatch: pytest.Monke
     with_link(RobotProfile("test", "Test", ros=2, controls=(WAVE,)), test)
 
 
-def test_an_action_that_nobody_offers_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_action_that_nobody_offers_is_abandoned(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(control_interfaces, "NO_ANSWER_S", 0.1)
 
     async def test(bench: LoopBench) -> None:
@@ -360,7 +360,7 @@ def test_without_a_link_every_use_fails_and_none_comes_later(monkeypatch: pytest
     with_link(ROBOT, test)
 
 
-def test_what_a_control_began_is_cancelled_after_a_lost_link_and_its_status_tells_how_it_ended() -> None:
+def test_what_a_control_began_is_cancelled_after_a_lost_link_and_its_status_shows_how_it_ended() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(use("wave", True, "under way"))
         [goal] = await bench.until(lambda: bench.bridge.published("/play/goal"), "a goal")
@@ -374,7 +374,7 @@ def test_what_a_control_began_is_cancelled_after_a_lost_link_and_its_status_tell
     with_link(ROBOT, test)
 
 
-def test_readings_are_told_together_and_not_too_often() -> None:
+def test_readings_are_reported_together_and_not_too_often() -> None:
     async def test(bench: LoopBench) -> None:
         for number in range(40):
             await bench.bridge.publish("/volume/state", {"data": float(number)})
@@ -387,7 +387,7 @@ def test_readings_are_told_together_and_not_too_often() -> None:
     with_link(ROBOT, test)
 
 
-def test_who_has_forgotten_is_told_again() -> None:
+def test_who_has_forgotten_is_notified_again() -> None:
     async def test(bench: LoopBench) -> None:
         await bench.bridge.publish("/volume/state", {"data": 0.5})
         await bench.until(lambda: bench.of(ControlReadings), "a reading")

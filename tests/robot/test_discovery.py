@@ -84,7 +84,7 @@ def test_the_usual_names_are_proposed_and_what_is_not_there_is_left_empty() -> N
     assert why(proposal, "scan") == "Its type is sensor_msgs/LaserScan. It is named “scan”."
 
 
-def test_a_microphone_and_a_loudspeaker_are_told_apart() -> None:
+def test_a_microphone_and_a_loudspeaker_are_distinguished() -> None:
     topics = {
         "/audio/audio": "audio_common_msgs/AudioData",
         "/audio/audio_info": "audio_common_msgs/AudioInfo",
@@ -137,7 +137,7 @@ def test_of_several_the_robot_s_own_comes_first_and_the_doubtful_ones_are_candid
     assert "“rear” in its name makes it unlikely" in scan.candidates[1].why
 
 
-def test_raw_pictures_are_taken_where_there_are_no_compressed_ones_and_that_is_told() -> None:
+def test_raw_pictures_are_taken_where_there_are_no_compressed_ones_and_that_is_reported() -> None:
     raw = {"/camera/image_raw": "sensor_msgs/Image", "/camera/depth/image_raw": "sensor_msgs/Image"}
     both = propose(offer({**raw, "/camera/image_raw/compressed": "sensor_msgs/CompressedImage"}))
     assert both.chosen["cameras.0"] == "/camera/image_raw/compressed"
@@ -187,7 +187,7 @@ def test_namespaces_are_found_and_one_robot_is_mapped_at_a_time() -> None:
         ({"/lights/set": "std_srvs/SetBool"}, "", "", True),
     ],
 )
-def test_an_emergency_stop_is_told_with_its_field_and_sense(
+def test_an_emergency_stop_is_reported_with_its_field_and_sense(
     services: dict[str, str], expected: str, field: str, stops_with: bool
 ) -> None:
     found = offer(ROS1, services=services)
@@ -344,7 +344,7 @@ def test_an_unknown_robot_is_explored_checked_and_saved(robot: SimulatedRobot, t
     assert load_profile("found", user_dir=tmp_path) == proposed
 
 
-def test_a_wrong_profile_is_told_line_by_line(robot: SimulatedRobot, tmp_path: Path) -> None:
+def test_a_wrong_profile_is_reported_line_by_line(robot: SimulatedRobot, tmp_path: Path) -> None:
     path = tmp_path / "wrong.yaml"
     path.write_text(
         f"version: 1\nros: {robot.ros}\naddress: {robot.address}\nvelocity: {{topic: /cmd_vel, type: TwistStamped}}\n"
@@ -393,7 +393,7 @@ def test_listening_says_how_the_lidar_is_mounted(roll_deg: str, state: str, said
 
 
 @pytest.mark.long
-def test_listening_tells_what_rosbridge_does_not_let_through() -> None:
+def test_listening_shows_what_rosbridge_does_not_let_through() -> None:
     with SimulatedRobot("--empty", "--topics-glob", "/scan", "/odom*", "/tf*", "/rosapi*") as robot:
         profile = replace(load_profile("simulated"), address=robot.address)
         checks = {check.field: check for check in asyncio.run(check_streams(profile, seconds=1.2))}

@@ -124,7 +124,7 @@ def test_a_robot_without_the_service_leaves_the_stop_to_the_console() -> None:
     with_link(robot(interface), test, prepare=lambda bridge: bridge.answers.update(inventory()))
 
 
-def test_a_stop_that_nobody_took_is_told_and_sent_when_the_service_appears_also_after_a_reconnect(
+def test_a_stop_that_nobody_took_is_reported_and_sent_when_the_service_appears_also_after_a_reconnect(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(emergency_stop, "TRIED_AGAIN_AFTER_S", 0.05)
@@ -154,7 +154,7 @@ def test_a_stop_that_nobody_took_is_told_and_sent_when_the_service_appears_also_
 
 
 @pytest.mark.logs(r"robot\.emergency_stop: ")
-def test_a_service_that_does_not_answer_is_asked_again_and_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_service_that_does_not_answer_is_asked_again_and_reported_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(emergency_stop, "TRIED_AGAIN_AFTER_S", 0.05)
 
     async def test(bench: LoopBench) -> None:
@@ -167,7 +167,7 @@ def test_a_service_that_does_not_answer_is_asked_again_and_told_once(monkeypatch
     with_link(robot(EmergencyStopInterface(service="/estop")), test)
 
 
-def test_a_command_topic_that_nobody_takes_is_told_and_published_again_to_who_comes(
+def test_a_command_topic_that_nobody_takes_is_reported_and_published_again_to_who_comes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(emergency_stop, "TRIED_AGAIN_AFTER_S", 0.05)
@@ -184,7 +184,7 @@ def test_a_command_topic_that_nobody_takes_is_told_and_published_again_to_who_co
     with_link(robot(EmergencyStopInterface(command_topic="/e_stop")), test)
 
 
-def test_what_a_robot_lacks_is_told_again_when_it_has_changed() -> None:
+def test_what_a_robot_lacks_is_reported_again_when_it_has_changed() -> None:
     async def test(bench: LoopBench) -> None:
         def lacking() -> list[str]:
             return [problem.what for problem in bench.of(Problem) if problem.cause == "robot_lacks"]

@@ -238,7 +238,7 @@ def test_it_speaks(bench: Bench) -> None:
     assert states()[0] == "started"
 
 
-def test_it_looks_where_it_is_told(bench: Bench) -> None:
+def test_it_looks_where_it_is_reported(bench: Bench) -> None:
     if bench.profile.head is None:
         pytest.skip("this robot has no head that turns")
     bench.link.send(MoveHead(now_ns(), 0.3, 0.2))

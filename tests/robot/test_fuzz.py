@@ -332,7 +332,7 @@ def test_the_control_link_survives(control: Target, payload: tuple[Any, Any]) ->
     control.hit(encoded(payload))
 
 
-def test_the_wizard_is_told_of_it_in_words(control: Target) -> None:
+def test_the_wizard_is_notified_of_it_in_words(control: Target) -> None:
     told = [problem for problem in control.bench.of(Problem) if "cannot be used" in problem.what]
     assert told
     assert control.bench.link._ros.factory.refused > 100  # type: ignore[union-attr]

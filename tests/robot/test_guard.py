@@ -166,7 +166,7 @@ def test_a_wall_alongside_blocks_neither_the_way_ahead_nor_that_away_but_the_str
     assert guard.limit(Twist2D(0.3, 0.0, 1.0), T).fraction < 0.5, "an arc into it"
 
 
-def test_the_arc_is_kept() -> None:
+def test_the_arc_is_retained() -> None:
     guard = guard_with(PROFILE, scan(wall_ahead(0.5)))
     limit = guard.limit(Twist2D(0.5, 0.0, 0.4), T)
     assert 0.0 < limit.fraction < 1.0
@@ -286,7 +286,7 @@ def _front_scan(at_s: float, **wall: float) -> LaserScan:
     return scan(sees, at_s=at_s, field_rad=math.pi)
 
 
-def test_where_no_beam_looks_the_robot_crawls_and_says_so() -> None:
+def test_where_no_beam_looks_the_robot_crawls_and_reports_it() -> None:
     guard = guard_with(PROFILE, _front_scan(T))
     assert guard.limit(AHEAD, T).state == "clear"
     back = guard.limit(BACK, T)
@@ -408,7 +408,7 @@ def test_something_that_is_pushed_into_the_robot_is_not_its_own() -> None:
 # Reports
 
 
-def test_changes_for_the_worse_are_told_at_once_and_noise_is_not_told() -> None:
+def test_changes_for_the_worse_are_reported_at_once_and_noise_is_not_reported() -> None:
     news = GuardChangeDetector()
 
     def told(at_s: float, limit: GuardLimit) -> GuardChanged | None:
@@ -425,7 +425,7 @@ def test_changes_for_the_worse_are_told_at_once_and_noise_is_not_told() -> None:
     assert told(0.96, GuardLimit(1.0, "overridden")) == GuardChanged(1, "overridden", None)
 
 
-def test_at_most_about_five_are_told_in_a_second() -> None:
+def test_at_most_about_five_are_reported_in_a_second() -> None:
     news = GuardChangeDetector()
     limits = [GuardLimit(0.5, "slowing", 2.0 - 0.03 * step) for step in range(60)]
     told = [news.of(limit, 0.033 * step, stamp_ns=step) for step, limit in enumerate(limits)]

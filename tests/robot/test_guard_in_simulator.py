@@ -338,7 +338,7 @@ def test_however_the_lidar_is_mounted_the_robot_stops_at_the_same_distance(
     assert mounted_m == pytest.approx(upright_m, abs=0.02)
 
 
-def test_somebody_who_steps_into_the_way_is_not_run_into() -> None:
+def test_a_person_who_steps_into_the_way_is_not_run_into() -> None:
     """A person enters from the side and stops a metre ahead of a robot at full speed."""
 
     def where(now_s: float) -> tuple[Circles, Circles]:

@@ -49,7 +49,7 @@ def test_it_turns_within_its_range_and_no_faster_than_it_may(dialect: Dialect) -
     with_link(robot(TRAJECTORY, dialect.value), test)
 
 
-def test_of_many_wishes_the_newest_is_sent() -> None:
+def test_of_many_commands_the_newest_is_sent() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(*(MoveHead(now_ns(), 0.01 * step, 0.0) for step in range(50)))
         moved = await bench.until(
@@ -92,7 +92,7 @@ def test_the_emergency_stop_holds_the_head_where_it_is() -> None:
     with_link(robot(TRAJECTORY), test)
 
 
-def test_without_a_link_nothing_is_kept_for_later() -> None:
+def test_without_a_link_nothing_is_retained_for_later() -> None:
     async def test(bench: LoopBench) -> None:
         # Close only after the link has advertised its topics.
         await bench.until(lambda: bench.bridge.operations("advertise", TRAJECTORY.topic), "advertised")

@@ -171,7 +171,7 @@ def test_the_latched_emergency_stop_refuses_and_answers_each_attempt_with_zeros(
     assert all(not leased.twist.moving for _, leased in sent)
 
 
-def test_clearing_the_emergency_stop_moves_nothing_by_itself() -> None:
+def test_clearing_the_emergency_stop_moves_nothing_automatically() -> None:
     bench = Bench()
     bench.drive()
     bench.lease.emergency(True, bench.now_s)

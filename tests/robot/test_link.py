@@ -256,7 +256,7 @@ def test_a_long_hiccup_without_loss_ends_the_drive_but_not_the_link(
     assert len(moving(own_bridge)) == count
 
 
-def test_a_stop_of_a_moment_leaves_four_velocities_and_a_zero_and_the_drive_goes_on_from_there(
+def test_a_short_stop_leaves_four_velocities_and_a_zero_and_the_drive_continues(
     own_bridge: BridgeDouble, own_link: LinkProcess
 ) -> None:
     own_link.drive()
@@ -311,7 +311,7 @@ def test_a_new_link_says_zero_first_whoever_drove_before(own_bridge: BridgeDoubl
         link.close()
 
 
-def test_malformed_and_huge_messages_are_refused_and_everything_goes_on(
+def test_malformed_and_huge_messages_are_refused_and_everything_continues(
     bridge: BridgeDouble, link: LinkProcess
 ) -> None:
     wait_for(lambda: link.of(LaserScan), "scans")
@@ -346,7 +346,7 @@ def test_malformed_and_huge_messages_are_refused_and_everything_goes_on(
     assert len(problems) == 1
 
 
-def test_when_binary_messages_cannot_be_read_json_is_asked_for(own_bridge: BridgeDouble, own_link: LinkProcess) -> None:
+def test_when_binary_messages_cannot_be_read_json_is_requested(own_bridge: BridgeDouble, own_link: LinkProcess) -> None:
     wait_for(lambda: own_bridge.operations("subscribe", "/scan"), "the subscription")
     assert {line["compression"] for line in own_bridge.operations("subscribe", "/scan")} == {"cbor"}
     for _ in range(3):

@@ -151,7 +151,7 @@ def test_a_scan_says_where_in_the_map_it_was_taken(simulator: SimulatedRobot, li
     assert math.hypot(scan.map_from_laser.x_m - laser.x_m, scan.map_from_laser.y_m - laser.y_m) < 0.1
 
 
-def test_the_head_turns_and_tells(simulator: SimulatedRobot, link: LinkProcess) -> None:
+def test_the_head_turns_and_reports(simulator: SimulatedRobot, link: LinkProcess) -> None:
     link.send(MoveHead(now_ns(), 0.5, 0.2))
     wait_for(lambda: link.of(HeadMoved), "the order")
     wait_for(lambda: link.of(HeadState) and abs(link.of(HeadState)[-1].pan_rad - 0.5) < 0.05, "the head is there")

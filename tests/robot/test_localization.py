@@ -114,7 +114,7 @@ def test_memory_is_bounded_in_time_in_samples_and_in_frames() -> None:
     assert len(tree.frames) <= 2 * MOST_FRAMES
 
 
-def test_a_clock_that_is_set_back_begins_anew() -> None:
+def test_a_clock_that_is_set_back_begins_again() -> None:
     tree = TransformTree()
     tree.add(moving({1000: 0.0}))
     tree.add(moving({1: 0.0}))
@@ -159,7 +159,7 @@ def test_names_of_frames_may_have_an_old_leading_slash() -> None:
 
 
 @pytest.mark.parametrize("step_s", [0.3, 1.0, 9.0, 11.0, 3600.0])
-def test_the_pose_goes_on_when_the_robot_s_clock_is_set_back(step_s: float) -> None:
+def test_the_pose_continues_when_the_robot_s_clock_is_set_back(step_s: float) -> None:
     """Data of ``cases/clock_jump``: 20 transforms a second at 0.3 m/s, and NTP sets the clock back after 10 s."""
     tracker = PoseTracker(TransformFrames("map", "odom", "base_link"))
     shown_m: dict[int, float] = {}

@@ -79,7 +79,7 @@ def test_a_picture_lands_in_the_ring(bridge: BridgeDouble, ring: FrameRing, link
     assert abs(int(image_bgr.mean()) - 200) < 3
 
 
-def test_cameras_are_asked_for_one_frame_at_a_time(bridge: BridgeDouble, link: LinkProcess) -> None:
+def test_cameras_are_requested_one_frame_at_a_time(bridge: BridgeDouble, link: LinkProcess) -> None:
     [subscription] = wait_for(lambda: bridge.operations("subscribe", CAMERA), "the subscription")
     assert subscription["queue_length"] == 1
     assert subscription["throttle_rate"] > 0
@@ -173,7 +173,7 @@ def test_a_large_map_is_deflated_on_its_way_and_noise_is_not() -> None:
         assert np.array_equal(back.cells, cells)
 
 
-def test_a_camera_tells_its_own_lens_and_the_profile_where_it_is() -> None:
+def test_a_camera_reports_its_own_lens_and_the_profile_where_it_is() -> None:
     model = CameraModel(640, 480, 500.0, 500.0, 320.0, 240.0, x_m=0.2, z_m=1.1, on_head=True)
     robot = RobotProfile("test", "Test", cameras=(CameraTopic("front", "/image", model=model, info="/info"),))
 
@@ -254,7 +254,7 @@ def test_raw_pictures_arrive_and_torn_ones_are_one_problem(monkeypatch: pytest.M
     with_link(RAW, test, media=True)
 
 
-def test_a_picture_tells_when_it_was_taken_by_the_robots_clock() -> None:
+def test_a_picture_reports_when_it_was_taken_by_the_robots_clock() -> None:
     ahead_ns = 1_700_000_000 * 1_000_000_000
 
     def told_time(_request: object) -> dict[str, object]:

@@ -110,7 +110,7 @@ def test_the_other_way_is_not_following() -> None:
 
 @pytest.mark.parametrize("moves", [Twist2D(0.3), Twist2D(-0.1), Twist2D(0.0, 0.0, 0.3), Twist2D(0.0, 0.15, 0.0)])
 @pytest.mark.parametrize("speeds", [True, False], ids=["speeds", "poses only"])
-def test_a_robot_that_moves_though_nothing_here_tells_it_to_is_noticed_at_once(moves: Twist2D, speeds: bool) -> None:
+def test_a_robot_that_moves_though_nothing_here_reports_it_to_is_noticed_at_once(moves: Twist2D, speeds: bool) -> None:
     base = Base()
     base.run(3.0)
     assert base.run(1.0, moves=moves, speeds=speeds)[-1] == "uncommanded"
@@ -149,7 +149,7 @@ def test_a_goal_and_a_control_move_it_on_behalf_of_this_console() -> None:
     assert base.run(1.0, moves=Twist2D(0.3))[-1] == "uncommanded", "the control was stopped"
 
 
-def test_what_somebody_else_commands_is_told_apart_from_the_echo_of_what_was_sent() -> None:
+def test_what_another_person_commands_is_distinguished_from_the_echo_of_what_was_sent() -> None:
     base = Base()
     base.run(2.0)
     assert "commanded_elsewhere" not in base.run(2.0, sent=Twist2D(0.123456, 0.0, 0.3), moves=Twist2D(0.12, 0.0, 0.3))
@@ -161,7 +161,7 @@ def test_what_somebody_else_commands_is_told_apart_from_the_echo_of_what_was_sen
     assert without.run(0.2, others=Twist2D(0.3), odometry=False)[-1] == "commanded_elsewhere"
 
 
-def test_what_a_stopped_rosbridge_obeys_of_the_connection_before_is_not_somebody_else_s() -> None:
+def test_what_a_stopped_rosbridge_obeys_of_the_connection_before_is_not_another_person_s() -> None:
     base = Base()
     base.run(2.0)
     base.run(1.0, sent=Twist2D(0.3), moves=Twist2D(0.3))
@@ -220,7 +220,7 @@ def zeros(bench: LoopBench) -> int:
     return sum(sent.source == "stop" and not sent.twist.moving for sent in bench.of(CommandSent))
 
 
-def test_motion_under_a_latched_stop_is_told_at_once_with_who_and_fought_with_zeros() -> None:
+def test_motion_under_a_latched_stop_is_reported_at_once_with_who_and_fought_with_zeros() -> None:
     async def test(bench: LoopBench) -> None:
         bench.bridge.answers["/rosapi/publishers"] = {"publishers": ["/rosbridge_websocket", "/joy_teleop"]}
         bench.send(SetEmergencyStop(now_ns(), latched=True))
@@ -237,7 +237,7 @@ def test_motion_under_a_latched_stop_is_told_at_once_with_who_and_fought_with_ze
 
 
 @pytest.mark.parametrize("stamped", [False, True], ids=["Twist", "TwistStamped"])
-def test_commands_of_others_are_told_also_where_the_robot_has_no_odometry(stamped: bool) -> None:
+def test_commands_of_others_are_notified_also_where_the_robot_has_no_odometry(stamped: bool) -> None:
     robot = replace(ROBOT, odometry=None, velocity=VelocityTopic("/cmd_vel", "TwistStamped" if stamped else "Twist"))
 
     async def others(bench: LoopBench) -> None:
@@ -259,7 +259,7 @@ def test_commands_of_others_are_told_also_where_the_robot_has_no_odometry(stampe
     with_link(robot, test)
 
 
-def test_after_a_stop_zeros_go_on_until_the_robot_has_stood_and_not_against_what_comes_later() -> None:
+def test_after_a_stop_zeros_continue_until_the_robot_has_stood_and_not_against_what_comes_later() -> None:
     async def test(bench: LoopBench) -> None:
         await tell_until(bench, ZERO_TWIST, lambda: state(bench).state == "standing", "it stands")
         bench.send(StopMotion(now_ns()))
@@ -277,7 +277,7 @@ def test_after_a_stop_zeros_go_on_until_the_robot_has_stood_and_not_against_what
     with_link(ROBOT, test)
 
 
-def test_a_drive_that_is_not_followed_is_told_and_one_that_is_not_is_quiet() -> None:
+def test_a_drive_that_is_not_followed_is_reported_and_one_that_is_not_is_quiet() -> None:
     async def test(bench: LoopBench) -> None:
         await tell_until(bench, ZERO_TWIST, lambda: state(bench).state == "standing", "it stands")
 
@@ -330,7 +330,7 @@ class TwistMux:
 
 @pytest.mark.parametrize("held_by", ["lock", "joystick"])
 @pytest.mark.long("joystick")
-def test_a_twist_mux_that_lets_others_pass_is_told_and_never_called_still(held_by: str) -> None:
+def test_a_twist_mux_that_lets_others_pass_is_reported_and_never_called_still(held_by: str) -> None:
     robot = replace(ROBOT, velocity=VelocityTopic("/key_vel", "Twist"))
 
     async def test(bench: LoopBench) -> None:

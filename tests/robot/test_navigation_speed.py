@@ -37,7 +37,7 @@ def both(speed_mps: float) -> dict[str, float]:
     return {"max_vel_x": speed_mps, "max_vel_trans": speed_mps}
 
 
-def test_a_planner_of_ros1_is_told_before_the_goal_and_gets_its_own_speed_back() -> None:
+def test_a_planner_of_ros1_is_reported_before_the_goal_and_gets_its_own_speed_back() -> None:
     async def test(bench: LoopBench) -> None:
         bench.bridge.answers[SET] = lambda request: request
         bench.send(LimitGoals(now_ns(), 0.3))
@@ -62,7 +62,7 @@ def test_a_planner_of_ros1_is_told_before_the_goal_and_gets_its_own_speed_back()
 
 
 @pytest.mark.logs(r"robot\.navigation_speed: ")
-def test_a_planner_that_does_not_take_it_is_told_to_the_wizard_once() -> None:
+def test_a_planner_that_does_not_take_it_is_reported_to_the_wizard_once() -> None:
     async def test(bench: LoopBench) -> None:
         def stays(_request: dict[str, Any]) -> dict[str, Any]:
             return {"config": {"doubles": [{"name": "max_vel_x", "value": 0.6}]}}
@@ -83,7 +83,7 @@ def test_a_planner_that_does_not_take_it_is_told_to_the_wizard_once() -> None:
 
 
 @pytest.mark.logs(r"robot\.navigation_speed: ")
-def test_nav2_is_told_on_its_topic_and_somebody_has_to_listen() -> None:
+def test_nav2_is_told_on_its_topic_and_a_person_has_to_listen() -> None:
     async def test(bench: LoopBench) -> None:
         bench.bridge.answers["/rosapi/subscribers"] = {"subscribers": ["/controller_server"]}
         bench.send(LimitGoals(now_ns(), 0.3))
@@ -104,7 +104,7 @@ def test_nav2_is_told_on_its_topic_and_somebody_has_to_listen() -> None:
     assert used[0].bridge.published("/speed_limit")[-1]["speed_limit"] == 0.0, "no limit of ours stays"
 
 
-def test_after_a_lost_link_it_is_told_anew() -> None:
+def test_after_a_lost_link_it_is_reported_again() -> None:
     async def test(bench: LoopBench) -> None:
         bench.bridge.answers[SET] = lambda request: request
         bench.send(LimitGoals(now_ns(), 0.3))

@@ -344,7 +344,7 @@ def test_a_profile_that_is_not_there_is_answered_with_those_that_are(tmp_path: P
         load_profile("/nowhere/robot.yaml")
 
 
-def test_certificates_lie_beside_the_profile(tmp_path: Path) -> None:
+def test_certificates_lie_next_to_the_profile(tmp_path: Path) -> None:
     (tmp_path / "lab.pem").write_text("not checked here")
     (tmp_path.parent / "other.pem").write_text("")
     path = tmp_path / "robot.yaml"
@@ -408,7 +408,7 @@ def test_what_a_file_cannot_say_is_not_written(tmp_path: Path) -> None:
         save_profile(load_profile("simulated"), blocked / "robot.yaml")
 
 
-def test_a_base_that_may_not_stop_by_itself_is_driven_at_half_speed() -> None:
+def test_a_base_that_may_not_stop_automatically_is_driven_at_half_speed() -> None:
     limits = "limits: {forward_mps: 0.4, backward_mps: 0.2, left_mps: 0.1, turn_radps: 1.0}\n"
     for timeout, known in (("", False), ("0.5", True), ("1.5", False)):
         timeout_text = f"  timeout_s: {timeout}\n  timeout_source: its manual\n" if timeout else ""

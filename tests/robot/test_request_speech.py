@@ -276,7 +276,7 @@ def test_over_http_the_text_goes_into_the_body_or_into_the_address() -> None:
 @pytest.mark.parametrize(
     ("status", "detail"), [(500, "responded with 500"), (302, "responded with 302"), (0, "does not respond")]
 )
-def test_over_http_a_failure_is_told_and_the_next_sentence_is_said(
+def test_over_http_a_failure_is_reported_and_the_next_sentence_is_said(
     status: int, detail: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(robot_speech_choice, "SPEECH_ANSWERS_WITHIN_S", 0.2)
@@ -293,7 +293,7 @@ def test_over_http_a_failure_is_told_and_the_next_sentence_is_said(
     with_web(web, test, url="ROBOT/speak", body={"text": "$value"})
 
 
-def test_over_http_nobody_there_is_told_and_silence_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_over_http_nobody_there_is_reported_and_silence_is_requested(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(robot_speech_choice, "estimated_duration_s", lambda *_: 60.0)
     web = Web()
 
@@ -315,7 +315,7 @@ def test_over_http_nobody_there_is_told_and_silence_is_asked_for(monkeypatch: py
     with_web(web, nobody, url="http://127.0.0.1:9/", body={"text": "$value"})
 
 
-def test_what_the_robot_says_by_itself_is_its_own_and_what_it_was_asked_to_say_is_not() -> None:
+def test_what_the_robot_says_automatically_is_its_own_and_what_it_was_asked_to_say_is_not() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(Say(now_ns(), "u1", "Hello Ada, follow me please!", "wizard:a", recorded="Hello {p-1}"))
         await bench.bridge.publish("/says", {"data": "hello ada follow me please"})

@@ -71,7 +71,7 @@ def test_broken_pieces_are_one_problem_and_the_next_good_one_is_heard() -> None:
     with_link(ROBOT, test, media=True)
 
 
-def test_the_form_that_the_robot_tells_replaces_that_of_the_profile() -> None:
+def test_the_form_that_the_robot_reports_replaces_that_of_the_profile() -> None:
     async def test(bench: LoopBench) -> None:
         await listening(bench)
         await bench.bridge.publish("/info", encode_audio_info(AudioForm("wave", 44100, 2)))

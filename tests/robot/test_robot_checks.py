@@ -63,7 +63,7 @@ def test_what_comes_only_at_times_is_not_missed() -> None:
     assert missing_from(TIAGO, without("/move_base/GlobalPlanner/plan", "/amcl_pose", "/initialpose")) == []
 
 
-def test_pictures_that_are_there_uncompressed_are_told_with_what_to_do() -> None:
+def test_pictures_that_are_there_uncompressed_are_reported_with_what_to_do() -> None:
     camera = TIAGO.cameras[0].topic
     raw = camera.removesuffix("/compressed")
     only_raw = replace(without(camera), topics={**without(camera).topics, raw: "sensor_msgs/Image"})
@@ -83,7 +83,7 @@ def test_controls_without_effect_are_one_sentence() -> None:
     assert sentence.endswith("they use: Battery, Wave, Fold the arm.")
 
 
-def test_another_type_is_told_with_the_expected_one_as_the_robot_spells_it() -> None:
+def test_another_type_is_reported_with_the_expected_one_as_the_robot_spells_it() -> None:
     profile = load_profile("turtlebot4")
     topics = {named.topic: named.types[0].replace("/", "/msg/", 1) for named in named_in(profile)}
     topics = {topic: kind.replace("/msg/msg/", "/msg/") for topic, kind in topics.items()}

@@ -109,7 +109,7 @@ def test_a_robot_that_does_not_begin_to_speak(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize(("number", "state"), [(3, "finished"), (4, "failed"), (2, "interrupted")])
-def test_what_became_of_a_sentence_while_the_link_was_lost_is_told_by_its_status(number: int, state: str) -> None:
+def test_what_became_of_a_sentence_while_the_link_was_lost_is_reported_by_its_status(number: int, state: str) -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(Say(now_ns(), "u1", "A long story"), Say(now_ns(), "u2", "again"))
         [first] = await goal_ids(bench, 1)
@@ -129,7 +129,7 @@ def test_what_became_of_a_sentence_while_the_link_was_lost_is_told_by_its_status
     with_link(ROBOT, test)
 
 
-def test_a_sentence_of_which_nobody_tells_afterwards_has_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sentence_of_which_nobody_reports_afterwards_has_failed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(robot_speech, "FATE_WITHIN_S", 0.4)
 
     async def test(bench: LoopBench) -> None:
@@ -144,7 +144,7 @@ def test_a_sentence_of_which_nobody_tells_afterwards_has_failed(monkeypatch: pyt
     with_link(ROBOT, test)
 
 
-def test_silence_that_finds_no_link_is_kept_for_the_robot() -> None:
+def test_silence_that_finds_no_link_is_retained_for_the_robot() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(Say(now_ns(), "u1", "A long story"))
         [first] = await goal_ids(bench, 1)
@@ -195,7 +195,7 @@ def test_an_action_of_ros2(monkeypatch: pytest.MonkeyPatch) -> None:
     with_link(RobotProfile("test", "Test", ros=2, speech=TTS), test)
 
 
-def test_an_action_of_ros2_tells_its_fate_after_the_link_was_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_action_of_ros2_reports_its_fate_after_the_link_was_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(robot_speech, "STARTED_UNTOLD_S", 0.05)
 
     async def test(bench: LoopBench) -> None:

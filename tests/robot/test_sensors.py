@@ -227,7 +227,7 @@ def test_a_wrong_frame_is_one_problem_and_the_scan_is_shown_all_the_same(monkeyp
     with_link(robot, test)
 
 
-def test_a_robot_that_does_not_tell_its_place_is_to_be_told_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_robot_that_does_not_tell_its_place_is_to_be_reported_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sensors, "PLACE_KNOWN_AFTER_NS", 0)
 
     async def test(bench: LoopBench) -> None:
@@ -265,7 +265,7 @@ def test_points_are_brought_from_one_frame_into_another() -> None:
     assert moved[0] == pytest.approx((0.0, -1.0))
 
 
-def test_the_distance_left_is_told_also_where_the_robot_does_not_and_the_path_ends_with_the_goal() -> None:
+def test_the_distance_left_is_reported_also_where_the_robot_does_not_and_the_path_ends_with_the_goal() -> None:
     def status(goal_id: str, number: int) -> dict[str, Any]:
         return {"goal_id": {"stamp": {"secs": 0, "nsecs": 0}, "id": goal_id}, "status": number, "text": ""}
 

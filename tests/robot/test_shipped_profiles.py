@@ -16,7 +16,7 @@ def test_these_profiles_are_shipped() -> None:
 
 
 @pytest.mark.parametrize("name", shipped_profiles())
-def test_a_shipped_profile_tells_where_its_names_are_from_and_can_be_driven(name: str) -> None:
+def test_a_shipped_profile_reports_where_its_names_are_from_and_can_be_driven(name: str) -> None:
     text = (resources_dir() / "robots" / f"{name}.yaml").read_text(encoding="utf-8")
     assert text.startswith("# yaml-language-server: $schema=../schemas/robot-profile.schema.json\n")
     about = " ".join(line.lstrip("# ") for line in text.splitlines()[1:] if line.startswith("#"))
@@ -53,7 +53,7 @@ def test_the_camera_of_the_simulated_robot_is_the_one_that_it_draws_with() -> No
         assert (model.x_m, model.z_m) == (Body().robot_from_camera.x_m, Body().camera_height_m)
 
 
-def test_a_profile_for_the_other_ros_is_told_and_not_taken() -> None:
+def test_a_profile_for_the_other_ros_is_reported_and_not_taken() -> None:
     with SimulatedRobot(robot_model="turtlebot4") as robot:
         first, *_ = check_robot(load_profile("tiago"), robot.address)
     assert "runs ROS 2, but the profile says ROS 1" in first

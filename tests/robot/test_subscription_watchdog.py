@@ -68,7 +68,7 @@ def test_what_rosbridge_can_send_as_cbor(type_: str, carried: bool) -> None:
 
 @pytest.mark.parametrize("media", [False, True])
 @pytest.mark.parametrize("ros", [1, 2])
-def test_each_topic_is_asked_for_in_an_encoding_that_its_type_can_be_sent_in(ros: Any, media: bool) -> None:
+def test_each_topic_is_requested_in_an_encoding_that_its_type_can_be_sent_in(ros: Any, media: bool) -> None:
     async def test(bench: LoopBench) -> None:
         wanted = {"/map", "/image", "/info"} if media else {"/scan", "/odom", "/amcl_pose", "/joint_states", "/tf"}
         asked = await bench.until(
@@ -85,7 +85,7 @@ def test_each_topic_is_asked_for_in_an_encoding_that_its_type_can_be_sent_in(ros
     with_link(replace(WHOLE, ros=ros), test, media=media)
 
 
-def test_a_silent_topic_is_asked_for_in_the_other_encoding_and_that_is_told_when_it_helps(
+def test_a_silent_topic_is_requested_in_the_other_encoding(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(subscription_watchdog, "FIRST_CHECK_S", 0.1)
@@ -171,7 +171,7 @@ def test_a_topic_that_comes_stays_as_it_is(monkeypatch: pytest.MonkeyPatch) -> N
     with_link(ROBOT, test, prepare=prepare)
 
 
-def test_in_ros2_a_silent_topic_is_first_asked_for_anew_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_in_ros2_a_silent_topic_is_first_requested_again_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subscription_watchdog, "FIRST_CHECK_S", 0.1)
 
     def prepare(bridge: Bridge) -> None:

@@ -89,7 +89,7 @@ def test_counting_costs_microseconds() -> None:
     assert min(timeit.repeat(one_message, number=1000, repeat=5)) / 1000 < 50e-6
 
 
-def test_a_link_tells_traffic_round_trip_and_clock_once_a_second(bridge: BridgeDouble) -> None:
+def test_a_link_reports_traffic_round_trip_and_clock_once_a_second(bridge: BridgeDouble) -> None:
     link = LinkProcess(bridge.address)
     try:
         link.wait_for_state("connected")
@@ -115,7 +115,7 @@ def test_a_link_tells_traffic_round_trip_and_clock_once_a_second(bridge: BridgeD
         link.close()
 
 
-def test_what_newer_values_replaced_before_it_was_taken_is_told(bridge: BridgeDouble) -> None:
+def test_what_newer_values_replaced_before_it_was_taken_is_reported(bridge: BridgeDouble) -> None:
     link = LinkProcess(bridge.address)
     try:
         link.wait_for_state("connected")

@@ -351,7 +351,7 @@ def test_a_preflight_of_a_robot_that_is_not_there_says_what_to_do() -> None:
     assert "Start rosbridge" in sentence
 
 
-def test_a_peer_that_is_given_up_may_obey_what_it_has_taken_before_it_learns_of_our_end(
+def test_a_peer_that_is_abandoned_may_obey_what_it_has_taken_before_it_learns_of_our_end(
     own_bridge: BridgeDouble,
 ) -> None:
     timings = Timings(trouble_after_s=0.2, dead_after_s=0.4, unanswered_trouble_after_s=0.2, first_retry_s=0.1)

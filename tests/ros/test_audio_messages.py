@@ -29,7 +29,7 @@ def test_samples_come_through_either_encoding() -> None:
         assert samples_of(packet.content, 2).tolist() == STEREO.tolist()
 
 
-def test_a_stamped_message_tells_its_moment_in_both_versions_of_ros() -> None:
+def test_a_stamped_message_reports_its_moment_in_both_versions_of_ros() -> None:
     data = base64.b64encode(STEREO.tobytes()).decode()
     for stamp in ({"secs": 3, "nsecs": 4}, {"sec": 3, "nanosec": 4}):
         packet = decode_audio_data({"header": {"stamp": stamp, "frame_id": ""}, "audio": {"data": data}})
@@ -38,11 +38,11 @@ def test_a_stamped_message_tells_its_moment_in_both_versions_of_ros() -> None:
 
 
 @pytest.mark.parametrize("kind", ["audio_common_msgs/AudioData", "audio_common_msgs/msg/AudioDataStamped"])
-def test_it_is_asked_for_in_the_compact_form(kind: str) -> None:
+def test_it_is_requested_in_the_compact_form(kind: str) -> None:
     assert cbor_carries(kind)
 
 
-def test_the_form_is_told() -> None:
+def test_the_form_is_reported() -> None:
     form = AudioForm("mp3", 44100, 2)
     assert decode_audio_info(encode_audio_info(form)) == form
 

@@ -185,7 +185,7 @@ def test_what_it_meant_last_is_known_while_there_is_a_mistake_in_it() -> None:
     assert [getattr(each, "say", each) for each in edit.scenario.phrases] == ["Hello", "Bye"]
 
 
-def test_a_mistake_is_kept_and_told_with_its_line() -> None:
+def test_a_mistake_is_retained_and_reported_with_its_line() -> None:
     edit = document()
     edit.set(("driving", "max_forward_mps"), "fast")
     (mistake,) = edit.mistakes
@@ -226,7 +226,7 @@ def test_text_that_no_form_can_show_keeps_the_form_as_it_was() -> None:
         ("", 1, "the file is empty"),
     ],
 )
-def test_what_is_built_otherwise_is_told_with_its_line(text: str, line: int, message: str) -> None:
+def test_what_is_built_otherwise_is_reported_with_its_line(text: str, line: int, message: str) -> None:
     edit = document()
     edit.set_text(text)
     assert edit.unreadable is not None
@@ -234,7 +234,7 @@ def test_what_is_built_otherwise_is_told_with_its_line(text: str, line: int, mes
     assert edit.unreadable.message.startswith(message)
 
 
-def test_what_somebody_else_wrote_meanwhile_stays_beside_what_was_changed_here() -> None:
+def test_what_another_person_wrote_meanwhile_stays_next_to_what_was_changed_here() -> None:
     edit = document()
     edit.set(("title",), "Mine")
     edit.set(("phrases", 0), "Good morning")

@@ -60,14 +60,14 @@ def test_without_loose_phrases_there_are_only_the_groups() -> None:
         ("How are you?", "", "line 8: 'phrases[3].phrases[1]' is empty."),
     ],
 )
-def test_a_mistake_is_told_where_it_is(before: str, after: str, told: str) -> None:
+def test_a_mistake_is_reported_where_it_is(before: str, after: str, told: str) -> None:
     assert before in FILE
     with pytest.raises(ScenarioError) as error:
         read(FILE.replace(before, after))
     assert told in str(error.value)
 
 
-def test_several_fillers_stand_beside_the_first() -> None:
+def test_several_fillers_stand_next_to_the_first() -> None:
     scenario = parse_scenario(HEAD + "filler: Hm.\nfillers: [Well., Let me see.]\n", path=Path("x.yaml"))
     assert scenario.every_filler == ("Hm.", "Well.", "Let me see.")
     with pytest.raises(ScenarioError, match="'fillers' is allowed only with 'filler'"):

@@ -168,7 +168,7 @@ def test_a_file_that_says_only_what_it_must_takes_the_defaults(tmp_path: Path) -
         ("filler: Let me think...", "filler: &a x\nvoice2: *a", "*a", "references (*name) are not allowed"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_line_and_what_is_allowed(
+def test_what_is_wrong_is_reported_with_its_line_and_what_is_allowed(
     tmp_path: Path, old: str, new: str, line_of: str, expected: str
 ) -> None:
     assert old in TOUR
@@ -180,7 +180,7 @@ def test_what_is_wrong_is_told_with_its_line_and_what_is_allowed(
     assert untranslated_part(lambda: refusal(tmp_path, text)) == []
 
 
-def test_several_problems_are_told_at_once_in_the_order_of_the_lines(tmp_path: Path) -> None:
+def test_several_problems_are_reported_at_once_in_the_order_of_the_lines(tmp_path: Path) -> None:
     text = TOUR.replace("voice: robot", "voice: loud").replace("panel: map", "panel: mapp")
     first, second = refusal(tmp_path, text).splitlines()
     assert "'loud'" in first
@@ -418,7 +418,7 @@ def test_the_complete_file_has_every_key(complete: str) -> None:
 
 @given(data=st.data())
 @settings(max_examples=examples(100), deadline=None)
-def test_a_misspelled_key_is_told_with_its_line_and_what_was_meant(complete: str, data: st.DataObject) -> None:
+def test_a_misspelled_key_is_reported_with_its_line_and_what_was_meant(complete: str, data: st.DataObject) -> None:
     lines = complete.splitlines()
     # Keys of two letters are too short to be recognised with a mistake.
     keys = [(number, found) for number, line in enumerate(lines) if (found := re.search(r"^[- ]*([a-z_]{3,}):", line))]
@@ -498,7 +498,7 @@ def test_places_are_saved_whatever_the_file_is_written_like(tmp_path: Path, text
     assert ("#" in path.read_text(encoding="utf-8")) == ("#" in text)
 
 
-def test_a_shipped_scenario_without_a_copy_is_written_whole(tmp_path: Path) -> None:
+def test_a_shipped_scenario_without_a_copy_is_written_completely(tmp_path: Path) -> None:
     scenario = load_scenario(layouts_dir() / "tour-guide.yaml")
     saved = save_places(scenario, tmp_path / "tour-guide.yaml")
     assert saved.places == scenario.places

@@ -25,13 +25,13 @@ def test_the_library_lists_shipped_and_own_scenarios(tmp_path: Path) -> None:
     }
 
 
-def test_those_with_the_same_title_are_told_apart_by_their_files(tmp_path: Path) -> None:
+def test_those_with_the_same_title_are_distinguished_by_their_files(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text("title: Reception\nlayout: {panel: video}\n")
     titles = [choice.title for choice in list_scenarios(user_dir=tmp_path)]
     assert titles == ["Blank", "Mental health check", "Practice", "Reception", "Tour guide", "Reception (mine)"]
 
 
-def test_a_scenario_of_ones_own_is_kept_by_its_title() -> None:
+def test_a_scenario_of_ones_own_is_retained_by_its_title() -> None:
     stems = [own_file_called(title).stem for title in ("Second study", "Führung, 2. Teil", "../..", "a" * 80, "日本")]
     assert stems == ["second-study", "führung-2-teil", "scenario", "a" * 60, "日本"]
 
@@ -48,7 +48,7 @@ def test_scenarios_are_found_by_name_and_by_path(tmp_path: Path) -> None:
         find_scenario("../mine", user_dir=tmp_path)
 
 
-def test_a_title_is_read_anew_where_the_file_changed(tmp_path: Path) -> None:
+def test_a_title_is_read_again_where_the_file_changed(tmp_path: Path) -> None:
     own = tmp_path / "mine.yaml"
     for title in ("Mine", "Still mine"):
         own.write_text(f"title: {title}\nlayout: {{panel: video}}\n")

@@ -155,7 +155,7 @@ def test_other_weights_change_one_line(path: Path) -> None:
     ]
 
 
-def test_another_arrangement_changes_what_moved(path: Path) -> None:
+def test_another_layout_changes_what_moved(path: Path) -> None:
     more = SplitNode("vertical", (BOTH, PanelLeaf("drive")), (2.0, 1.0))
     assert changed_layout(path, SplitNode("horizontal", (VIDEO, more), (60.0, 40.0))) == [
         "-     - tabs: [speak, map]   # both",
@@ -169,7 +169,7 @@ def test_another_arrangement_changes_what_moved(path: Path) -> None:
     ]
 
 
-def test_an_arrangement_of_one_panel_leaves_the_comments_around_it(path: Path) -> None:
+def test_a_layout_of_one_panel_leaves_the_comments_around_it(path: Path) -> None:
     changed_layout(path, PanelLeaf("map"))
     text = path.read_text(encoding="utf-8")
     assert text.startswith(WRITTEN.partition("  split: horizontal")[0])
@@ -333,7 +333,7 @@ def test_a_text_that_goes_to_another_folder_leads_editors_to_the_schema_from_the
     assert (tmp_path / "own" / "tour-guide.yaml").read_text(encoding="utf-8") == written
 
 
-def test_a_scenario_whose_own_file_is_gone_is_written_whole(path: Path, tmp_path: Path) -> None:
+def test_a_scenario_whose_own_file_is_gone_is_written_completely(path: Path, tmp_path: Path) -> None:
     opened: Scenario = load_scenario(path)
     path.unlink()
     copy = tmp_path / "copy.yaml"

@@ -20,7 +20,7 @@ from tests.support.walkers import IN_THE_LOBBY, PEOPLE, crop_of, film
 FRONT, LEFT, BACK, RIGHT = 0.0, math.pi / 2.0, math.pi, -math.pi / 2.0
 
 
-def test_a_figure_is_a_cut_out_seen_from_the_side_asked_for() -> None:
+def test_a_figure_is_a_cut_out_seen_from_the_side_requested() -> None:
     with_backpack = Appearance(2)
     front, left, back, right = (draw(with_backpack, facing)[0] for facing in (FRONT, LEFT, BACK, RIGHT))
     for picture in (front, left, back, right):
@@ -55,7 +55,7 @@ def test_the_camera_sees_the_side_that_is_turned_to_it() -> None:
 
 @pytest.mark.skipif(not OSNET.is_file(), reason=f"needs {OSNET.name} in CARIS_MODELS_DIR")
 @pytest.mark.long
-def test_a_network_for_real_people_tells_them_apart_in_the_same_clothes_only() -> None:
+def test_a_network_for_real_people_reports_them_apart_in_the_same_clothes_only() -> None:
     chance = np.random.default_rng(3)
     looks = {
         (clothes, facing): _embeddings([crop_of(person, clothes, facing, chance) for person in range(PEOPLE)])

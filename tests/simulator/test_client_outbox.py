@@ -103,7 +103,7 @@ def test_a_throttle_without_a_queue_drops_what_comes_too_soon() -> None:
     asyncio.run(scenario())
 
 
-def test_the_order_across_topics_is_kept_and_answers_go_first() -> None:
+def test_the_order_across_topics_is_retained_and_answers_go_first() -> None:
     async def scenario() -> None:
         outbox, socket = ClientOutbox(Clock()), Socket()
         for topic in ("/a", "/b"):

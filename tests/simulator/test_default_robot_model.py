@@ -55,7 +55,7 @@ def goal(client: RosbridgeClient, robot: SimulatedRobot, x: float, y: float) -> 
 
 
 @pytest.mark.long
-def test_the_way_is_told_when_it_is_planned_and_emptied_when_it_is_over(
+def test_the_way_is_reported_when_it_is_planned_and_emptied_when_it_is_over(
     robot: SimulatedRobot, client: RosbridgeClient
 ) -> None:
     robot.fault("pose:9,5,0")
@@ -223,7 +223,7 @@ def test_the_map_server_saves_a_picture_and_loads_it(
 
 
 @only_once
-def test_the_panel_does_what_it_is_told_and_tells_it(robot: SimulatedRobot, client: RosbridgeClient) -> None:
+def test_the_panel_does_what_it_is_told_and_reports_it(robot: SimulatedRobot, client: RosbridgeClient) -> None:
     def panel() -> Any:
         return client.call("/simulator/state")["panel"]
 
@@ -246,7 +246,9 @@ def test_the_panel_does_what_it_is_told_and_tells_it(robot: SimulatedRobot, clie
     client.call("/eyes/set", data=True)
 
 
-def test_rosapi_tells_the_fields_of_every_type_that_is_offered(robot: SimulatedRobot, client: RosbridgeClient) -> None:
+def test_rosapi_reports_the_fields_of_every_type_that_is_offered(
+    robot: SimulatedRobot, client: RosbridgeClient
+) -> None:
     offered = client.call("/rosapi/topics")
     for kind in {*offered["types"]}:
         assert client.call("/rosapi/message_details", type=kind)["typedefs"], kind

@@ -96,7 +96,7 @@ def test_standing_anywhere_and_looking_anywhere_draws_something(painter: Painter
 
 @pytest.mark.logs(r"simulator\.person_sprites: ")
 @pytest.mark.long
-def test_cut_outs_are_kept_and_made_anew_when_damaged(tmp_path: Path) -> None:
+def test_cut_outs_are_retained_and_made_again_when_damaged(tmp_path: Path) -> None:
     first = load_cut_outs(tmp_path)
     (cached,) = tmp_path.iterdir()
     again = load_cut_outs(tmp_path)

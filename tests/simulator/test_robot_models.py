@@ -141,7 +141,7 @@ def test_pal_speech_needs_a_language_speaks_and_is_preempted(wardrobe: Wardrobe)
         assert endings() == {"silent": 4, "long": 2, "short": 3}
 
 
-def test_tiago_looks_down_where_its_joint_says_up_and_tells_of_its_stop_button(wardrobe: Wardrobe) -> None:
+def test_tiago_looks_down_where_its_joint_says_up_and_reports_its_stop_button(wardrobe: Wardrobe) -> None:
     robot = wardrobe.wearing("tiago")
     with RosbridgeClient(robot.address) as client:
         point = {"positions": [0.3, -0.4], "time_from_start": {"secs": 0, "nsecs": 300_000_000}}

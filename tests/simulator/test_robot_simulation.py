@@ -33,7 +33,7 @@ def run_until_goals_end(robot: Robot, *, most_s: float = 120.0) -> list[GoalEnde
     return []
 
 
-def test_without_a_command_for_half_a_second_it_stops_by_itself() -> None:
+def test_without_a_command_for_half_a_second_it_stops_automatically() -> None:
     robot = Robot(seed=1)
     robot.drive(Twist2D(0.0, 0.0, 1.0))
     run(robot, 0.48)

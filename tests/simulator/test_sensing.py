@@ -42,7 +42,7 @@ def test_legs_are_seen() -> None:
     assert scan.ranges_m[360] == pytest.approx(1.5 - 0.12 - 0.06, abs=0.05)
 
 
-def test_the_map_grows_and_tells_free_from_occupied() -> None:
+def test_the_map_grows_and_reports_free_from_occupied() -> None:
     mapper = Mapper()
     noise = np.random.default_rng(1)
     for _ in range(3):

@@ -143,7 +143,7 @@ async def _beep(command: list[str], _text: str) -> bool:
     return True
 
 
-def test_a_sentence_is_spoken_once_and_kept_without_the_silence_around_it(
+def test_a_sentence_is_spoken_once_and_retained_without_the_silence_around_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     keep(tmp_path, "Hello there.", monkeypatch)

@@ -189,7 +189,7 @@ def test_the_robot_is_put_where_it_fits_and_touches_are_counted_from_there() -> 
 
 
 @pytest.mark.long
-def test_simulation_time_is_told_and_stamped() -> None:
+def test_simulation_time_is_reported_and_stamped() -> None:
     with SimulatedRobot("--simulation-time", ros=2) as robot, RosbridgeClient(robot.address) as client:
         for topic in ("/clock", "/scan"):
             client.subscribe(topic, throttle_rate=50, queue_length=1)

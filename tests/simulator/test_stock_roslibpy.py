@@ -99,7 +99,7 @@ def test_scans_and_pictures_arrive(robot: SimulatedRobot, ros: roslibpy.Ros) -> 
     assert "jpeg" in images[-1]["format"]
 
 
-def test_it_drives_and_stops_by_itself(robot: SimulatedRobot, ros: roslibpy.Ros) -> None:
+def test_it_drives_and_stops_automatically(robot: SimulatedRobot, ros: roslibpy.Ros) -> None:
     types = TYPES[robot.ros]
     odom_topic, odometry = listen(ros, "/odom", types["odom"])
     drive = roslibpy.Topic(ros, "/cmd_vel", types["twist"])

@@ -51,7 +51,7 @@ def test_names_stay_readable(text: str, part: str) -> None:
     assert file_name_part(text) == part
 
 
-def test_a_folder_that_cannot_be_used_is_told_in_three_sentences(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_used_is_reported_in_three_sentences(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(StudyFolderError) as caught:
         open_study_folder(tmp_path / "file" / "study")

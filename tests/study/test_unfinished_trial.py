@@ -26,7 +26,7 @@ def _trial(study: Path) -> UnfinishedTrial:
     return UnfinishedTrial(study / "sessions" / "one", "tour.yaml", "pepper", ("p-1", "p-2"), "p-2", "ask")
 
 
-def test_what_a_crash_left_is_told_once(folder: Path, study: Path) -> None:
+def test_what_a_crash_left_is_reported_once(folder: Path, study: Path) -> None:
     save_unfinished(folder, _trial(study))
     assign_to_ended_process(folder)
     assert take_newest(folder, study) == _trial(study)

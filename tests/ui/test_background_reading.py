@@ -13,7 +13,7 @@ from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
 
 
-def test_what_was_read_last_is_there_at_once_and_is_read_anew() -> None:
+def test_what_was_read_last_is_there_at_once_and_is_read_again() -> None:
     console, on_disk, told = FakeConsole(samples.TOUR), ["one"], list[bool]()
     owner = QObject()
     remembered = Remembered(console, lambda: tuple(on_disk), owner)
@@ -44,7 +44,7 @@ def test_what_cannot_be_read_leaves_what_was_known() -> None:
     assert [remembered.now() for _ in range(3)] == [("one",), ("one",), ("two",)]
 
 
-def test_an_open_menu_has_a_scenario_as_soon_as_the_disk_tells(window: MainWindow, console: FakeConsole) -> None:
+def test_an_open_menu_has_a_scenario_as_soon_as_the_disk_responds(window: MainWindow, console: FakeConsole) -> None:
     def titles() -> list[str]:
         menu = window.findChild(QMenu, "scenario_menu")
         assert menu is not None and menu.isVisible()
@@ -59,7 +59,7 @@ def test_an_open_menu_has_a_scenario_as_soon_as_the_disk_tells(window: MainWindo
     window.findChild(QMenu, "scenario_menu").close()  # type: ignore[union-attr]
 
 
-def test_the_keys_for_scenarios_work_as_soon_as_the_disk_tells(window: MainWindow, console: FakeConsole) -> None:
+def test_the_keys_for_scenarios_work_as_soon_as_the_disk_responds(window: MainWindow, console: FakeConsole) -> None:
     console.disk_is_slow = True
     window._scenarios._known = ()
     window.actions_table.run("choose_scenario")

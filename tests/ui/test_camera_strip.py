@@ -162,7 +162,7 @@ def test_a_camera_that_is_gone_takes_its_picture_along(panel: VideoPanel, consol
 
 
 @pytest.mark.panels()
-def test_the_people_panel_goes_on_while_another_camera_sees(
+def test_the_people_panel_continues_while_another_camera_sees(
     panel: VideoPanel, console: FakeConsole, window: MainWindow
 ) -> None:
     people = window.panels["people"]

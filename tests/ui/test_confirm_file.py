@@ -43,7 +43,7 @@ def test_everything_is_listed_as_plain_text_and_what_is_new_is_marked(dialog: QW
     assert dialog.width() <= 860, "no name makes it wider than a screen"
 
 
-def test_a_yes_is_kept_and_then_the_file_is_asked_for_again(
+def test_a_yes_is_saved_and_then_the_file_is_requested_again(
     qtbot: QtBot, dialog: QWidget, console: FakeConsole
 ) -> None:
     click(qtbot, find(dialog, "confirm_file_allow"))

@@ -524,7 +524,7 @@ def test_floating_panels_belong_to_the_window(desktop: Desktop) -> None:
 
 
 @pytest.mark.parametrize("loss", ["another program", "a dialog", "another workspace", "the speak field"])
-def test_a_key_whose_release_is_lost_has_to_be_pressed_anew(desktop: Desktop, loss: str) -> None:
+def test_a_key_whose_release_is_lost_has_to_be_pressed_again(desktop: Desktop, loss: str) -> None:
     desktop.do("keydown", "w")
     desktop.expect(FORWARD)
     other = None

@@ -114,7 +114,7 @@ def test_absent_panels_close_their_gap() -> None:
     assert without(PanelLeaf("map"), frozenset({"map"})) is None
 
 
-def test_a_tab_is_put_beside_a_panel_wherever_that_is() -> None:
+def test_a_tab_is_put_next_to_a_panel_wherever_that_is() -> None:
     assert with_tab(PanelLeaf("map"), "map", "robot") == TabNode(("map", "robot"), "robot")
     tree = with_tab(DEEP, "session", "diagnostics")
     assert TabNode(("people", "session", "drive", "diagnostics"), "diagnostics") in _leaves(tree)

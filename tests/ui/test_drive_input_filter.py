@@ -536,7 +536,7 @@ def test_places_are_one_key_away(window: MainWindow, view: QWidget, console: Fak
     assert window.actions_table.spec("place_6") is None
 
 
-def test_alt_beside_a_drive_key_types_nothing(window: MainWindow, console: FakeConsole) -> None:
+def test_alt_next_to_a_drive_key_types_nothing(window: MainWindow, console: FakeConsole) -> None:
     field = find(window, "speak_field")
     field.setFocus()
     send(field, QEvent.Type.KeyPress, Qt.Key.Key_R, ALT, text="r")

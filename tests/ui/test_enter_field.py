@@ -47,7 +47,7 @@ def test_enter_ends_the_line_and_is_no_key_of_the_window(around: Around, qtbot: 
     assert around.field.text() == "Mara"
 
 
-def test_of_other_keys_only_esc_goes_on(around: Around) -> None:
+def test_of_other_keys_only_esc_continues(around: Around) -> None:
     for key in (UP, Qt.Key.Key_PageDown, ESC):
         QTest.keyClick(around.field, key)
     assert around.heard == [ESC]

@@ -87,7 +87,7 @@ def test_one_with_a_key_of_its_own_has_that_wherever_it_stands(
     assert len(done(console)) == before, "nothing is on the place's key"
 
 
-def test_a_key_that_does_something_else_goes_on_doing_that(gestured: MainWindow, console: FakeConsole) -> None:
+def test_a_key_that_does_something_else_continues_doing_that(gestured: MainWindow, console: FakeConsole) -> None:
     nod = dataclasses.replace(GESTURES[1], key="Ctrl+P")
     console.scenario = dataclasses.replace(console.scenario, gestures=(nod,))
     console.state.scenario.reset_value(console.scenario)

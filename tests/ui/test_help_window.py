@@ -158,7 +158,7 @@ def test_pictures_of_the_guide_fit_into_the_window(qtbot: QtBot) -> None:
     assert isinstance(picture, QImage) and 0 < picture.width() <= 400
 
 
-def test_search_goes_on_at_the_top_after_the_last_find(qtbot: QtBot, window: MainWindow) -> None:
+def test_search_continues_at_the_top_after_the_last_find(qtbot: QtBot, window: MainWindow) -> None:
     window.actions_table.run("help")
     help_window = shown(qtbot, window)
     help_window.show_page("keys.md")

@@ -123,7 +123,7 @@ def test_people_who_came_meanwhile_are_there_when_the_panel_is_seen(
     assert panel.fact[0] == "1 here"
 
 
-def test_the_log_is_whole_when_it_is_seen_again(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+def test_the_log_is_complete_when_it_is_seen_again(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = put_aside(window, "session")
     for number in range(40):
         console.state.add(Marked(clock.now_ns(), f"Mark {number}"))

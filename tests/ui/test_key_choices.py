@@ -101,7 +101,7 @@ def test_whose_key_it_is_is_known_in_both_columns() -> None:
     assert owners(ACTIONS, BY_ID["photo"], keys) == []
 
 
-def test_a_choice_goes_before_the_key_of_a_phrase_and_the_phrase_is_told() -> None:
+def test_a_choice_goes_before_the_key_of_a_phrase_and_the_phrase_is_reported() -> None:
     scenario = dataclasses.replace(samples.TOUR, phrases=(Phrase("Goodbye.", "Ctrl+F5"),))
     settled = settle(rows_of(scenario), {"photo": Keys(("Ctrl+F5",), ("P",))})
     assert [(phrase.text, other.id) for phrase, other in settled.clashes] == [("Goodbye.", "photo")]
@@ -127,7 +127,7 @@ def test_a_choice_goes_before_the_key_of_a_phrase_and_the_phrase_is_told() -> No
         ({"drive_forward": Keys(("Alt+F5",), ("F5",))}, "a single letter or digit"),
     ],
 )
-def test_what_cannot_be_used_falls_back_and_is_told(choices: dict[str, Keys], told: str) -> None:
+def test_what_cannot_be_used_falls_back_and_is_reported(choices: dict[str, Keys], told: str) -> None:
     settled = settle(ACTIONS, choices)
     (sentence,) = settled.fallen_back
     assert told in sentence
@@ -145,7 +145,7 @@ _SOME_KEYS = st.lists(st.sampled_from([*_NAMES.split(), ""]), max_size=3).map(tu
 
 
 @given(st.dictionaries(st.sampled_from([spec.id for spec in ACTIONS]), st.builds(Keys, _SOME_KEYS, _SOME_KEYS)))
-def test_whatever_is_kept_no_key_does_two_things_and_the_robot_can_be_stopped(choices: dict[str, Keys]) -> None:
+def test_whatever_is_saved_no_key_does_two_things_and_the_robot_can_be_stopped(choices: dict[str, Keys]) -> None:
     rows = settle(ACTIONS, from_text(as_text(choices))).rows
     assert conflicts(rows) == []
     assert [spec for spec in rows if spec.kind == "safety"] == [spec for spec in ACTIONS if spec.kind == "safety"]

@@ -30,7 +30,7 @@ def spoken(qapp: QApplication) -> Iterator[Language]:
     spoken.use(ENGLISH)
 
 
-def test_a_translation_beside_the_program_is_spoken(
+def test_a_translation_next_to_the_program_is_spoken(
     spoken: Language, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "german.ts").write_text(_TS, "utf-8")
@@ -62,7 +62,7 @@ def test_the_trial_language_is_longer_by_its_share_and_keeps_what_is_filled_in(t
         assert (kept in text) == (kept in longer)
 
 
-def test_everything_that_is_translated_can_be_told_by_its_brackets(spoken: Language) -> None:
+def test_everything_that_is_translated_can_be_reported_by_its_brackets(spoken: Language) -> None:
     spoken.use(TRIAL)
     assert tr("Go to {place}").format(place="Lab").startswith("[Ĝ".replace("Ĝ", "Ğ")) and "Lab" in tr("{p}").format(
         p="Lab"

@@ -20,7 +20,7 @@ def test_everything_that_can_be_opened_is_among_them() -> None:
     assert all(importlib.util.find_spec(module) for module in MODULES)
 
 
-def test_they_wait_while_somebody_drives_and_come_one_at_a_time(
+def test_they_wait_while_a_person_drives_and_come_one_at_a_time(
     qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     names = ("late_piece_one", "late_piece_two")
@@ -47,7 +47,7 @@ def test_they_wait_while_somebody_drives_and_come_one_at_a_time(
         del sys.modules[name]
 
 
-def test_they_come_by_themselves_once_the_window_stands(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_they_come_automatically_once_the_window_stands(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("caris_desktop.ui.late_imports.BEGIN_AFTER_MS", 0)
     monkeypatch.setattr("caris_desktop.ui.late_imports.EVERY_MS", 0)
     read: list[str] = []

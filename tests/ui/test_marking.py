@@ -99,7 +99,7 @@ def test_a_tap_marks_the_moment_at_once(focused: QWidget, window: MainWindow, co
     assert QApplication.focusWidget() is focused, "the card takes no focus"
 
 
-def test_a_held_key_is_a_stretch(qtbot: QtBot, focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
+def test_a_held_key_is_an_interval(qtbot: QtBot, focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
     hold(qtbot, focused, Qt.Key.Key_F1, SHIFT | alt_of(console, window), console)
     assert [name for name, _ in console.calls] == ["mark", "stretch_mark", "end_mark"]
     (stretch,) = present(console)
@@ -119,7 +119,7 @@ def test_the_bare_key_marks_with_the_driving_focus(qtbot: QtBot, window: MainWin
     QTest.keyRelease(view, Qt.Key.Key_W)
 
 
-def test_a_stretch_by_two_presses(focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
+def test_an_interval_by_two_presses(focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
     alt = alt_of(console, window)
     QTest.keyClick(focused, Qt.Key.Key_R, CTRL | alt)
     assert console.state.marks.value.open
@@ -143,7 +143,7 @@ def test_it_was_earlier_and_earlier_still(focused: QWidget, window: MainWindow, 
     assert "Mark removed" in window.marking.card.text
 
 
-def test_alt_is_for_driving_also_when_driving_has_ended_by_itself(window: MainWindow, console: FakeConsole) -> None:
+def test_alt_is_for_driving_also_when_driving_has_ended_automatically(window: MainWindow, console: FakeConsole) -> None:
     field = find(window, "speak_field")
     field.setFocus()
     QTest.keyPress(field, Qt.Key.Key_W, ALT)
@@ -208,7 +208,7 @@ def test_a_wizard_error_takes_two_keystrokes(focused: QWidget, window: MainWindo
     assert len(console.named("change_mark")) == 1, "the next one is a letter again"
 
 
-def test_drive_keys_drive_while_a_wizard_error_is_told(window: MainWindow, console: FakeConsole) -> None:
+def test_drive_keys_drive_while_a_wizard_error_is_reported(window: MainWindow, console: FakeConsole) -> None:
     head = HeadInterface("joint_trajectory", "/head", "pan", "tilt")
     console.state.robot.set(dataclasses.replace(load_profile("simulated"), head=head))
     view = find(window, "video_view")
@@ -327,7 +327,7 @@ def test_labels_that_the_scenario_does_not_have_have_no_key(window: MainWindow, 
     assert console.calls == []
 
 
-def test_a_stretch_ends_when_another_program_gets_the_release(
+def test_an_interval_ends_when_another_program_gets_the_release(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
     field = find(window, "speak_field")

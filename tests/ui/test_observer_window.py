@@ -96,7 +96,7 @@ def test_another_scenario_takes_away_what_it_forbids(window: MainWindow, console
 
 
 @pytest.mark.long
-def test_what_happened_before_is_still_told_with_another_scenario(window: MainWindow, console: FakeConsole) -> None:
+def test_what_happened_before_is_still_reported_with_another_scenario(window: MainWindow, console: FakeConsole) -> None:
     observer = _opened(window, console, "everything")
     console.state.event_happened.emit(Problem(1, "warning", "The robot waved.", "", ""))
     console.scenario = samples.MENTAL

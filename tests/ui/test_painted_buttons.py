@@ -56,7 +56,7 @@ def button(qtbot: QtBot, theme: Theme) -> ActionButton:
 
 
 @pytest.mark.parametrize("what", CHANGES)
-def test_each_change_is_seen_and_looks_as_if_nothing_were_kept(button: ActionButton, theme: Theme, what: str) -> None:
+def test_each_change_is_seen_and_looks_as_if_nothing_were_saved(button: ActionButton, theme: Theme, what: str) -> None:
     before = looks(button)
     assert looks(button) == before
     CHANGES[what](button)
@@ -74,7 +74,7 @@ def test_two_changes_never_look_like_one(button: ActionButton) -> None:
     assert all(one != other for one, other in itertools.combinations(seen, 2))
 
 
-def test_another_theme_paints_anew(button: ActionButton, theme: Theme) -> None:
+def test_another_theme_paints_again(button: ActionButton, theme: Theme) -> None:
     dark = looks(button)
     theme.set_choice("light")
     assert looks(button) != dark

@@ -130,7 +130,7 @@ def test_the_wizard_changes_them_until_the_next_scenario(
     assert seen(window, console) == OF_SET
 
 
-def test_what_was_left_out_of_a_question_comes_back_with_a_panel_that_is_made_anew(
+def test_what_was_left_out_of_a_question_comes_back_with_a_panel_that_is_made_again(
     window: MainWindow, console: FakeConsole
 ) -> None:
     assistant = panel(window, "assistant")
@@ -182,7 +182,7 @@ def test_a_map_that_follows_is_seen_from_near_though_its_first_map_comes_later(
     assert view.viewport.scale < near, "the whole map is farther away"
 
 
-def test_a_map_goes_on_following_after_it_was_drawn_by_odometry(
+def test_a_map_continues_following_after_it_was_drawn_by_odometry(
     qtbot: QtBot, settings: MemorySettings, theme: Theme
 ) -> None:
     """Without a map the robot is always followed."""
@@ -200,7 +200,7 @@ def test_a_map_goes_on_following_after_it_was_drawn_by_odometry(
         assert view.follow is follow
 
 
-def test_a_wrong_one_is_told_with_its_line() -> None:
+def test_a_wrong_one_is_reported_with_its_line() -> None:
     text = (
         "version: 1\ntitle: Mine\nlayout: {panel: map}\npanels:\n  map:\n    up: south\n  session: {shows: nothing}\n"
     )

@@ -312,7 +312,7 @@ def test_the_drive_panel_says_what_happens(window: MainWindow, console: FakeCons
 
 
 @pytest.mark.panels("drive")
-def test_the_drive_panel_says_where_the_robot_goes_by_itself(window: MainWindow, console: FakeConsole) -> None:
+def test_the_drive_panel_says_where_the_robot_goes_automatically(window: MainWindow, console: FakeConsole) -> None:
     line = find(window, "drive_line")
     assert isinstance(line, QLabel)
     console.state.drive.set(DriveStatus(True, ""))
@@ -423,7 +423,7 @@ def test_the_field_for_a_name_stays_with_its_person(qtbot: QtBot, window: MainWi
 
 
 @pytest.mark.panels()
-def test_letters_for_somebody_who_is_no_more_go_nowhere(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+def test_letters_for_a_person_who_is_no_more_go_nowhere(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = people(window)
     field = press_name_button(qtbot, panel, "p3")
     assert isinstance(field, QLineEdit)
@@ -494,7 +494,7 @@ def test_people_are_named_with_the_keyboard(window: MainWindow, console: FakeCon
 
 
 @pytest.mark.panels("people", "video")
-def test_what_nobody_could_see_draws_no_row_anew(window: MainWindow, console: FakeConsole) -> None:
+def test_what_nobody_could_see_draws_no_row_again(window: MainWindow, console: FakeConsole) -> None:
     panel = people(window)
     changed: list[int] = []
     panel.model.dataChanged.connect(lambda first, _last: changed.append(first.row()))
@@ -661,7 +661,7 @@ def test_a_question_that_is_too_long_is_said_and_not_cut(
     assert console.named("ask_assistant") == ["x" * 1500]
 
 
-def test_the_log_tells_events_in_sentences(window: MainWindow, console: FakeConsole) -> None:
+def test_the_log_reports_events_in_sentences(window: MainWindow, console: FakeConsole) -> None:
     console.state.add(LinkChanged(clock.now_ns(), "robot", "lost", "ws://x", "no answer for 1 s"))
     console.state.add(Marked(clock.now_ns(), "laughed"))
     lines = session(window).log_lines()
@@ -887,7 +887,7 @@ def test_the_picture_says_why_the_robot_does_not_drive(window: MainWindow, conso
 
 
 @pytest.mark.panels("video")
-def test_a_photo_that_was_kept_is_shown_small(window: MainWindow, console: FakeConsole) -> None:
+def test_a_photo_that_was_saved_is_shown_small(window: MainWindow, console: FakeConsole) -> None:
     _panel, view = video(window)
     frame = show_flat(console, (20, 200, 40))
     window.actions_table.run("photo")

@@ -234,7 +234,7 @@ def test_what_alone_is_switched_off_is_by_no_key_in_no_bar_and_no_menu_of_the_wi
 
 
 @pytest.mark.long
-def test_what_is_never_done_without_being_asked_for_has_no_row_no_level_and_no_card(desk: Desk) -> None:
+def test_what_is_never_done_without_being_requested_has_no_row_no_level_and_no_card(desk: Desk) -> None:
     """With suggestions and a proposal still in the state."""
     two = replace(FULL, panels_off=tuple(set(PANELS) - {"speak", "conversation"}))
     desk.show(two)

@@ -53,7 +53,7 @@ def test_what_comes_back_is_on_the_button(window: MainWindow, console: FakeConso
     console.state.practice.set(PracticeStatus())
 
 
-def test_the_result_is_kept_once_for_the_wizard(window: MainWindow, console: FakeConsole) -> None:
+def test_the_result_is_saved_once_for_the_wizard(window: MainWindow, console: FakeConsole) -> None:
     window.wizards.choose("Ana")
     for score in (70, 82):
         console.state.practice.set(status_at(9))

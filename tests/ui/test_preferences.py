@@ -102,7 +102,7 @@ def test_what_was_chosen_is_there_again(qtbot: QtBot, start: Start, settings: Me
     assert chosen(again, console) == wanted
 
 
-def test_the_robot_that_somebody_practises_on_was_not_chosen(start: Start) -> None:
+def test_the_robot_that_a_person_practises_on_was_not_chosen(start: Start) -> None:
     window, console = start()
     console.state.robot.set(load_profile("pepper"))
     console.state.practice.set(PracticeStatus("preparing"))
@@ -221,7 +221,7 @@ def edited(scenario: samples.Scenario) -> samples.Scenario:
     )
 
 
-def test_what_the_file_says_anew_counts_and_what_it_leaves_alone_stays_chosen(
+def test_what_the_file_says_again_counts_and_what_it_leaves_alone_stays_chosen(
     qtbot: QtBot, start: Start, settings: MemorySettings, theme: Theme
 ) -> None:
     window, console = start()

@@ -126,7 +126,7 @@ def desk(shared_desk: Desk) -> Iterator[Desk]:
     shared_desk.begin()
 
 
-def test_one_key_goes_on_to_the_next_step_while_typing_and_while_driving(desk: Desk) -> None:
+def test_one_key_continues_to_the_next_step_while_typing_and_while_driving(desk: Desk) -> None:
     field = desk.focus("speak_field")
     QTest.keyClick(field, Qt.Key.Key_PageDown, CTRL)
     assert desk.asked == [intents.NextStep()] and desk.step == "greet"
@@ -211,7 +211,7 @@ def test_what_belongs_to_the_step_is_said_and_gone_to_by_one_key_each(desk: Desk
     assert desk.console.named("go_to_place") == ["Robot arm"] * 2
 
 
-def test_time_is_told_in_words_and_late_in_words_and_colour() -> None:
+def test_time_is_reported_in_words_and_late_in_words_and_colour() -> None:
     status = ProtocolStatus("ask", "Ask", 2, 4, since_ns=0, expected_s=90.0)
     assert [time_words(status, round(s * 1e9)) for s in (0, 42, 90.4, 91, 170, 3700)] == [
         "0:00 of 1:30", "0:42 of 1:30", "1:30 of 1:30", "1:31 of 1:30 · 0:01 late", "2:50 of 1:30 · 1:20 late",
@@ -257,7 +257,7 @@ def test_every_step_can_be_begun_from_the_list_which_opens_by_the_present_one(de
     assert desk.asked[1:] == [intents.GoToStep("show-the-robot-arm")]
 
 
-def test_the_list_that_a_key_opens_takes_a_digit_and_a_press_beside_it_closes_it(desk: Desk) -> None:
+def test_the_list_that_a_key_opens_takes_a_digit_and_a_press_next_to_it_closes_it(desk: Desk) -> None:
     field = desk.focus("speak_field")
     QTest.keyClick(field, Qt.Key.Key_PageUp, CTRL | SHIFT)
     row = find(desk.window, "step_row_3")

@@ -140,7 +140,7 @@ def test_a_replay_closes_without_a_question(window: MainWindow, console: FakeCon
 
 @pytest.mark.panels()
 @pytest.mark.long
-def test_the_picture_is_whole_without_scrolling(window: MainWindow) -> None:
+def test_the_picture_is_complete_without_scrolling(window: MainWindow) -> None:
     panels, video = find(window, "replay_panels"), window.panels["video"]
     assert isinstance(panels, QScrollArea)
     assert isinstance(video, VideoPanel)

@@ -237,7 +237,7 @@ def test_escape_closes_the_dialog_and_stops_the_robot(
     assert [each for each in window.findChildren(RobotDialog) if each.isVisible()]
 
 
-def test_the_list_of_robots_on_show_has_what_the_disk_tells_meanwhile(
+def test_the_list_of_robots_on_show_has_what_the_disk_lists_meanwhile(
     window: MainWindow, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     window.robots.choices.renew()

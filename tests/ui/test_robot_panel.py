@@ -81,7 +81,7 @@ def test_a_button_is_used_with_one_click_and_its_panel_gets_the_keys(
     assert panel.fact == ("Wave: requested", "blue")
 
 
-def test_what_failed_is_said_in_words_beside_it(panel: RobotPanel, console: FakeConsole) -> None:
+def test_what_failed_is_said_in_words_next_to_it(panel: RobotPanel, console: FakeConsole) -> None:
     answer(console, "wave", ControlStatus("failed", True, "the service did not answer"))
     assert entry(panel, "wave").note_text == "Wave failed: the service did not answer"
     assert entry(panel, "wave").note.isVisible()
@@ -154,7 +154,7 @@ def test_under_the_emergency_stop_what_moves_is_off_and_says_why(
     assert find(panel, "control_dock_button").isVisible(), "the question from before is not left open"
 
 
-def test_a_toggle_shows_what_the_robot_tells(qtbot: QtBot, panel: RobotPanel, console: FakeConsole) -> None:
+def test_a_toggle_shows_what_the_robot_reports(qtbot: QtBot, panel: RobotPanel, console: FakeConsole) -> None:
     eyes = entry(panel, "eyes")
     assert eyes.value_text == "unknown"
     tell(console, eyes=True)
@@ -223,7 +223,7 @@ def test_a_text_is_sent_with_enter_and_the_rest_of_the_window_hears_nothing(
     assert field.hasFocus()
 
 
-def test_a_readout_says_when_nothing_was_told(panel: RobotPanel, console: FakeConsole) -> None:
+def test_a_readout_says_when_nothing_was_reported(panel: RobotPanel, console: FakeConsole) -> None:
     warmth = entry(panel, "warmth")
     labels = {label.text() for label in warmth.findChildren(QLabel)}
     assert "no value yet" in labels

@@ -42,7 +42,7 @@ def imported(console: FakeConsole) -> list[object]:
     return console.named("ImportScenario")
 
 
-def test_both_are_kept_under_a_name_that_is_shown_and_can_be_changed(
+def test_both_are_saved_under_a_name_that_is_shown_and_can_be_changed(
     qtbot: QtBot, dialog: QWidget, console: FakeConsole
 ) -> None:
     assert not dialog.isModal(), "the robot can be driven and stopped meanwhile"
@@ -70,7 +70,7 @@ def test_what_is_ones_own_can_be_replaced_and_what_comes_with_the_program_cannot
 @pytest.mark.parametrize(
     ("name", "said"), [("tour", "already exists"), ("a b", "letters, digits"), ("", "letters, digits")]
 )
-def test_a_name_that_cannot_be_is_told_at_once(dialog: QWidget, name: str, said: str) -> None:
+def test_a_name_that_cannot_be_is_reported_at_once(dialog: QWidget, name: str, said: str) -> None:
     field, refusal = find(dialog, "new_name_scenario"), dialog.findChild(QLabel, "same_names_refusal")
     assert isinstance(field, QLineEdit) and refusal is not None
     assert find(dialog, "same_names_import").isEnabled()

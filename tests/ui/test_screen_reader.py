@@ -61,7 +61,7 @@ def settle() -> None:
 @pytest.mark.usefixtures("screen_reader")
 @pytest.mark.parametrize("size", [QSize(1920, 1080), USUAL], ids=["1920x1080", "1366x768"])
 @pytest.mark.long("*1920x1080")
-def test_every_control_of_every_scenario_can_be_told(
+def test_every_control_of_every_scenario_can_be_reported(
     shown: MainWindow, size: QSize, request: pytest.FixtureRequest
 ) -> None:
     """Each panel is opened on the usual screen; with ``--long`` on the large one too, where names are the same."""
@@ -77,7 +77,7 @@ def test_every_control_of_every_scenario_can_be_told(
 
 @pytest.mark.usefixtures("screen_reader")
 @pytest.mark.long
-def test_every_control_of_every_window_and_of_a_replay_can_be_told(theme: Theme) -> None:
+def test_every_control_of_every_window_and_of_a_replay_can_be_reported(theme: Theme) -> None:
     opened, found = EveryWindow(theme, ENGLISH), list[str]()
     for what in ("The microphone is silent.", "No photo was taken."):
         opened.console.state.add(Problem(clock.now_ns(), "warning", what, "Nothing of it is kept.", "Look after it."))
@@ -94,7 +94,7 @@ def test_every_control_of_every_window_and_of_a_replay_can_be_told(theme: Theme)
 
 @pytest.mark.usefixtures("screen_reader")
 @pytest.mark.panels("drive")
-def test_the_strips_of_motion_are_told_and_take_no_focus(
+def test_the_strips_of_motion_are_reported_and_take_no_focus(
     window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
     window.open_panel("motion")
@@ -175,7 +175,7 @@ def _walked(node: QAccessibleInterface) -> Iterator[QAccessibleInterface]:
 
 
 @pytest.mark.panels("video")
-def test_the_check_sees_what_cannot_be_told(window: MainWindow) -> None:
+def test_the_check_sees_what_cannot_be_reported(window: MainWindow) -> None:
     """Negative control: a control without a name, two of one name, one outside the window, and one without a role."""
     nameless, twice, again = (ActionButton(window.theme, text) for text in ("", "Twice", "Twice"))
     beside, silent = ActionButton(window.theme, "Beside the window"), QLabel()

@@ -81,7 +81,7 @@ def library() -> FakeLibrary:
 # Recording
 
 
-def test_a_recording_is_paused_and_goes_on(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+def test_a_recording_is_paused_and_continues(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = session_panel(window)
     click(qtbot, find(panel, "session_pause"))
     assert console.calls == [("pause_session", True)]
@@ -99,7 +99,7 @@ def test_a_recording_is_paused_and_goes_on(qtbot: QtBot, window: MainWindow, con
     assert console.calls[-1] == ("stop_session", None)
 
 
-def test_the_room_that_is_left_is_told_in_time(window: MainWindow, console: FakeConsole) -> None:
+def test_the_room_that_is_left_is_reported_in_time(window: MainWindow, console: FakeConsole) -> None:
     items = window.status_bar.items
     for room_s, text, role in (
         (19_200.0, "room for 5 h 20 min", "dim"),
@@ -136,7 +136,7 @@ def test_long_words_do_not_make_the_window_wider(qtbot: QtBot, window: MainWindo
     assert find(window, "stretch_button").width() >= find(window, "stretch_button").sizeHint().width()
 
 
-def test_an_open_stretch_is_ended_from_the_top_bar(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+def test_an_open_interval_is_ended_from_the_top_bar(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     assert window.findChild(QWidget, "stretch_button").isHidden()  # type: ignore[union-attr]
     mark_id = console.begin_mark("Laughs")
     button = find(window, "stretch_button")
@@ -202,7 +202,7 @@ def test_labels_mark_from_the_panel(qtbot: QtBot, settings: MemorySettings, them
 # Start dialog
 
 
-def test_what_will_be_kept_and_for_how_long(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+def test_what_will_be_saved_and_for_how_long(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     console.scenario = dataclasses.replace(
         console.scenario, permissions=Permissions(photos=False, audio_recording=True)
     )
@@ -229,7 +229,7 @@ def test_what_will_be_kept_and_for_how_long(qtbot: QtBot, window: MainWindow, co
     assert console.input is None
 
 
-def test_a_scenario_without_sound_asks_for_no_microphone(window: MainWindow, console: FakeConsole) -> None:
+def test_a_scenario_without_sound_requests_no_microphone(window: MainWindow, console: FakeConsole) -> None:
     console.inputs = ("", "Desk microphone")
     window.sessions.open_start_dialog()
     assert window.findChild(QWidget, "start_microphone") is None
@@ -237,7 +237,7 @@ def test_a_scenario_without_sound_asks_for_no_microphone(window: MainWindow, con
     assert contents_sentence(Permissions(audio_recording=False), "x", BlurSettings()).endswith("No sound.")
 
 
-def test_where_the_robot_hears_no_microphone_of_this_computer_is_asked_for(
+def test_where_the_robot_hears_no_microphone_of_this_computer_is_requested(
     window: MainWindow, console: FakeConsole
 ) -> None:
     console.scenario = dataclasses.replace(console.scenario, permissions=Permissions(audio_recording=True))
@@ -306,7 +306,7 @@ def test_the_same_trial_again_and_practice(qtbot: QtBot, theme: Theme) -> None:
     assert last_details(TrialDetails(), None) is None
 
 
-def test_it_opens_before_the_disk_tells_and_keeps_what_is_typed_meanwhile(
+def test_it_opens_before_the_disk_responds_and_keeps_what_is_typed_meanwhile(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
     console.suggested = TrialDetails("Lab visit", "P07", "B", "3", "Kim")
@@ -326,7 +326,7 @@ def test_it_opens_before_the_disk_tells_and_keeps_what_is_typed_meanwhile(
     dialog.close()
 
 
-def test_who_starts_before_the_disk_tells_starts_with_what_it_tells(
+def test_who_starts_before_the_disk_responds_starts_with_what_it_reports(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
     console.suggested = TrialDetails("Lab visit", "P07", "B", "3", "Kim")
@@ -343,7 +343,7 @@ def test_who_starts_before_the_disk_tells_starts_with_what_it_tells(
     assert console.suggested == TrialDetails("Lab visit", "P07", "B", "3", "Kim"), "what it was started with"
 
 
-def test_the_same_trial_is_meant_before_the_disk_tells_which(
+def test_the_same_trial_is_meant_before_the_disk_responds(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
     console.suggested = TrialDetails("Lab visit", "P07", "B", "3", "Kim")
@@ -445,7 +445,7 @@ def test_a_session_that_is_being_recorded_waits(sessions: SessionsWindow, librar
     assert find(sessions, "sessions_replay").isEnabled()
 
 
-def test_what_a_session_lacks_and_a_copy_are_told(sessions: SessionsWindow, library: FakeLibrary) -> None:
+def test_what_a_session_lacks_and_a_copy_are_reported(sessions: SessionsWindow, library: FakeLibrary) -> None:
     lost = "4671 of the 4673 recorded values are missing from events.mcap."
     cut, copy = entry(5, losses=(lost,)), entry(6, copy_of="s1")
     library.found.set(LibraryStatus(sessions=(entry(1), cut, copy), total=3))
@@ -461,7 +461,7 @@ def test_what_a_session_lacks_and_a_copy_are_told(sessions: SessionsWindow, libr
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_what_a_session_lacks_is_told_in_the_wizards_language() -> None:
+def test_what_a_session_lacks_is_reported_in_the_wizards_language() -> None:
     told = read_loss("audio.wav is missing: 3.0 s of audio.")
     assert lacks_words(entry(5, losses=(told,))).startswith("[audio.wav îš mîššîñğ: 3.0 š")
 
@@ -538,7 +538,7 @@ def test_csv_files_are_written_as_chosen(qtbot: QtBot, dialog: ExportDialog, lib
     assert not find(dialog, "export_plain_csv").isEnabled(), "while it runs"
 
 
-def test_the_end_of_an_export_is_told_in_words(qtbot: QtBot, dialog: ExportDialog, library: FakeLibrary) -> None:
+def test_the_end_of_an_export_is_reported_in_words(qtbot: QtBot, dialog: ExportDialog, library: FakeLibrary) -> None:
     licence, other = find(dialog, "export_licence"), dialog.findChild(QLineEdit, "export_other_licence")
     assert isinstance(licence, QComboBox)
     assert other is not None
@@ -566,7 +566,7 @@ def test_names_leave_the_study_only_where_that_is_chosen(
     assert not box.isEnabled(), "not while it is being written"
 
 
-def test_another_export_goes_beside_the_first(dialog: ExportDialog, library: FakeLibrary, tmp_path: Path) -> None:
+def test_another_export_goes_next_to_the_first(dialog: ExportDialog, library: FakeLibrary, tmp_path: Path) -> None:
     asked: list[Callable[[Path], None]] = []
     library.choose_export_folder = lambda _sessions, told, **_chosen: asked.append(told)  # type: ignore[method-assign]
     dialog.show_sessions([SESSIONS[0].folder])
@@ -581,7 +581,7 @@ def test_another_export_goes_beside_the_first(dialog: ExportDialog, library: Fak
     assert find(dialog, "export_what").property("text") == f"Done: 1 export in {tmp_path / 's1'}."
 
 
-def test_a_folder_that_is_typed_before_the_disk_tells_stays(dialog: ExportDialog, library: FakeLibrary) -> None:
+def test_a_folder_that_is_typed_before_the_disk_responds_stays(dialog: ExportDialog, library: FakeLibrary) -> None:
     asked: list[Callable[[Path], None]] = []
     library.choose_export_folder = lambda _sessions, told, **_chosen: asked.append(told)  # type: ignore[method-assign]
     dialog.show_sessions([SESSIONS[0].folder])
@@ -643,7 +643,7 @@ def test_the_window_opens_sessions_and_exports(
 
 @pytest.mark.panels()
 @pytest.mark.long
-def test_an_arrangement_is_told_once_it_is_at_rest(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+def test_a_layout_is_reported_once_it_is_at_rest(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     def settle() -> None:
         qtbot.waitUntil(lambda: not window.layout_keeper.rest.isActive(), timeout=5000)
 

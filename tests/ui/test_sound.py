@@ -60,7 +60,7 @@ def talked(console: FakeConsole) -> list[tuple[bool, str]]:
     return console.named("push_to_talk")
 
 
-def test_an_open_microphone_is_told_at_once_and_whose_it_is(window: MainWindow, console: FakeConsole) -> None:
+def test_an_open_microphone_is_reported_at_once_and_whose_it_is(window: MainWindow, console: FakeConsole) -> None:
     item = window.status_bar.items["microphone"]
     assert item.text == ""
     console.state.microphone.set(PARTICIPANT)
@@ -122,7 +122,7 @@ def test_where_driving_has_the_focus_a_bare_key_does_once_it_is_held(
     assert talked(console) == [(True, to), (False, to)]
 
 
-def test_a_dialog_ends_it_until_the_key_is_pressed_anew(
+def test_a_dialog_ends_it_until_the_key_is_pressed_again(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, field: SpeakField
 ) -> None:
     QTest.keyPress(field, Qt.Key.Key_Space, CTRL)

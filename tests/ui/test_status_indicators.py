@@ -61,7 +61,7 @@ def picture(signs: StatusIndicators) -> QImage:
     return signs.grab().toImage().convertToFormat(QImage.Format.Format_Grayscale8)
 
 
-def test_each_sign_tells_what_is_so(qtbot: QtBot, signs: StatusIndicators, state: LiveState) -> None:
+def test_each_sign_shows_what_is_so(qtbot: QtBot, signs: StatusIndicators, state: LiveState) -> None:
     assert said(signs)[0] == "Unknown", "no odometry has come yet"
     drive(state, 0.0)
     assert said(signs) == ALL_OFF
@@ -102,7 +102,7 @@ def test_no_sign_says_still_without_knowledge(qtbot: QtBot, theme: Theme) -> Non
     )
 
 
-def test_the_sign_is_as_the_last_odometry_tells(qtbot: QtBot, theme: Theme) -> None:
+def test_the_sign_is_as_the_last_odometry_reports(qtbot: QtBot, theme: Theme) -> None:
     now_ns = clock.now_ns()
     state = LiveState(present=PresentClock(now_ns=lambda: now_ns))
     state.close()
@@ -120,7 +120,7 @@ def test_the_sign_is_as_the_last_odometry_tells(qtbot: QtBot, theme: Theme) -> N
     assert said(signs)[0] == "Moving", "the last that is known of it"
 
 
-def test_a_robot_whose_odometry_tells_no_speeds_moves_as_its_poses_do(
+def test_a_robot_whose_odometry_reports_no_speeds_moves_as_its_poses_do(
     signs: StatusIndicators, state: LiveState
 ) -> None:
     drive(state, 0.0)
@@ -218,7 +218,7 @@ def test_nothing_is_painted_while_nothing_changes(
 
 
 @pytest.mark.parametrize("width_px", [1366, 1920])
-def test_they_stand_in_the_strip_beside_what_waits_for_the_wizard(
+def test_they_stand_in_the_strip_next_to_what_waits_for_the_wizard(
     window: MainWindow, console: FakeConsole, width_px: int
 ) -> None:
     window.resize(width_px, 768)

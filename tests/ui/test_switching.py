@@ -156,7 +156,7 @@ def test_what_is_seen_stands_before_what_lies_behind_other_tabs(
 
 @pytest.mark.parametrize("chosen", [samples.TOUR, STRICT], ids=["goes on", "goes"])
 @pytest.mark.long
-def test_a_panel_that_has_no_room_yet_when_another_scenario_is_chosen_goes_on_or_goes(
+def test_a_panel_that_has_no_room_yet_when_another_scenario_is_chosen_continues_or_goes(
     alone: tuple[MainWindow, FakeConsole], qtbot: QtBot, chosen: samples.Scenario
 ) -> None:
     window, console = alone
@@ -216,7 +216,7 @@ def test_what_lies_behind_other_tabs_gets_its_room_when_it_comes(
 
 
 @pytest.mark.long
-def test_who_asks_for_a_panel_meanwhile_gets_it(window: MainWindow, console: FakeConsole) -> None:
+def test_who_requests_a_panel_meanwhile_gets_it(window: MainWindow, console: FakeConsole) -> None:
     switch(console, samples.MENTAL)
     window.open_panel("diagnostics")
     assert window.board.is_open("diagnostics")
@@ -282,7 +282,7 @@ def test_a_window_of_its_own_goes_with_a_panel_that_is_put_aside(
 
 
 @pytest.mark.long
-def test_a_panel_that_goes_on_says_what_a_new_one_would(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
+def test_a_panel_that_continues_says_what_a_new_one_would(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
     scenarios = [load_scenario(path) for path in sorted(layouts_dir().glob("*.yaml"))]
     console = FakeConsole(scenarios[-1])
     window = open_window(qtbot, console, settings, theme)
@@ -381,7 +381,7 @@ def test_words_for_the_model_that_were_being_changed_never_go_into_another_scena
     assert panel._words.field.toPlainText() == "You are a nurse." and not panel._words.save.isEnabled()
 
 
-def test_a_suggestion_that_was_being_changed_is_a_line_like_any_other_afterwards(
+def test_a_suggestion_that_was_being_changed_is_a_line_like_others_afterwards(
     window: MainWindow, console: FakeConsole
 ) -> None:
     edited: list[str] = []
@@ -441,7 +441,7 @@ def test_the_first_window_waits_only_for_the_panels_that_it_shows(
     assert window.panels["session"].choices() == {"category": CATEGORIES[0]}, "as the wizard had it last time"
 
 
-def test_another_arrangement_before_all_are_made_leaves_out_what_lies_behind_in_it_too(
+def test_another_layout_before_all_are_made_leaves_out_what_lies_behind_in_it_too(
     at_the_start: tuple[MainWindow, FakeConsole], qtbot: QtBot
 ) -> None:
     window, _console = at_the_start
@@ -458,7 +458,7 @@ def test_another_arrangement_before_all_are_made_leaves_out_what_lies_behind_in_
     assert behind_in(window) == set(), "what is asked for now is made now"
 
 
-def test_who_asks_for_a_panel_before_it_is_made_gets_it_as_it_was_left(
+def test_who_requests_a_panel_before_it_is_made_gets_it_as_it_was_left(
     at_the_start: tuple[MainWindow, FakeConsole],
 ) -> None:
     window, _console = at_the_start

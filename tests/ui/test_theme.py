@@ -72,7 +72,7 @@ def test_colours_live_in_the_tokens_alone() -> None:
 
 
 @pytest.mark.long
-def test_the_choice_is_kept_and_drawn(window: MainWindow, settings: MemorySettings, qapp: QApplication) -> None:
+def test_the_choice_is_saved_and_drawn(window: MainWindow, settings: MemorySettings, qapp: QApplication) -> None:
     for choice, colors in (("light", LIGHT), ("dark", DARK)):
         window.appearance.choose_theme(as_choice(choice))
         assert settings.values["appearance/theme"] == choice
@@ -120,7 +120,7 @@ def test_a_system_that_does_not_say_reads_as_dark() -> None:
     assert colors_for("light", Qt.ColorScheme.Dark) is LIGHT
 
 
-def test_a_size_is_kept_for_the_next_start(window: MainWindow, settings: MemorySettings) -> None:
+def test_a_size_is_saved_for_the_next_start(window: MainWindow, settings: MemorySettings) -> None:
     assert window.appearance.scale == ""
     entry = next(entry for entry in window.palette_entries() if entry.text == "Size: 150 % after a restart")
     entry.do()

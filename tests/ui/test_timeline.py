@@ -114,7 +114,7 @@ def coder(scene: ReplayScene, replay: FakeReplay) -> Coder:
     return Coder(scene.timeline, replay)
 
 
-def test_dragging_on_a_tier_adds_an_annotation_and_asks_for_its_label(coder: Coder) -> None:
+def test_dragging_on_a_tier_adds_an_annotation_and_requests_its_label(coder: Coder) -> None:
     start, end = coder.point(ANA, 95_000), coder.point(ANA, 99_000)
     coder.drag(start, end)
     card = coder.timeline.window().findChild(LabelCard)
@@ -127,7 +127,7 @@ def test_dragging_on_a_tier_adds_an_annotation_and_asks_for_its_label(coder: Cod
     assert coder.canvas.hasFocus(), "the next key is for the timeline again"
 
 
-def test_free_text_is_written_and_kept_when_the_focus_goes(coder: Coder) -> None:
+def test_free_text_is_written_and_saved_when_the_focus_goes(coder: Coder) -> None:
     coder.drag(coder.point(REMARKS, 60_000), coder.point(REMARKS, 62_000))
     coder.type("looks at the arm 1 2")
     coder.canvas.setFocus()
@@ -142,7 +142,7 @@ def test_a_new_annotation_ends_where_its_neighbour_begins(coder: Coder) -> None:
     assert coder.values(ANA)[1][1:] == (second[0], "")
 
 
-def test_a_click_selects_and_beside_it_goes_there(qtbot: QtBot, coder: Coder) -> None:
+def test_a_click_selects_and_next_to_it_goes_there(qtbot: QtBot, coder: Coder) -> None:
     item = coder.document.of_tier(ANA)[2]
     coder.click(ANA, (item.start_ms + item.end_ms) / 2)
     assert coder.canvas.selected == item
@@ -197,7 +197,7 @@ def test_an_annotation_goes_to_another_tier_of_its_coder_only(coder: Coder) -> N
     assert coder.document == before, "what Ana saw does not become Ben's"
 
 
-def test_what_would_overlap_is_refused_in_words_beside_it(coder: Coder) -> None:
+def test_what_would_overlap_is_refused_in_words_next_to_it(coder: Coder) -> None:
     before, first = coder.document, coder.values(ANA)[0]
     middle = coder.point(ANA, (first[0] + first[1]) / 2)
     coder.drag(middle, middle + QPoint(40, 0))
@@ -309,7 +309,7 @@ def test_label_keys_start_and_end_while_it_plays(coder: Coder) -> None:
     assert coder.values(ANA)[-1] == (97_500, 99_000, "reserved"), "what was given up is not there"
 
 
-def test_a_label_that_goes_on_ends_before_what_is_there_already(coder: Coder) -> None:
+def test_a_label_that_continues_ends_before_what_is_there_already(coder: Coder) -> None:
     second = coder.values(ANA)[1]
     free_ms = coder.values(ANA)[0][1]
     coder.replay.play()
@@ -617,7 +617,7 @@ def codes_of(document: AnnotationDocument, tier_id: str) -> list[str]:
     ]
 
 
-def test_an_uncoded_session_asks_for_a_tier(qtbot: QtBot, theme: Theme) -> None:
+def test_an_uncoded_session_requests_a_tier(qtbot: QtBot, theme: Theme) -> None:
     scene = open_scene(qtbot, theme, FakeReplay(overview=sample_overview(video=False, sound=False)))
     assert "Nothing is coded" in find(scene, "coding_words").property("text")
     assert [row.kind for row in scene.timeline.canvas.rows][:2] == ["speed", "tier"]
@@ -629,7 +629,7 @@ def test_an_uncoded_session_asks_for_a_tier(qtbot: QtBot, theme: Theme) -> None:
     assert scene.timeline.words == "Add a tier for coding first."
 
 
-def test_before_the_session_was_looked_through_it_can_be_coded(qtbot: QtBot, theme: Theme) -> None:
+def test_before_the_session_was_searched_it_can_be_coded(qtbot: QtBot, theme: Theme) -> None:
     replay = FakeReplay(coding=sample_coding(120_000))
     scene = open_scene(qtbot, theme, replay)
     assert [row.name for row in scene.timeline.canvas.rows] == ["Stance", "Remarks", "Stance"]
@@ -676,7 +676,7 @@ def test_ten_thousand_annotations_are_drawn_in_time(qtbot: QtBot, theme: Theme) 
         assert statistics.median(spent_ms) < 40, "five times what it takes on a quiet machine"
 
 
-def test_a_moving_playhead_draws_nothing_anew(qtbot: QtBot, theme: Theme) -> None:
+def test_a_moving_playhead_draws_nothing_again(qtbot: QtBot, theme: Theme) -> None:
     replay = FakeReplay(overview=sample_overview(video=False), coding=sample_coding(120_000))
     coder = Coder(open_scene(qtbot, theme, replay).timeline, replay)
     coder.canvas.grab()

@@ -130,7 +130,7 @@ def test_video_and_map_say_what_is_there(window: MainWindow, console: FakeConsol
 
 
 @pytest.mark.panels("video", "speak", "people")
-def test_people_are_told_and_have_their_card_wherever_the_panel_is(window: MainWindow) -> None:
+def test_people_are_reported_and_have_their_card_wherever_the_panel_is(window: MainWindow) -> None:
     """Its floating window is deleted on docking, with PySide's references to its parts."""
     panel = window.findChild(PeoplePanel)
     assert panel is not None

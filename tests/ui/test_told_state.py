@@ -49,7 +49,7 @@ class Written:
         return f"state {self.asked}"
 
 
-def test_nothing_is_asked_for_without_a_screen_reader(qtbot: QtBot) -> None:
+def test_nothing_is_requested_without_a_screen_reader(qtbot: QtBot) -> None:
     assert not QAccessible.isActive()
     widget, written = QWidget(), Written()
     qtbot.addWidget(widget)
@@ -61,7 +61,7 @@ def test_nothing_is_asked_for_without_a_screen_reader(qtbot: QtBot) -> None:
 
 
 @pytest.mark.usefixtures("screen_reader")
-def test_many_changes_are_told_at_once_and_then_once_more_for_the_last(qtbot: QtBot) -> None:
+def test_many_changes_are_reported_at_once_and_then_once_more_for_the_last(qtbot: QtBot) -> None:
     widget, written = QWidget(), Written()
     qtbot.addWidget(widget)
     state = ThrottledAccessibleDescription(widget, written.words)
@@ -94,7 +94,7 @@ class Picture:
         return self.boxes
 
 
-def test_a_box_that_comes_and_goes_is_somebody_who_is_there() -> None:
+def test_a_box_that_comes_and_goes_is_a_person_who_is_there() -> None:
     seen, picture, told_of = RecentlyVisible(), Picture(), list[tuple[str, ...]]()
     for quarter in range(40):
         picture.boxes = [("Ada", True)] if quarter < 10 and quarter % 2 else []

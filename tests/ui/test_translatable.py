@@ -107,7 +107,7 @@ def test_every_text_of_the_window_can_be_translated() -> None:
     )
 
 
-def test_what_any_room_tells_the_wizard_can_be_translated() -> None:
+def test_what_any_room_reports_the_wizard_can_be_translated() -> None:
     """In child processes too: texts in QT_TR_NOOP, with their values, translated by the console."""
     told = [f"{found.file}:{found.line}: {found.text!r}" for found in untranslated.untranslated_errors()]
     assert told == []

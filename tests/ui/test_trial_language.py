@@ -286,6 +286,6 @@ def test_what_reads_as_untranslated(text: str, plain: bool) -> None:
     assert is_unmarked(text, StudyTexts("P07")) is plain
 
 
-def test_a_line_out_of_a_longer_text_is_told_by_its_accents() -> None:
+def test_a_line_of_a_longer_text_is_recognised_by_its_accents() -> None:
     assert not is_unmarked_fragment("thé röböt îš öût öf réàçh", StudyTexts())
     assert is_unmarked_fragment("the robot is out of reach", StudyTexts())

@@ -305,7 +305,7 @@ def test_bare_keys_drive_no_longer_after_a_click_elsewhere(window: MainWindow, c
 
 
 @pytest.mark.panels("video", "speak")
-def test_driving_by_alt_goes_on_whatever_is_clicked(window: MainWindow, console: FakeConsole) -> None:
+def test_driving_by_alt_continues_whatever_is_clicked(window: MainWindow, console: FakeConsole) -> None:
     field = find(window, "speak_field")
     field.setFocus()
     QTest.keyPress(field, Qt.Key.Key_W, Qt.KeyboardModifier.AltModifier)
@@ -336,7 +336,7 @@ def test_space_presses_what_stands_in_a_bar_only_for_who_went_there_by_tab(
 
 
 @pytest.mark.panels("video", "speak")
-def test_a_window_that_comes_to_the_front_gives_nobody_the_keys_by_itself(
+def test_a_window_that_comes_to_the_front_gives_nobody_the_keys_automatically(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
     focused().clearFocus()

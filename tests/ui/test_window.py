@@ -257,7 +257,7 @@ def test_problems_are_cards_that_can_be_dismissed(qtbot: QtBot, window: MainWind
 
 
 @pytest.mark.panels("video", "session")
-def test_a_problem_that_is_over_goes_away_by_itself(window: MainWindow, console: FakeConsole) -> None:
+def test_a_problem_that_is_over_goes_away_automatically(window: MainWindow, console: FakeConsole) -> None:
     state = console.state
     link, drive = state.link.value, state.drive.value
 
@@ -489,7 +489,7 @@ def test_what_is_switched_off_cannot_be_added(qtbot: QtBot, settings: MemorySett
 
 
 @pytest.mark.panels("video", "session")
-def test_the_robots_are_listed_and_another_is_asked_for_when_something_would_end(
+def test_the_robots_are_listed_and_another_is_requested_when_something_would_end(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
     click(qtbot, find(window, "status_link"))
@@ -598,7 +598,7 @@ def test_robots_controls_and_maps_are_found_too(window: MainWindow, console: Fak
     assert find(window, "question_band").accessibleName() == "Dock?"
 
 
-def test_a_scenario_that_the_program_opens_by_itself_is_shown(
+def test_a_scenario_that_the_program_opens_automatically_is_shown(
     qtbot: QtBot, settings: MemorySettings, theme: Theme
 ) -> None:
     console = FakeConsole(samples.TOUR, {samples.MENTAL.path: samples.MENTAL})  # type: ignore[dict-item]
@@ -637,7 +637,7 @@ def test_saving_the_layout_keeps_what_is_typed(qtbot: QtBot, settings: MemorySet
     assert not window.dock_host.is_open("diagnostics")
 
 
-def test_the_status_bar_tells_what_is_old_and_what_was_refused(window: MainWindow, console: FakeConsole) -> None:
+def test_the_status_bar_shows_what_is_old_and_what_was_refused(window: MainWindow, console: FakeConsole) -> None:
     bar = window.status_bar
     bar.refresh()
     assert (bar.items["refused"].text, bar.items["pose"].text) == ("", "")

@@ -68,7 +68,7 @@ def test_no_name_reaches_what_belongs_to_another() -> None:
         assert profiles.value("shortcuts") == name
 
 
-def test_without_settings_it_is_kept_for_this_run() -> None:
+def test_without_settings_it_is_saved_for_this_run() -> None:
     profiles = WizardProfiles(None)
     profiles.choose("Ana")
     profiles.set_value("x", 3)

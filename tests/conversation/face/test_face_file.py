@@ -31,7 +31,7 @@ def test_what_was_changed_is_there_again_and_ones_own_goes_first(tmp_path: Path)
         ("title: !!python/object:os.system {}\n", "line 1"),
     ],
 )
-def test_a_mistake_is_told_with_its_line(text: str, told: str) -> None:
+def test_a_mistake_is_reported_with_its_line(text: str, told: str) -> None:
     with pytest.raises(FaceError, match=told):
         parse_face(text, file_name="mine.yaml", name="mine")
 

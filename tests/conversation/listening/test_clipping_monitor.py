@@ -8,7 +8,7 @@ def _told_at(watch: SignalWatch, *, from_s: int, until_s: int, peak: float, sour
     return [second for second in range(from_s, until_s) if watch.process(source, second * 1_000_000_000, peak)]
 
 
-def test_a_silent_microphone_is_told_once_and_again_only_after_it_was_heard() -> None:
+def test_a_silent_microphone_is_reported_once_and_again_only_after_it_was_heard() -> None:
     watch = SignalWatch()
     assert _told_at(watch, from_s=0, until_s=300, peak=0.0) == [45]
     assert _told_at(watch, from_s=300, until_s=301, peak=0.2) == []

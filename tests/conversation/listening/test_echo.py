@@ -116,7 +116,7 @@ def test_it_knows_until_when_the_robot_is_heard_however_late(late_s: float) -> N
     assert plays == [True, True, True, False, False]
 
 
-def test_the_share_is_told_while_it_is_heard() -> None:
+def test_the_share_is_reported_while_it_is_heard() -> None:
     somebody = _padded(_SOMEBODY, 2.0, 3.6)
     shares = np.array(_hear(_echo() + somebody, _played()).shares)
     seconds = (shares[:, 0] - _START_NS) / 1e9
@@ -126,7 +126,7 @@ def test_the_share_is_told_while_it_is_heard() -> None:
     assert shares[seconds < 0.4, 1].max() == 0.0
 
 
-def test_what_is_told_100_ms_late_is_taken_out_from_then_on_and_known_in_hindsight() -> None:
+def test_what_is_reported_100_ms_late_is_taken_out_from_then_on_and_known_in_hindsight() -> None:
     echo = _echo()
     heard = _hear(echo, _played(), late_s=0.1)
     assert _less_db(_part(echo, 0.9, 3.1), heard.between(0.9, 3.1)) > 15
@@ -140,7 +140,7 @@ def test_a_robot_that_plays_late_is_found(delay_s: float) -> None:
     assert _less_db(_part(echo, 1.5, 3.1), heard.between(1.5, 3.1)) > 15
 
 
-def test_a_moment_that_is_told_too_late_is_found() -> None:
+def test_a_moment_that_is_reported_too_late_is_found() -> None:
     echo = _echo(delay_s=0.01)
     heard = _hear(echo, _played(at_s=_BEFORE_S + 0.08))
     assert _less_db(_part(echo, 1.2, 3.1), heard.between(1.2, 3.1)) > 15
@@ -201,7 +201,7 @@ def test_what_was_known_before_sound_was_lost_is_known_behind_it(lost_s: float) 
 
 
 @pytest.mark.long
-def test_somebody_alone_is_never_taken_for_a_robot_that_is_not_heard() -> None:
+def test_a_person_alone_is_never_taken_for_a_robot_that_is_not_heard() -> None:
     somebody = np.concatenate([speech_like(2.5, seed) for seed in (11, 12, 13)])
     heard = _hear(somebody, *(_played(at_s=at_s) for at_s in (0.5, 3.2, 5.8)))
     assert _less_db(somebody[RATE_HZ:], somebody[RATE_HZ:][: 6 * RATE_HZ] - heard.between(1.0, 7.0)) > 10

@@ -33,7 +33,7 @@ class Talk:
         return [change for change, _ in self.changes]
 
 
-def test_a_turn_begins_pauses_goes_on_and_ends() -> None:
+def test_a_turn_begins_pauses_continues_and_ends() -> None:
     talk = Talk().hear(1, 0).hear(2, 0.9).hear(0.3, 0.1).hear(1, 0.8).hear(4, 0)
     assert talk.said == ["began", "paused", "spoke on", "paused", "over"]
     assert talk.turns.started_ns / 1e9 == pytest.approx(1.0, abs=0.033)
@@ -73,7 +73,7 @@ def test_the_wait_keeps_within_the_bounds_of_the_scenario(turn_over: float | Non
     assert 0.6 <= silence_to_wait_s(turn_over, learnt_s, bounds) <= 1.2
 
 
-def test_silence_is_learnt_from_somebodys_own_pauses() -> None:
+def test_silence_is_learnt_from_a_persons_own_pauses() -> None:
     quick, slow = EndpointDelayModel(), EndpointDelayModel()
     for _ in range(30):
         quick.learn(0.25)
@@ -115,7 +115,7 @@ def test_a_silence_in_which_the_robot_answered_is_no_pause() -> None:
     assert silence.seconds == at_first_s
 
 
-def test_a_person_who_is_told_afterwards_has_a_silence_of_their_own() -> None:
+def test_a_person_who_is_reported_afterwards_has_a_silence_of_their_own() -> None:
     silence = SilenceOfPeople()
     for number in range(10):
         silence.learn(f"slow-{number}", 1.5)

@@ -74,14 +74,14 @@ def test_nothing_is_made_of_what_a_recogniser_writes_where_nobody_speaks() -> No
     assert not is_nothing("Where is the lab?", no_speech=0.5, log_probability=-0.4)
 
 
-def test_a_phrase_that_comes_over_and_over_is_kept_once() -> None:
+def test_a_phrase_that_comes_over_and_over_is_retained_once() -> None:
     assert [word.text for word in without_repetition(heard("I see " + "the lab " * 6 + "there"))] == [
         "I", "see", "the", "lab", "there",
     ]  # fmt: skip
     assert len(without_repetition(heard("no no no I said"))) == 5, "people do say a word three times"
 
 
-def test_a_phrase_that_comes_twice_in_the_time_that_it_takes_once_is_kept_once() -> None:
+def test_a_phrase_that_comes_twice_in_the_time_that_it_takes_once_is_retained_once() -> None:
     asked = "where is the robotics lab"
     twice = heard(f"{asked} {asked} please")
     quick = [RecognisedWord(word.text, word.start_s / 3, word.end_s / 3) for word in twice]

@@ -40,7 +40,7 @@ class Model:
         (0.0, "It is safe."),  # unknown
     ],
 )
-def test_a_second_sentence_is_taken_where_somebody_still_spoke_and_silence_is_no_sentence(
+def test_a_second_sentence_is_taken_where_a_person_still_spoke_and_silence_is_no_sentence(
     monkeypatch: pytest.MonkeyPatch, voice_s: float, heard: str
 ) -> None:
     monkeypatch.setattr(

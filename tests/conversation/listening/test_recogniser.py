@@ -108,7 +108,7 @@ def test_the_next_scenario_may_give_people_more_time(recogniser: Talk) -> None:
 
 
 @pytest.mark.long
-def test_a_robot_that_tells_of_what_it_said_afterwards_gets_it_back(recogniser: Talk) -> None:
+def test_a_robot_that_reports_what_it_said_afterwards_gets_it_back(recogniser: Talk) -> None:
     says = "Welcome to the old museum, my name is Mira."
     recogniser.hear(ROBOT_MICROPHONE, np.concatenate((room(1.0), spoken(says), room(3.5))))
     taken = recogniser.wait_for(UtteranceChanged, state="finished", source=ROBOT_MICROPHONE)
@@ -162,7 +162,7 @@ def test_without_a_model_it_says_so_once_and_what_to_do() -> None:
     assert problem.until == "transcription"
 
 
-def test_a_server_that_does_not_answer_is_told_and_then_that_it_does() -> None:
+def test_a_server_that_does_not_answer_is_reported_and_then_that_it_does() -> None:
     sentence = np.concatenate((room(0.5), spoken("Where is the lab?"), room(2)))
     with serving() as server:
         settings = RecogniserSettings("server", server=server.address, niceness=0)

@@ -49,7 +49,7 @@ def test_the_usual_one_is_in_a_models_folder_or_in_the_package(
     assert "pip install" in told.value.advice
 
 
-def test_a_named_one_is_beside_the_scenario_or_in_a_models_folder(tmp_path: Path, folders: tuple[Path, Path]) -> None:
+def test_a_named_one_is_next_to_the_scenario_or_in_a_models_folder(tmp_path: Path, folders: tuple[Path, Path]) -> None:
     beside = _model(tmp_path / "scenarios" / "small")
     _model(folders[0] / "small")
     named = replace(SETTINGS, model="small")

@@ -79,7 +79,7 @@ def test_where_nothing_but_the_robot_is_heard_no_word_is_the_participants() -> N
     assert _robot().is_robots("thanks for watching", _ns(10.1), _ns(13.1), 0.99) == 1.0
 
 
-def test_a_word_or_two_beside_the_robot_count_where_enough_of_somebody_else_was_heard() -> None:
+def test_a_word_or_two_next_to_the_robot_count_where_enough_of_another_person_was_heard() -> None:
     assert _robot().is_robots("What's right?", _ns(12.8), _ns(13.2), 0.86) == 1.0
     assert _robot().is_robots("Oh", _ns(10.1), _ns(10.3), 0.7) == 1.0
     assert _robot().is_robots("This is our", _ns(10.9), _ns(11.06), 0.45) == 1.0, "faster than anybody speaks"
@@ -114,7 +114,7 @@ def test_a_whole_sentence_of_the_robots_is_its_own_though_the_canceller_did_not_
 
 @pytest.mark.parametrize("late_s", [-1.2, 1.8, 3.0, 3.8])
 @pytest.mark.parametrize("echo_share", [None, 0.0, 0.4])
-def test_a_whole_sentence_is_the_robots_though_it_is_heard_seconds_from_when_it_was_told(
+def test_a_whole_sentence_is_the_robots_though_it_is_heard_seconds_from_when_it_was_reported(
     late_s: float, echo_share: float | None
 ) -> None:
     assert _robot().is_robots(_SAYS, _ns(10.1 + late_s), _ns(13.1 + late_s), echo_share) > 0.6
@@ -209,13 +209,13 @@ def test_a_sentence_is_made_out_of_hardly_anything_but_the_robot() -> None:
 
 
 @pytest.mark.parametrize("share", [0.45, 0.6, 0.79])
-def test_short_words_beside_a_loud_robot_are_not_its_beginning_where_somebody_goes_on(share: float) -> None:
+def test_short_words_next_to_a_loud_robot_are_not_its_beginning_where_a_person_continues(share: float) -> None:
     robot = _robot("The library opens at nine in the morning and closes at six.", ends_s=14.1)
     words = [*_heard("I said it's", 10.9, 11.8), *_heard("barely maybe a horror", 11.8, 13.2)]
     assert robot.robots_beginning(words, _ns(10.3), share) == 0
 
 
-def test_a_word_whose_end_is_told_seconds_too_late_is_still_the_robots() -> None:
+def test_a_word_whose_end_is_reported_seconds_too_late_is_still_the_robots() -> None:
     words = [("We", _ns(10.3)), ("have", _ns(10.5)), ("arrived.", _ns(13.0)), ("Thank", _ns(13.3)), ("you.", _ns(13.6))]
     assert _robot("We have arrived.", ends_s=11.1).robots_beginning(words, _ns(10.1)) == 3
 

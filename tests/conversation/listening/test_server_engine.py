@@ -66,7 +66,7 @@ def test_the_request_is_the_one_that_openai_takes(server: Server) -> None:
         assert (sent.getframerate(), sent.getnchannels(), sent.getnframes()) == (16_000, 1, len(SOUND))
 
 
-def test_a_server_that_tells_the_text_alone_will_do(server: Server) -> None:
+def test_a_server_that_reports_the_text_alone_will_do(server: Server) -> None:
     server.body = b'{"text": "Where is the lab?"}'
     text = engine(server.address).transcribe(SOUND, "", careful=False)
     assert [word.text for word in text.words] == ["Where", "is", "the", "lab?"]
@@ -85,7 +85,7 @@ def test_a_server_that_tells_the_text_alone_will_do(server: Server) -> None:
         (200, b" " * 1_100_000, "cannot be reached"),
     ],
 )
-def test_what_a_server_does_wrong_is_told_and_the_key_is_not(
+def test_what_a_server_does_wrong_is_reported_and_the_key_is_not(
     server: Server, status: int, body: bytes, words: str
 ) -> None:
     asked = engine(server.address)
@@ -108,7 +108,7 @@ TEXT = b'{"text": "Where is the lab?"}'
 
 
 @pytest.mark.parametrize("refusal", REFUSALS)
-def test_a_server_without_verbose_json_is_asked_for_json_from_then_on(server: Server, refusal: str) -> None:
+def test_a_server_without_verbose_json_is_requested_json_from_then_on(server: Server, refusal: str) -> None:
     refused = json.dumps(REFUSALS[refusal]).encode()
     server.answers = lambda fields: (400, refused) if fields["response_format"] == "verbose_json" else (200, TEXT)
     asked = engine(server.address, model="gpt-4o-transcribe")
@@ -137,7 +137,7 @@ def test_fields_that_a_server_refuses_are_left_out(server: Server) -> None:
     assert server.fields[-1]["response_format"] == "verbose_json", "that was not what it refused"
 
 
-def test_one_connection_serves_every_stretch(server: Server) -> None:
+def test_one_connection_serves_every_interval(server: Server) -> None:
     asked = engine(server.address)
     for _ in range(3):
         asked.transcribe(SOUND, "", careful=True)
@@ -147,7 +147,7 @@ def test_one_connection_serves_every_stretch(server: Server) -> None:
     assert server.connections == 2
 
 
-def test_one_that_never_answers_is_given_up(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_that_never_answers_is_abandoned(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server_engine, "_TIMEOUT", httpx.Timeout(0.2))
     server.wait_s = 5.0
     asked, began_s = engine(server.address), time.monotonic()
@@ -156,7 +156,7 @@ def test_one_that_never_answers_is_given_up(server: Server, monkeypatch: pytest.
     assert time.monotonic() - began_s < 4
 
 
-def test_one_that_is_not_there_is_told() -> None:
+def test_one_that_is_not_there_is_reported() -> None:
     with pytest.raises(EngineUnavailableError, match="cannot be reached"):
         engine("http://127.0.0.1:1/v1").transcribe(SOUND, "", careful=True)
 

@@ -120,7 +120,7 @@ class Bench:
         return [each for each in self.told if isinstance(each, Hearing)]
 
 
-def test_a_turn_is_told_with_the_moments_of_its_voice() -> None:
+def test_a_turn_is_reported_with_the_moments_of_its_voice() -> None:
     bench = Bench().hear(1).say(2.2).hear(1.5)
     started, finished = bench.utterances
     assert (started.state, finished.state) == ("started", "finished")
@@ -142,7 +142,7 @@ def test_a_turn_that_is_ended_has_what_was_said_until_then() -> None:
     assert bench.utterances[2].stamp_ns >= bench.utterances[1].stamp_ns
 
 
-def test_words_are_committed_while_somebody_speaks_and_stay() -> None:
+def test_words_are_committed_while_a_person_speaks_and_stay() -> None:
     bench = Bench().hear(1).say(6).hear(1.5)
     shown = [each.committed for each in bench.hearings if each.utterance_id]
     assert len(set(shown)) > 4
@@ -163,7 +163,7 @@ def test_speaking_on_after_a_pause_is_the_same_turn_and_another_revision() -> No
     assert ends_s == pytest.approx([13.0, 15.6], abs=0.1)
 
 
-def test_a_pause_is_told_within_a_third_of_a_second() -> None:
+def test_a_pause_is_reported_within_a_third_of_a_second() -> None:
     bench = Bench().hear(1).say(2)
     assert bench.hearings[-1].speaking
     bench.hear(0.3)
@@ -201,7 +201,7 @@ def test_words_that_the_robot_says_are_not_the_participants() -> None:
     assert {each.speaker for each in bench.hearings if each.committed} == {"robot"}
 
 
-def test_while_the_robot_speaks_nobody_is_told_of_a_voice_that_turns_out_to_be_its_own() -> None:
+def test_while_the_robot_speaks_nobody_is_notified_of_a_voice_that_turns_out_to_be_its_own() -> None:
     bench = Bench()
     bench.own_words.words = "w0 w1 w2 w3"
     bench.hear(1).ear.another_spoke()
@@ -265,7 +265,7 @@ def _unasked(own_words: RobotSpeechFilter, at_s: float, text: str = ROBOT_SAYS, 
 
 
 @pytest.mark.parametrize("pause_s", [0.0, 1.0], ids=["one turn", "two turns"])
-def test_a_robot_that_tells_of_its_sentence_afterwards_gets_its_turns_back(pause_s: float) -> None:
+def test_a_robot_that_reports_its_sentence_afterwards_gets_its_turns_back(pause_s: float) -> None:
     own_words = RobotSpeechFilter()
     bench = Bench(own_words=own_words)
     first, rest = ROBOT_SAYS.split(maxsplit=1)
@@ -309,7 +309,7 @@ def test_what_a_robot_says_later_takes_no_turn_from_the_participant(says: str, a
     assert not [each for each in bench.told if isinstance(each, UtteranceCorrected)]
 
 
-def test_who_speaks_over_the_robot_is_told_of_with_their_first_words_and_when_they_began() -> None:
+def test_who_speaks_over_the_robot_is_notified_of_with_their_first_words_and_when_they_began() -> None:
     bench = Bench().hear(1)
     bench.ear.another_spoke()
     bench.say(3.2)
@@ -335,7 +335,7 @@ def test_what_turns_out_to_have_been_the_robot_is_not_listened_to_again(silent_s
     assert loud_after[-1] == pytest.approx(loud_before[-1], abs=0.001)
 
 
-def test_sound_without_words_is_told_as_nothing() -> None:
+def test_sound_without_words_is_reported_as_nothing() -> None:
     bench = Bench()
     bench.answer = lambda _stretch: Recognised((), "en")
     bench.hear(1).say(1).hear(2)
@@ -349,7 +349,7 @@ def test_a_recogniser_that_does_not_answer_holds_no_turn_open() -> None:
     assert [each.state for each in bench.utterances] == ["started", "failed"]
 
 
-def test_a_turn_that_goes_on_and_on_costs_no_more_than_a_short_one() -> None:
+def test_a_turn_that_continues_and_on_costs_no_more_than_a_short_one() -> None:
     bench = Bench().hear(1).say(90).hear(2)
     longest_s = max(len(each.sound) for each in bench.asked) / RATE_HZ
     assert longest_s < 16

@@ -6,7 +6,7 @@ from caris_desktop.conversation.listening.speech_segmenter import goes_on, with_
 
 
 @pytest.mark.parametrize("text", ["I came here with the", "I came here with the.", "We went there because", "And um"])
-def test_who_stops_where_nobody_ends_goes_on(text: str) -> None:
+def test_who_stops_where_nobody_ends_continues(text: str) -> None:
     assert with_words(0.95, text, "en") <= 0.1
 
 
@@ -17,7 +17,7 @@ def test_who_stops_where_nobody_ends_goes_on(text: str) -> None:
         "When I was a child", "If that is possible today.", "I do not think that it's", "Yes, maybe,", "And then...",
     ],
 )  # fmt: skip
-def test_what_sentences_hardly_end_with_goes_on(text: str) -> None:
+def test_what_sentences_hardly_end_with_continues(text: str) -> None:
     assert goes_on(text, "en")
 
 

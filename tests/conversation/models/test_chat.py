@@ -122,7 +122,7 @@ def told_versions(*told: dict[str, object], key_env: str | None = None) -> list[
     return asyncio.run(run())
 
 
-def test_the_model_and_its_fingerprint_are_told_as_the_server_tells_them() -> None:
+def test_the_model_and_its_fingerprint_are_reported_as_the_server_reports_them() -> None:
     full: dict[str, object] = {"model": "some-model-2026-08-06", "system_fingerprint": "fp_1"}
     assert told_versions(full, full) == ["some-model-2026-08-06 fp_1"]
     assert told_versions({"model": "org/some-model", "system_fingerprint": None}) == ["org/some-model"]
@@ -139,7 +139,7 @@ def test_a_version_holds_no_key_no_address_and_no_folder(monkeypatch: pytest.Mon
     assert told_versions({"model": "C:\\Users\\Somebody\\small.gguf"}) == ["small.gguf"]
 
 
-def test_a_server_that_goes_by_its_address_tells_no_version() -> None:
+def test_a_server_that_goes_by_its_address_reports_no_version() -> None:
     async def answer(writer: asyncio.StreamWriter) -> None:
         host, port = writer.get_extra_info("sockname")
         writer.write(json_reply({"data": [{"id": f"small at {host}:{port}"}]}))
@@ -167,7 +167,7 @@ def json_reply(message: object, status: str = "200 OK") -> bytes:
     return f"HTTP/1.1 {status}\r\nConnection: close\r\n\r\n{json.dumps(message)}".encode()
 
 
-def test_ollama_tells_the_digest_of_a_model_in_its_list() -> None:
+def test_ollama_reports_the_digest_of_a_model_in_its_list() -> None:
     version, heads = listed_version(json_reply(TAGS))
     assert version == "sha256:baf6a787fdff"
     assert heads[0].startswith("GET /api/tags HTTP/1.1")
@@ -186,15 +186,15 @@ def test_ollama_tells_the_digest_of_a_model_in_its_list() -> None:
         b"SSH-2.0\r\n",
     ],
 )
-def test_a_server_that_tells_no_version_leaves_it_empty(reply: bytes) -> None:
+def test_a_server_that_reports_no_version_leaves_it_empty(reply: bytes) -> None:
     assert listed_version(reply)[0] == ""
 
 
-def test_nobody_is_asked_for_a_version_that_comes_with_the_answer() -> None:
+def test_nobody_is_requested_a_version_that_comes_with_the_answer() -> None:
     assert listed_version(json_reply(TAGS), provider="openai") == ("", [])
 
 
-def test_a_server_that_is_not_there_tells_no_version() -> None:
+def test_a_server_that_is_not_there_reports_no_version() -> None:
     assert asyncio.run(model_version(ModelEndpoint("ollama", "http://127.0.0.1:9", "m"), local_only=True)) == ""
 
 
@@ -221,7 +221,7 @@ def test_hidden_reasoning_counts_as_life_but_is_not_shown() -> None:
 
 
 @pytest.mark.logs("answered with HTTP status")
-def test_the_key_is_sent_and_told_to_nobody_else(
+def test_the_key_is_sent_and_reported_to_nobody_else(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("TEST_MODEL_KEY", "sk-very-secret")
@@ -310,7 +310,7 @@ def test_what_is_no_answer_becomes_a_clear_error(provider: str, reply: bytes, ex
     assert error.what and error.meaning and error.advice
 
 
-def test_pieces_before_the_line_was_cut_are_kept() -> None:
+def test_pieces_before_the_line_was_cut_are_retained() -> None:
     pieces: list[str] = []
     with pytest.raises(LanguageModelError, match="stopped in the middle of the answer"):
         ask(sends(SSE_HEAD, delta("Half "), delta("an")), pieces=pieces)
@@ -318,19 +318,19 @@ def test_pieces_before_the_line_was_cut_are_kept() -> None:
 
 
 @pytest.mark.parametrize("head", [b"", SSE_HEAD, SSE_HEAD + b": ping\n\n" * 3])
-def test_a_server_that_never_begins_is_given_up(head: bytes) -> None:
+def test_a_server_that_never_begins_is_abandoned(head: bytes) -> None:
     # The timeout covers the connection and the first token.
     short = ChatTimeouts(connect_s=0.5, first_token_s=0.2, between_tokens_s=20.0)
     error = refused(sends(head, then_waits=True), timeouts=short)
     assert "did not start to answer" in error.what
 
 
-def test_a_server_that_falls_silent_is_given_up() -> None:
+def test_a_server_that_falls_silent_is_abandoned() -> None:
     error = refused(sends(SSE_HEAD, delta("Half an"), then_waits=True), timeouts=replace(PATIENT, between_tokens_s=0.3))
     assert "sent nothing for" in error.what
 
 
-def test_an_answer_without_end_is_given_up() -> None:
+def test_an_answer_without_end_is_abandoned() -> None:
     async def answer(writer: asyncio.StreamWriter) -> None:
         writer.write(SSE_HEAD)
         while True:
@@ -357,7 +357,7 @@ def test_the_readers_own_pauses_are_not_held_against_the_server() -> None:
 
 
 @pytest.mark.logs("exchange with .* failed")
-def test_nobody_listening_is_told_with_what_to_do() -> None:
+def test_nobody_listening_is_reported_with_what_to_do() -> None:
     endpoint = ModelEndpoint("ollama", "http://127.0.0.1:9", "m")
     with pytest.raises(LanguageModelError, match="ollama serve"):
         asyncio.run(collect(endpoint))
@@ -489,7 +489,7 @@ def refused_by(answer: Answer) -> tuple[LanguageModelError, Served]:
         ("X-Nothing: 1", b'[{"error": {"details": [{"retryDelay": "900s"}]}}]', None),
     ],
 )
-def test_the_time_that_a_server_asks_for_is_given_up_to_a_bound(
+def test_the_time_that_a_server_requests_is_given_up_to_a_bound(
     monkeypatch: pytest.MonkeyPatch, header: str, body: bytes, waits_s: float | None
 ) -> None:
     waited: list[float] = []
@@ -518,14 +518,14 @@ def test_what_is_wrong_for_good_is_asked_once() -> None:
         assert len(served.bodies) == 1
 
 
-def test_an_answer_that_has_begun_is_never_asked_for_again() -> None:
+def test_an_answer_that_has_begun_is_never_requested_again() -> None:
     error, served = refused_by(in_turn(SSE_HEAD + delta("Half an"), GOOD))
     assert "stopped in the middle of the answer" in error.what
     assert len(served.bodies) == 1
 
 
 @pytest.mark.logs("answered with HTTP status")
-def test_waiting_for_a_busy_server_is_told_and_can_be_cancelled() -> None:
+def test_waiting_for_a_busy_server_is_reported_and_can_be_cancelled() -> None:
     async def run() -> list[str]:
         told: list[str] = []
         busy = asyncio.Event()

@@ -147,7 +147,7 @@ def test_a_model_that_began_within_its_reasoning_does_so_again() -> None:
         ("ollama", LINES_HEAD, json.dumps({"message": {"content": "", "thinking": "Hmm."}}).encode() + b"\n"),
     ],
 )
-def test_a_model_that_thinks_without_end_is_given_up(provider: str, head: bytes, thought: bytes) -> None:
+def test_a_model_that_thinks_without_end_is_abandoned(provider: str, head: bytes, thought: bytes) -> None:
     async def think(writer: asyncio.StreamWriter) -> None:
         writer.write(head)
         while True:
@@ -328,7 +328,7 @@ def test_an_answer_that_is_cut_is_marked(provider: str, reply: bytes, cut: str) 
          "Rephrase the question"),
     ],
 )  # fmt: skip
-def test_the_true_reason_of_a_refusal_is_told(reply: bytes, reason: str, advice: str) -> None:
+def test_the_true_reason_of_a_refusal_is_reported(reply: bytes, reason: str, advice: str) -> None:
     with pytest.raises(LanguageModelError) as caught:
         asked(lambda _body: reply)
     assert reason in caught.value.what and advice in caught.value.advice

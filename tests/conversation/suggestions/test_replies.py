@@ -97,7 +97,7 @@ def test_what_a_reply_does(text: str, intention: str) -> None:
         ("The kitchen is in the lab.", "Where is the kitchen?", False),
     ],
 )
-def test_two_that_do_the_same_are_told_apart_from_two_that_do_not(text: str, other: str, same: bool) -> None:
+def test_two_that_do_the_same_are_distinguished_from_two_that_do_not(text: str, other: str, same: bool) -> None:
     assert same_intention(text, other) is same and same_intention(other, text) is same
 
 

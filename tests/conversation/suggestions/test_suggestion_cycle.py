@@ -98,7 +98,7 @@ def test_what_is_written_after_speech_resumed_reaches_nobody(rounds: SuggestionC
     assert heard.fates == [(1, "superseded")] and heard.asked[-1].revision == 3
 
 
-def test_a_pause_that_was_missed_is_told_by_when_it_began(rounds: SuggestionCycle, heard: Follower) -> None:
+def test_a_pause_that_was_missed_is_reported_by_when_it_began(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
     rounds.add(replace(SILENT, stamp_ns=8 * S, silent_since_ns=8 * S, revision=3))
     assert heard.fates == [(1, "superseded")]
@@ -162,7 +162,7 @@ def test_final_words_that_are_the_same_leave_the_replies_where_they_are(
     assert heard.asked[-1].revision == 2
 
 
-def test_a_turn_is_replied_to_also_where_its_end_is_told_before_the_silence(
+def test_a_turn_is_replied_to_also_where_its_end_is_reported_before_the_silence(
     rounds: SuggestionCycle, heard: Follower
 ) -> None:
     rounds.add(replace(SPEAKING, stamp_ns=4 * S))
@@ -170,7 +170,7 @@ def test_a_turn_is_replied_to_also_where_its_end_is_told_before_the_silence(
     assert [each.text for each in heard.asked] == ["Can it hurt people?"]
 
 
-def test_a_turn_whose_end_is_told_while_somebody_speaks_again_waits_for_what_that_is(
+def test_a_turn_whose_end_is_reported_while_a_person_speaks_again_waits_for_what_that_is(
     rounds: SuggestionCycle, heard: Follower
 ) -> None:
     again = replace(SPEAKING, utterance_id="t-2", committed="")

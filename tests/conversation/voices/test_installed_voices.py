@@ -63,7 +63,7 @@ def test_a_voice_is_named_by_name_or_path_and_no_name_leaves_the_folders(folder:
             find_piper_voice(name, [folder])
 
 
-def test_they_lie_beside_the_scenario_in_a_models_folder_or_in_the_offline_package(
+def test_they_lie_next_to_the_scenario_in_a_models_folder_or_in_the_offline_package(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CARIS_MODELS_DIR", str(tmp_path / "models"))

@@ -50,7 +50,7 @@ def sounding(frames: int) -> NDArray[np.int16]:
     return np.full(frames, 7, np.int16)
 
 
-def test_a_card_that_asks_for_more_than_is_made_hears_no_gap() -> None:
+def test_a_card_that_requests_more_than_is_made_hears_no_gap() -> None:
     card = Card()
     card.sound.append(sounding(150))
     card.ask(10)

@@ -108,7 +108,7 @@ def test_nothing_more_is_made_of_what_nobody_wants(rendering: Rendering, voice: 
     assert spoken(again) == "a_b"
 
 
-def test_what_cannot_be_said_is_told_and_the_next_is_said(rendering: Rendering, voice: SlowVoice, say: Say) -> None:
+def test_what_cannot_be_said_is_reported_and_the_next_is_said(rendering: Rendering, voice: SlowVoice, say: Say) -> None:
     rendering.prepare(["!"])
     wait_for(lambda: voice.begun == ["!"], "it was tried")
     broken, _ = say("a!")

@@ -67,7 +67,7 @@ def test_a_sound_of_which_nothing_was_heard_is_played_from_its_beginning() -> No
     assert (sound.over, sound.trouble) == (True, "broken")
 
 
-def test_what_is_kept_is_bounded_and_what_is_wanted_stays() -> None:
+def test_what_is_retained_is_bounded_and_what_is_wanted_stays() -> None:
     kept = SoundCache(at_most_bytes=8)
     kept.want(["phrase"])
     assert kept.put("phrase", some(1, 2))

@@ -49,7 +49,7 @@ def desk(qapp: QApplication) -> Iterator[Desk]:
     desk.service.stop()
 
 
-def test_a_picture_that_stays_away_is_an_alarm_though_nobody_tells_of_it(desk: Desk) -> None:
+def test_a_picture_that_stays_away_is_an_alarm_though_nobody_reports_it(desk: Desk) -> None:
     desk.state.add(replace(FRAME, stamp_ns=desk.now_ns))
     desk.wait(3)
     assert desk.state.frame.freshness == "lost"
@@ -79,7 +79,7 @@ def test_with_the_link_its_silent_streams_are_no_alarms(desk: Desk) -> None:
     assert "link" not in desk.alarms
 
 
-def test_a_picture_of_which_nothing_is_kept_is_an_alarm_as_long_as_it_is_so(desk: Desk) -> None:
+def test_a_picture_of_which_nothing_is_retained_is_an_alarm_as_long_as_it_is_so(desk: Desk) -> None:
     desk.state.recording.set(RecordingStatus("recording", covered_whole=("front",)))
     assert desk.alarms == ["covered_whole"]
     desk.wait(600)
@@ -94,7 +94,7 @@ def test_a_picture_of_which_nothing_is_kept_is_an_alarm_as_long_as_it_is_so(desk
     assert desk.alarms == []
 
 
-def test_a_low_battery_is_told_once_until_it_was_charged(desk: Desk) -> None:
+def test_a_low_battery_is_reported_once_until_it_was_charged(desk: Desk) -> None:
     for charge in (0.16, 0.149, 0.151, 0.149, 0.19):
         desk.state.add(BatteryState(desk.now_ns, charge))
         desk.wait(10)
@@ -162,7 +162,7 @@ def test_after_a_pause_the_record_has_what_is_wrong_still(desk: Desk) -> None:
     assert (again.state, again.alarm_id, again.times) == ("raised", first.alarm_id, 1)
 
 
-def test_what_ends_by_itself_is_not_taken_as_seen_to(desk: Desk) -> None:
+def test_what_ends_automatically_is_not_taken_as_seen_to(desk: Desk) -> None:
     desk.state.link.set(LinkStatus("lost"))
     with pytest.raises(UserFacingError, match="still exists"):
         desk.service.dismiss(intents.DismissAlarm(desk.state.alarms.value[0].alarm_id))
@@ -213,7 +213,7 @@ def test_what_is_told_to_be_over_is_no_alarm_any_more(desk: Desk) -> None:
     assert desk.alarms == []
 
 
-def test_a_lidar_whose_stamps_are_beyond_belief_is_told(desk: Desk) -> None:
+def test_a_lidar_whose_stamps_are_beyond_belief_is_reported(desk: Desk) -> None:
     desk.state.add(LinkQuality(desk.now_ns, 10.0, 0.0, 1.0))
 
     def scan(late_s: float) -> LaserScan:

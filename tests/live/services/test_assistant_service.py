@@ -247,7 +247,7 @@ def test_what_goes_along_is_counted_and_can_be_left_out(new_desk: Callable[..., 
     assert desk.prompt == "system: You are a guide.\nuser: Where?"
 
 
-def test_nothing_of_one_participant_is_told_about_the_next(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
+def test_nothing_of_one_participant_is_notified_about_the_next(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
     desk = new_desk()
     gather(desk)
     desk.service.forget(conversation=True)
@@ -261,7 +261,7 @@ def test_nothing_of_one_participant_is_told_about_the_next(new_desk: Callable[..
     assert "New here" not in desk.prompt
 
 
-def test_several_questions_are_asked_beside_one_another(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
+def test_several_questions_are_asked_in_parallel(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
     desk = new_desk()
     for number in range(3):
         desk.do(intents.Ask(f"Question {number}?"))

@@ -119,7 +119,7 @@ def test_each_writes_to_a_ring_of_its_own_and_ends_with_the_program(bench: Bench
     assert all(child.asked_to_end for child in bench.children)
 
 
-def test_videos_are_told_to_play_once_somebody_looks(bench: Bench) -> None:
+def test_videos_are_told_to_play_once_a_person_looks(bench: Bench) -> None:
     bench.use(DESK)
     bench.service.start()
     bench.state.perception.set(PerceptionStatus(state="loading"))
@@ -183,7 +183,7 @@ def test_another_scenario_ends_what_it_does_without_and_begins_what_it_wants(ben
 
 
 @pytest.mark.logs("bus")
-def test_what_cannot_be_used_is_told_and_the_others_run(bench: Bench) -> None:
+def test_what_cannot_be_used_is_reported_and_the_others_run(bench: Bench) -> None:
     bench.wanted = CameraSelection((DESK,), failures=(UserFacingError("No such camera.", "Not used.", "Correct it."),))
     bench.service.use_scenario(SCENARIO)
     bench.service.start()

@@ -210,7 +210,7 @@ def test_what_is_recorded_is_asked_again_for_another_scenario(after_a_crash: Run
     assert (run.state.going_on.value.state, run.state.going_on.value.unconfirmed) == ("unconfirmed", ("permissions",))
 
 
-def test_a_trial_does_not_go_on_in_the_midst_of_another_recording(after_a_crash: Run) -> None:
+def test_a_trial_does_not_continue_in_the_midst_of_another_recording(after_a_crash: Run) -> None:
     run = after_a_crash
     run.state.recording.set(replace(run.state.recording.value, state="starting"))
     with pytest.raises(UserFacingError, match="in progress"):
@@ -281,7 +281,7 @@ def test_a_recording_that_ended_is_not_unfinished(run: Run, tmp_path: Path) -> N
     assert list((tmp_path / "trials").iterdir()) == []
 
 
-def test_who_does_not_want_to_go_on_is_not_asked_again(after_a_crash: Run, runs: Callable[[], Run]) -> None:
+def test_who_does_not_want_to_continue_is_not_asked_again(after_a_crash: Run, runs: Callable[[], Run]) -> None:
     after_a_crash.ask(intents.LeaveTrial())
     assert after_a_crash.state.going_on.value.state == "" and after_a_crash.service.state_events(1) == []
     another = runs()

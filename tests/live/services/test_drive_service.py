@@ -101,7 +101,7 @@ def test_each_change_is_sent_at_once_and_the_lease_is_renewed_until_release(
     assert len(robot.of(RenewLease)) == renewals
 
 
-def test_who_holds_it_is_told_and_only_they_this_wizard_or_a_stop_let_go(
+def test_who_holds_it_is_notified_and_only_they_this_wizard_or_a_stop_let_go(
     driving: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     driving.drive(forward=1, left=0, turn=0, source="keyboard", actor="wizard:b")
@@ -131,7 +131,7 @@ def test_nothing_is_sent_while_the_link_is_down_and_old_keys_do_not_drive_when_i
     assert not robot.of(Drive), "only a new key press drives"
 
 
-def test_speed_is_capped_without_fresh_sensors_and_the_reason_is_told(
+def test_speed_is_capped_without_fresh_sensors_and_the_reason_is_reported(
     driving: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     driving.drive(forward=1, left=0, turn=0, source="keyboard")
@@ -260,7 +260,9 @@ PROFILE = RobotProfile(
 )
 
 
-def test_a_base_that_may_not_stop_by_itself_is_driven_at_half_speed(driving: DriveService, state: LiveState) -> None:
+def test_a_base_that_may_not_stop_automatically_is_driven_at_half_speed(
+    driving: DriveService, state: LiveState
+) -> None:
     state.robot.set(replace(PROFILE, velocity=VelocityTopic()))
     assert state.drive.value.max_forward_mps == 0.3
     assert state.drive.value.max_turn_radps == 0.75

@@ -128,7 +128,7 @@ def test_it_speaks_with_the_sound_and_says_the_name_that_the_record_does_not_hav
     bench.until(lambda: not bench.shapes(Words) and not bench.state.face.value.speaking)
 
 
-def test_a_sentence_that_is_told_in_pieces_is_spoken_from_its_first_one_on(bench: Bench) -> None:
+def test_a_sentence_that_is_reported_in_pieces_is_spoken_from_its_first_one_on(bench: Bench) -> None:
     now_ns = clock.now_ns()
     sound = (8000 * np.sin(np.arange(160_000) / 5)).astype(np.int16)[:, None]
     bench.bus.publish(says("Well.", "started", now_ns, "u-9"))
@@ -139,7 +139,7 @@ def test_a_sentence_that_is_told_in_pieces_is_spoken_from_its_first_one_on(bench
     bench.until(lambda: not bench.state.face.value.speaking)
 
 
-def test_it_listens_while_somebody_speaks_and_not_to_itself(bench: Bench) -> None:
+def test_it_listens_while_a_person_speaks_and_not_to_itself(bench: Bench) -> None:
     eyes = len(bench.shapes(Box))
     bench.bus.publish(Hearing(clock.now_ns(), ROBOT_MICROPHONE, speaking=True, speaker="robot"))
     bench.until(lambda: bench.state.hearing_of(ROBOT_MICROPHONE).value is not None)
@@ -183,7 +183,7 @@ def test_a_text_a_photo_and_the_live_picture_stand_in_place_of_the_face(bench: B
         bench.do(intents.ShowOnFace("live"))
 
 
-def test_a_face_of_ones_own_is_kept_and_worn_and_a_broken_one_refused(bench: Bench) -> None:
+def test_a_face_of_ones_own_is_retained_and_worn_and_a_broken_one_refused(bench: Bench) -> None:
     text = 'version: 1\ntitle: Green\nink: "#00ff00"\n'
     bench.do(intents.KeepFace("green", text))
     bench.until(lambda: bench.state.face.value.face == "green" and bench.shapes(Box)[0].ink == "#00ff00")
@@ -212,7 +212,7 @@ def test_the_page_is_there_while_it_is_served_and_who_looks_is_counted(bench: Be
 
 
 @pytest.mark.logs(r"face page ended by itself")
-def test_what_strangers_reach_is_another_process_and_its_end_is_told(bench: Bench) -> None:
+def test_what_strangers_reach_is_another_process_and_its_end_is_reported(bench: Bench) -> None:
     bench.do(intents.ServeFace(on=True))
     address = bench.until(lambda: bench.state.face_page.value)
     port = httpx.URL(address).port

@@ -127,7 +127,7 @@ def test_nobody_is_forgotten_while_a_session_is_recorded(bench: Bench, state: st
 
 @pytest.mark.logs("live.bus", "forgetting ended by itself")
 @pytest.mark.parametrize(("body", "words"), [(fail, "The disk is full."), (die, "stopped unexpectedly")])
-def test_what_goes_wrong_is_told_and_the_person_stays_known(
+def test_what_goes_wrong_is_reported_and_the_person_stays_known(
     bench: Bench, qtbot: QtBot, body: Callable[[Connection], None], words: str
 ) -> None:
     bench.body = ProcessSpec("forgetting", body)
@@ -138,7 +138,7 @@ def test_what_goes_wrong_is_told_and_the_person_stays_known(
 
 
 @pytest.mark.logs("did not end within")
-def test_a_console_that_closes_ends_it_and_it_can_be_asked_for_again(bench: Bench) -> None:
+def test_a_console_that_closes_ends_it_and_it_can_be_requested_again(bench: Bench) -> None:
     bench.body = ProcessSpec("forgetting", take_long)
     bench.ask(intents.ForgetPerson("p-1"))
     (child,) = bench.service.processes().values()
@@ -150,7 +150,7 @@ def test_a_console_that_closes_ends_it_and_it_can_be_asked_for_again(bench: Benc
 
 
 @pytest.mark.logs("live.bus")
-def test_where_nobody_looks_for_people_it_is_told_all_the_same(bench: Bench, qtbot: QtBot) -> None:
+def test_where_nobody_looks_for_people_it_is_reported_all_the_same(bench: Bench, qtbot: QtBot) -> None:
     happened: list[PersonForgotten] = []
     bench.bus.tap(lambda value, _raw: happened.append(value), (PersonForgotten,))
     bench.refuses = UserFacingError(

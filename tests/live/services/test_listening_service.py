@@ -174,7 +174,7 @@ def test_the_wizard_is_heard_to_dictate_and_not_while_they_speak_through_the_rob
     assert [each.source for each in child.got] == [WIZARD_MICROPHONE, MICROPHONE]
 
 
-def test_it_is_told_who_it_was_that_spoke(bench: Bench, qtbot: QtBot) -> None:
+def test_it_is_reported_who_it_was_that_spoke(bench: Bench, qtbot: QtBot) -> None:
     child = _listening(bench)
     bench.service.follows()[UtteranceCorrected](UtteranceCorrected(7, "h-1", person_id="p-2"))
     qtbot.waitUntil(lambda: bool(child.got))
@@ -190,7 +190,7 @@ def test_turns_end_with_the_recording_and_with_a_pause_of_it(bench: Bench, qtbot
     assert child.got[:-1] == [EndTurns(), EndTurns()]
 
 
-def test_a_recogniser_that_does_not_read_holds_nobody_up_and_what_is_left_out_is_told(
+def test_a_recogniser_that_does_not_read_holds_nobody_up_and_what_is_left_out_is_reported(
     bench: Bench, qtbot: QtBot
 ) -> None:
     child = _listening(bench)
@@ -235,7 +235,7 @@ def test_one_that_cannot_says_so_and_is_not_started_again(bench: Bench) -> None:
     assert bench.told == [_PROBLEM]
 
 
-def test_a_server_that_is_away_is_told_and_then_that_it_is_back(bench: Bench) -> None:
+def test_a_server_that_is_away_is_reported_and_then_that_it_is_back(bench: Bench) -> None:
     _listening(bench)
     bench.service.on_heard(RecogniserAway(_PROBLEM))
     assert bench.status.state == "failed"
@@ -244,7 +244,7 @@ def test_a_server_that_is_away_is_told_and_then_that_it_is_back(bench: Bench) ->
 
 
 @pytest.mark.logs("stopped unexpectedly")
-def test_one_that_ends_by_itself_is_started_again_three_times(bench: Bench) -> None:
+def test_one_that_ends_automatically_is_started_again_three_times(bench: Bench) -> None:
     _listening(bench)
     for _ in range(5):
         bench.service._on_ended(bench.child)  # type: ignore[arg-type]

@@ -75,7 +75,7 @@ def test_a_busy_machine_gives_up_one_step_after_another_and_no_more_than_there_a
     assert machine.run(60.0, late_ms=60.0) == LAST
 
 
-def test_what_was_given_up_comes_back_slowly_and_only_where_there_is_room() -> None:
+def test_what_was_abandoned_comes_back_slowly_and_only_where_there_is_room() -> None:
     machine = Machine()
     machine.run(60.0, late_ms=60.0)
     assert machine.run(60.0, late_ms=18.0) == LAST, "neither late nor in time: stay"
@@ -130,7 +130,7 @@ def test_small_pictures_pay_first_then_people_then_panels_and_the_picture_last()
 
 
 @pytest.mark.parametrize("steps", [STEPS, STEPS_WITH_BLUR])
-def test_the_words_say_what_is_given_up(steps: tuple[Step, ...]) -> None:
+def test_the_words_say_what_is_abandoned(steps: tuple[Step, ...]) -> None:
     assert len(steps) == len(STEPS)
     for number, (step, before) in enumerate(zip(steps[1:], steps, strict=False), start=1):
         assert step.detection_interval_s >= before.detection_interval_s
@@ -206,7 +206,7 @@ class Governed:
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_what_is_given_up_is_done_and_told(qapp: QApplication) -> None:
+def test_what_is_abandoned_is_done_and_reported(qapp: QApplication) -> None:
     governed = Governed()
     governed.run(3.0, late_ms=60.0)
     assert (governed.people.every_s, governed.passes[-1]) == (0.0, (0.0, 0.0))
@@ -226,7 +226,7 @@ def test_what_is_given_up_is_done_and_told(qapp: QApplication) -> None:
     assert governed.state.load.value == LoadStatus()
 
 
-def test_pictures_that_get_here_late_are_told_as_load(qapp: QApplication) -> None:
+def test_pictures_that_get_here_late_are_reported_as_load(qapp: QApplication) -> None:
     governed = Governed()
     governed.run(10.0, frame_age_ms=20.0)
     assert governed.state.load.value == LoadStatus()
@@ -234,7 +234,7 @@ def test_pictures_that_get_here_late_are_told_as_load(qapp: QApplication) -> Non
     assert governed.state.load.value == LoadStatus(4, "people detection much less often, video and panels slower")
 
 
-def test_a_starved_detector_is_told_as_load_where_it_is_on_this_computer(qapp: QApplication) -> None:
+def test_a_starved_detector_is_reported_as_load_where_it_is_on_this_computer(qapp: QApplication) -> None:
     governed = Governed()
     governed.run(10.0, detection_ms=80.0)
     assert governed.state.load.value == LoadStatus()
@@ -323,7 +323,7 @@ def test_the_panels_of_another_scenario_come_before_boxes(qapp: QApplication) ->
     assert (governed.people.every_s, governed.state.load.value) == (0.0, LoadStatus())
 
 
-def test_where_people_have_to_be_covered_an_answer_does_not_take_their_looks(
+def test_where_people_have_to_be_covered_an_answer_does_not_take_their_appearance(
     qapp: QApplication, asyncio_thread: AsyncioThread
 ) -> None:
     governed = Governed(asyncio_thread)

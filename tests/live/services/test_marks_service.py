@@ -70,7 +70,7 @@ def test_a_label_or_note_later_leaves_the_moment(desk: Desk) -> None:
     assert desk.last.kind == "wizard_error"
 
 
-def test_stretches_go_on_until_they_end(desk: Desk) -> None:
+def test_intervals_continue_until_they_end(desk: Desk) -> None:
     first = desk.begin("Laughs", earlier_s=2.0)
     second = desk.begin("Confused")
     assert [mark.mark_id for mark in desk.state.marks.value.open] == [first, second]
@@ -84,7 +84,7 @@ def test_stretches_go_on_until_they_end(desk: Desk) -> None:
     assert desk.state.marks.value.open == ()
 
 
-def test_a_moment_becomes_a_stretch_while_its_key_is_held(desk: Desk) -> None:
+def test_a_moment_becomes_an_interval_while_its_key_is_held(desk: Desk) -> None:
     mark_id = desk.mark("Laughs")
     pressed_ns = desk.last.stamp_ns
     desk.marks.open_interval(intents.StretchMark(mark_id))
@@ -95,7 +95,7 @@ def test_a_moment_becomes_a_stretch_while_its_key_is_held(desk: Desk) -> None:
     assert [mark.state for mark in desk.told] == ["done", "open", "done"]
 
 
-def test_a_slip_is_withdrawn_and_told(desk: Desk) -> None:
+def test_a_slip_is_withdrawn_and_reported(desk: Desk) -> None:
     mark_id = desk.mark("Confused")
     desk.marks.withdraw(mark_id)
     desk.marks.withdraw(mark_id)

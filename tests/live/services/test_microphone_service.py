@@ -157,7 +157,9 @@ def test_whoever_changes_their_mind_starts_nothing(bench: Bench) -> None:
     assert bench.child.asked[-1] == CloseMicrophone()
 
 
-def test_sound_that_comes_too_late_is_told_with_what_is_missing(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sound_that_comes_too_late_is_reported_with_what_is_missing(
+    qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(microphone_service, "_OPENS_WITHIN_MS", 10)
     bench = Bench(chosen="")
     bench.service.open_and_then(bench.begin)
@@ -241,7 +243,7 @@ def test_a_process_for_it_is_started_once_another_scenario_is_seen(qtbot: QtBot)
     assert bench.child.asked[-1] == CloseMicrophone(), "nothing is recorded any more"
 
 
-def test_each_role_has_a_choice_of_its_own_that_is_kept(bench: Bench) -> None:
+def test_each_role_has_a_choice_of_its_own_that_is_retained(bench: Bench) -> None:
     use = bench.service.handlers()[UseMicrophone]
     use(UseMicrophone("Desk", "participant"))
     use(UseMicrophone(None, "wizard"))
@@ -251,7 +253,7 @@ def test_each_role_has_a_choice_of_its_own_that_is_kept(bench: Bench) -> None:
     assert bench.child.asked == [OpenMicrophone("Desk")]
 
 
-def test_it_is_tried_for_a_little_while_and_then_closes_by_itself(
+def test_it_is_tried_for_a_little_while_and_then_closes_automatically(
     qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(microphone_service, "_TRIED_FOR_MS", 10)
@@ -288,7 +290,7 @@ def hear_robot(bench: Bench) -> None:
     bench.service._distant.update_status()
 
 
-def test_the_robots_microphone_is_asked_for_where_it_has_one(qapp: QApplication) -> None:
+def test_the_robots_microphone_is_requested_where_it_has_one(qapp: QApplication) -> None:
     bench = Bench(chosen="", transcription=True, audio_recording=True)
     bench.state.robot.set(EARED)
     bench.service.start()
@@ -312,7 +314,7 @@ def test_the_robots_microphone_is_asked_for_where_it_has_one(qapp: QApplication)
     assert bench.state.microphone.value.state == "off"
 
 
-def test_the_microphone_of_a_camera_is_asked_for_by_its_name(qapp: QApplication) -> None:
+def test_the_microphone_of_a_camera_is_requested_by_its_name(qapp: QApplication) -> None:
     bench = Bench(chosen="")
     bench.service.start()
     bench.permit(ear="camera:desk", transcription=True)
@@ -334,7 +336,7 @@ def test_until_the_robot_is_known_nothing_listens_but_for_a_recording(qapp: QApp
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_a_robot_that_sends_no_sound_is_told_once_and_keeps_nobody_waiting(
+def test_a_robot_that_sends_no_sound_is_reported_once_and_keeps_nobody_waiting(
     qapp: QApplication, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = Bench(chosen="", audio_recording=True)

@@ -26,7 +26,7 @@ def _by_model(body: ProcessSpec, scenario: Scenario) -> ProcessSpec:
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_inference_starts_anew_for_a_scenario_that_wants_another_detector_and_for_no_other(qtbot: QtBot) -> None:
+def test_inference_starts_again_for_a_scenario_that_wants_another_detector_and_for_no_other(qtbot: QtBot) -> None:
     owner, ring = QObject(), FrameRing.create(max_frame_bytes=64 * 48 * 3)
     state = LiveState(owner)
     parts = PeopleAdapters(ProcessSpec("inference", bodies.brightness), lambda: (PresenceTracker(), []), _by_model)

@@ -216,7 +216,7 @@ def test_the_model_gets_what_a_camera_shows_now(bench: Bench) -> None:
     assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).shape == (576, 1024, 3)
 
 
-def test_a_file_that_cannot_be_changed_is_told_of(bench: Bench) -> None:
+def test_a_file_that_cannot_be_changed_is_reported_of(bench: Bench) -> None:
     session = bench.begin_session()
     photo = bench.taken(session)
     (session / photo).unlink()

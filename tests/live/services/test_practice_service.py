@@ -106,7 +106,7 @@ def test_it_does_not_begin_in_a_recording(stage: Stage) -> None:
     assert stage.asked == [] and stage.robots == []
 
 
-def test_what_happens_ends_steps_and_is_told(stage: Stage) -> None:
+def test_what_happens_ends_steps_and_is_reported(stage: Stage) -> None:
     stage.begin()
     stage.skip_to("photo")
     stage.happens(PhotoTaken(clock.now_ns(), "front", 1, "photos/1.png", actor="wizard"))
@@ -115,7 +115,7 @@ def test_what_happens_ends_steps_and_is_told(stage: Stage) -> None:
     assert stage.state.practice.value.done == 1
 
 
-def test_somebody_asks_something_and_later_the_link_is_cut(stage: Stage) -> None:
+def test_a_person_asks_something_and_later_the_link_is_cut(stage: Stage) -> None:
     stage.begin()
     stage.skip_to("suggestion")
     utterances = [event for event in stage.told if isinstance(event, UtteranceChanged)]

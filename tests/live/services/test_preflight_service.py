@@ -78,7 +78,7 @@ def test_a_tick_says_who_and_when_and_can_be_taken_back(bench: Bench) -> None:
         bench.service.handlers()[intents.TickCheck](intents.TickCheck("robot"))
 
 
-def test_what_changes_is_looked_at_anew(bench: Bench) -> None:
+def test_what_changes_is_looked_at_again(bench: Bench) -> None:
     assert bench.check("emergency_stop").state == "passed"
     bench.state.drive.set(DriveStatus(emergency_stop=True))
     assert bench.check("emergency_stop").state == "major"
@@ -93,7 +93,7 @@ def test_what_changes_is_looked_at_anew(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("gone", ["lost", "closed"])
-def test_a_lost_link_takes_everything_back_and_says_so(bench: Bench, gone: LinkState) -> None:
+def test_a_lost_link_takes_everything_back_and_reports_it(bench: Bench, gone: LinkState) -> None:
     bench.tick()
     bench.speak()
     bench.link("trouble")
@@ -109,7 +109,7 @@ def test_a_lost_link_takes_everything_back_and_says_so(bench: Bench, gone: LinkS
     assert bench.check("microphone").state == "not checked"
 
 
-def test_another_robot_is_looked_after_anew(bench: Bench) -> None:
+def test_another_robot_is_looked_after_again(bench: Bench) -> None:
     bench.tick()
     bench.service.follows()[RobotChosen](RobotChosen(1, "pepper", "Pepper", "ws://pepper:9090"))
     assert bench.check(SIGNED).state == "not checked"
@@ -128,7 +128,7 @@ def test_a_recording_is_told_how_everything_stood(bench: Bench) -> None:
     assert not any(event.accepted for event in bench.service.state_events(accepted=False))
 
 
-def test_while_a_recording_runs_the_checks_stand_and_the_next_one_begins_anew(bench: Bench) -> None:
+def test_while_a_recording_runs_the_checks_stand_and_the_next_one_begins_again(bench: Bench) -> None:
     bench.tick()
     bench.state.recording.set(RecordingStatus("recording"))
     bench.state.drive.set(DriveStatus(emergency_stop=True))
@@ -149,7 +149,7 @@ def test_another_scenario_has_checks_of_its_own(bench: Bench) -> None:
     assert (bench.check(SIGNED).state, bench.check(SIGNED).detail) == ("not checked", "")
 
 
-def test_the_disk_is_looked_at_beside_the_window(bench: Bench) -> None:
+def test_the_disk_is_looked_at_next_to_the_window(bench: Bench) -> None:
     assert bench.check("disk").state == "pending"
     bench.free_bytes = 10
     bench.service.start()

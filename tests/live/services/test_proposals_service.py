@@ -101,7 +101,7 @@ def test_the_gate_has_the_last_word(desk: Desk) -> None:
     assert desk.of(ProposalChanged)[-1].detail == "Driving to the place is not possible: the emergency stop is active."
 
 
-def test_by_itself_only_what_moves_nothing_is_done_and_after_its_countdown(desk: Desk) -> None:
+def test_automatically_only_what_moves_nothing_is_done_and_after_its_countdown(desk: Desk) -> None:
     desk.use(assistance=EVERYTHING)
     propose(desk, '{"action": "use", "control": "light", "value": true}')
     desk.wait(1_600)

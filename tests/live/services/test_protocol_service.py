@@ -65,7 +65,7 @@ def test_a_recording_begins_with_the_first_step_whatever_was_rehearsed_and_leave
     assert (desk.step, desk.status.steps, desk.status.done) == ("", 3, ())
 
 
-def test_a_trial_that_broke_off_goes_on_in_its_step(desk: Desk) -> None:
+def test_a_trial_that_broke_off_continues_in_its_step(desk: Desk) -> None:
     desk.protocol.begin_session(WIZARD, step_id="ask")
     assert (desk.step, desk.told[-1].how, desk.told[-1].left_step_id, desk.status.done) == ("ask", "chosen", "", ())
     assert desk.standing()[1].step_id == "ask"
@@ -90,7 +90,7 @@ def test_who_begins_by_hand_stays_where_they_began(desk: Desk) -> None:
     assert desk.step == "ask" and desk.standing()[1].step_id == "ask"
 
 
-def test_what_happens_in_a_pause_is_told_as_the_recording_goes_on(desk: Desk) -> None:
+def test_what_happens_in_a_pause_is_reported_as_the_recording_continues(desk: Desk) -> None:
     desk.protocol.begin_session(WIZARD)
     desk.protocol.pause(True)
     desk.do(intents.NextStep(), intents.SkipStep())
@@ -104,7 +104,7 @@ def test_what_happens_in_a_pause_is_told_as_the_recording_goes_on(desk: Desk) ->
     assert desk.standing(resumed=True) == [], "nothing happened in this one"
 
 
-def test_an_edited_scenario_keeps_the_step_and_tells_the_new_plan(desk: Desk) -> None:
+def test_an_edited_scenario_keeps_the_step_and_reports_the_new_plan(desk: Desk) -> None:
     desk.protocol.begin_session(WIZARD)
     desk.do(intents.NextStep())
     since_ns = desk.status.since_ns

@@ -94,7 +94,7 @@ def people() -> People:
     return People(clock.now_ns(), "front", 7, 640, 480, boxes, 50.0)
 
 
-def test_who_agreed_to_be_filmed_is_told_as_soon_as_it_is_known_and_taken_back(bench: Bench) -> None:
+def test_who_agreed_to_be_filmed_is_notified_as_soon_as_it_is_known_and_taken_back(bench: Bench) -> None:
     bench.state.persons.set((person("p-1", "video"), person("p-2", "face", "photo"), person("p-3")))
     assert bench.recorder.of(UseConsents) == [UseConsents(frozenset({"p-1"}), frozenset({"p-2"}))]
     bench.state.persons.set((person("p-1"),))
@@ -158,7 +158,7 @@ def test_how_the_recorder_spares_the_disk_is_english_in_the_record(
         (ValueError("of no kind"), "The session folder could not be created."),
     ],
 )
-def test_why_a_session_was_not_begun_is_english_in_the_record_and_told_in_the_wizards_language(
+def test_why_a_session_was_not_begun_is_english_in_the_record_and_reported_in_the_wizards_language(
     bench: Bench, details: list[str], qtbot: QtBot, raised: Exception, what: str
 ) -> None:
     problems: list[Problem] = []

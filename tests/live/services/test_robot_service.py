@@ -153,7 +153,7 @@ def test_where_the_robot_may_not_drive_it_is_not_sent_and_the_wizard_knows_why(b
     assert "no such place" in bench.problems[1]
 
 
-def test_maps_and_the_initial_pose_are_asked_for(bench: Bench) -> None:
+def test_maps_and_the_initial_pose_are_requested(bench: Bench) -> None:
     bench.connect()
     bench.robot.set_initial_pose(Pose2D(1.0, 2.0, 3.0))
     bench.robot.request_map("save", "lab")
@@ -170,7 +170,7 @@ def test_maps_and_the_initial_pose_are_asked_for(bench: Bench) -> None:
     assert not bench.state.mapping.value.can_load
 
 
-def test_without_a_link_nothing_is_asked_and_that_is_told(bench: Bench) -> None:
+def test_without_a_link_nothing_is_asked_and_that_is_reported(bench: Bench) -> None:
     bench.connect()
     bench.robot.on_event(LinkChanged(1, "control", "lost", "ws://r:9090"))
     bench.robot.set_initial_pose(Pose2D(1.0, 2.0, 3.0))
@@ -209,7 +209,7 @@ def test_a_new_connection_hears_of_the_scenarios_controls_again(bench: Bench) ->
     assert [command.controls for command in bench.asked(link_commands.OfferControls)][-2:] == [(LIGHT,), (LIGHT,)]
 
 
-def test_that_a_robot_may_not_stop_by_itself_is_told_once(bench: Bench) -> None:
+def test_that_a_robot_may_not_stop_automatically_is_reported_once(bench: Bench) -> None:
     bench.connect(RobotProfile("r", "R"))
     assert len(bench.problems) == 1
     assert "half speed" in bench.problems[0]
@@ -219,7 +219,9 @@ def test_that_a_robot_may_not_stop_by_itself_is_told_once(bench: Bench) -> None:
     assert len(bench.problems) == 1
 
 
-def test_that_a_robot_may_not_stop_by_itself_is_told_again_when_it_comes_back_after_another(bench: Bench) -> None:
+def test_that_a_robot_may_not_stop_automatically_is_reported_again_when_it_comes_back_after_another(
+    bench: Bench,
+) -> None:
     profile = RobotProfile("r", "R")
     bench.connect(profile)
     bench.robot.leave_for(RobotConnection("O", "ws://o:9090", RobotProfile("o", "O"), bench.control.body, None))()
@@ -304,7 +306,7 @@ def test_another_robot_leaves_nothing_of_the_first_on_show(bench: Bench) -> None
     assert bench.state.controls.value == ()
 
 
-def test_a_link_that_dies_is_started_again_and_the_other_goes_on(bench: Bench, qtbot: QtBot) -> None:
+def test_a_link_that_dies_is_started_again_and_the_other_continues(bench: Bench, qtbot: QtBot) -> None:
     bench.connect()
     control, media = bench.children
     bench.robot.on_child_ended(control)  # type: ignore[arg-type]

@@ -85,7 +85,7 @@ def test_driving_ends_at_once_and_what_was_of_the_robot_before_goes_before_the_n
     ]  # fmt: skip
 
 
-def test_the_simulated_robot_is_asked_for_by_whoever_wants_it(service: AnotherRobotService, calls: list[str]) -> None:
+def test_the_simulated_robot_is_requested_by_whoever_wants_it(service: AnotherRobotService, calls: list[str]) -> None:
     service.handlers()[intents.UseSimulatedRobot](intents.UseSimulatedRobot(actor="wizard:b"))
     assert calls[-1] == "wizard:b"
     assert "robot.leave_for_one_that_starts" in calls[0], "who does not answer is no alarm while another one starts"
@@ -104,7 +104,7 @@ def test_of_two_that_are_looked_for_the_last_counts(
     assert [call for call in calls if call.startswith("robot.connect_robot")] == ["robot.connect_robot tiago"]
 
 
-def test_one_that_cannot_be_found_is_told_and_leaves_the_present_one(
+def test_one_that_cannot_be_found_is_reported_and_leaves_the_present_one(
     service: AnotherRobotService, calls: list[str], work: LaterWork
 ) -> None:
     def find() -> Any:

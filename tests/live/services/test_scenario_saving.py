@@ -119,7 +119,7 @@ def test_a_copy_of_the_one_in_force_takes_its_place(bench: Bench, qtbot: QtBot) 
     qtbot.waitUntil(lambda: bench.state.scenario.value.path == copy)
 
 
-def test_a_recording_goes_on_with_the_scenario_that_it_has(bench: Bench, qtbot: QtBot) -> None:
+def test_a_recording_continues_with_the_scenario_that_it_has(bench: Bench, qtbot: QtBot) -> None:
     bench.state.recording.set(RecordingStatus("recording"))
     copy = Path("/scenarios/copy.yaml")
     bench.save(qtbot, "Copy", copy, OPEN.path)
@@ -170,7 +170,7 @@ def test_names_that_are_taken_are_asked_about_before_anything_is_done(bench: Ben
     qtbot.waitUntil(lambda: any("/scenarios/replaced/open-1.yaml" in problem.meaning for problem in told))
 
 
-def test_what_was_imported_is_told_also_where_nothing_was_in_its_way(bench: Bench, qtbot: QtBot) -> None:
+def test_what_was_imported_is_reported_also_where_nothing_was_in_its_way(bench: Bench, qtbot: QtBot) -> None:
     told: list[Problem] = []
     bench.state.event_happened.connect(lambda event: told.append(event) if isinstance(event, Problem) else None)
     bench.service.handlers()[intents.ImportScenario](intents.ImportScenario(Path("/received/open.caris")))

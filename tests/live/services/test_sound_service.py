@@ -233,7 +233,7 @@ def test_dictation_opens_the_microphone_and_says_nothing(bench: Bench) -> None:
     assert bench.microphones.did == ["open", "mute"]
 
 
-def test_whoever_has_no_microphone_is_told_so(bench: Bench) -> None:
+def test_whoever_has_no_microphone_is_reported_so(bench: Bench) -> None:
     bench.microphones.wizards_choice = None
     with pytest.raises(UserFacingError, match="No microphone is selected"):
         bench.do(PushToTalk(on=True))
@@ -241,7 +241,7 @@ def test_whoever_has_no_microphone_is_told_so(bench: Bench) -> None:
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_what_breaks_off_is_told_and_ends_the_utterance(bench: Bench) -> None:
+def test_what_breaks_off_is_reported_and_ends_the_utterance(bench: Bench) -> None:
     bench.state.robot.set(SPEAKING)
     bench.do(PushToTalk(on=True))
     bench.wizard_says()
@@ -301,7 +301,7 @@ def test_the_wizard_hears_along_but_not_their_own_voice(bench: Bench, qtbot: QtB
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_headphones_that_go_away_are_told_and_a_scenario_can_forbid_it(bench: Bench) -> None:
+def test_headphones_that_go_away_are_reported_and_a_scenario_can_forbid_it(bench: Bench) -> None:
     bench.do(HearRobot(on=True))
     bench.told("hearing", PlaybackFailed("hearing", "no output device"))
     assert not bench.state.sound.value.hearing

@@ -132,7 +132,7 @@ def test_whom_the_wizard_selected_and_where_the_robot_goes_come_first(desk: Desk
 @pytest.mark.parametrize(
     ("rows", "naming"), [((), True), ((NAMELESS,), True), ((LUIS,), False)], ids=["nobody", "nameless", "not permitted"]
 )
-def test_a_gap_is_asked_for_and_never_spoken(desk: Desk, rows: tuple[PersonRow, ...], naming: bool) -> None:
+def test_a_gap_is_requested_and_never_spoken(desk: Desk, rows: tuple[PersonRow, ...], naming: bool) -> None:
     desk.service.use_scenario(replace(SCENARIO, permissions=Permissions(naming_people=naming)))
     desk.state.persons.set(rows)
     desk.say("Hello, {name}!")
@@ -144,7 +144,7 @@ def test_a_gap_is_asked_for_and_never_spoken(desk: Desk, rows: tuple[PersonRow, 
     assert recorded == {f"Hello, {{{rows[0].person_id}}}!" if rows else "Hello, {name}!"}
 
 
-def test_several_gaps_are_asked_for_one_after_the_other(desk: Desk) -> None:
+def test_several_gaps_are_requested_one_after_the_other(desk: Desk) -> None:
     desk.say("On {day} in {place}.", face="happy")
     assert desk.state.speech.value.gap.gap == "day"
     desk.ask(intents.FillGap("Monday"))
@@ -167,7 +167,7 @@ def test_who_cannot_be_asked_is_refused(desk: Desk) -> None:
     assert desk.events == [] and desk.state.speech.value.gap is None
 
 
-def test_another_scenario_forgets_what_was_asked_for(desk: Desk) -> None:
+def test_another_scenario_forgets_what_was_requested(desk: Desk) -> None:
     desk.say("On {day}.")
     desk.service.use_scenario(replace(SCENARIO, title="Places were saved"))
     assert desk.state.speech.value.gap is not None
@@ -200,7 +200,7 @@ def test_a_queued_sentence_is_changed_with_its_gaps_filled(desk: Desk) -> None:
         ("nod", intents.Nod()), ("look", intents.LookAt(0.4, 0.0)), ("wave", intents.UseControl("wave", True)),
     ],
 )  # fmt: skip
-def test_a_gesture_is_asked_for_as_the_sentence_begins_and_holds_nothing_up(
+def test_a_gesture_is_requested_as_the_sentence_begins_and_holds_nothing_up(
     desk: Desk, gesture: str, asked: Intent
 ) -> None:
     desk.state.persons.set((LUIS,))

@@ -169,7 +169,7 @@ def test_the_next_one_is_said_once_the_gui_thread_has_heard_of_the_end(bench: Be
     ]
 
 
-def test_what_a_link_tells_that_was_replaced_is_on_no_record(bench: Bench, qtbot: QtBot) -> None:
+def test_what_a_link_reports_that_was_replaced_is_on_no_record(bench: Bench, qtbot: QtBot) -> None:
     bench.speech.queue.use_voice("robot")
     before = bench.link
     mute = ChildProcess(ProcessSpec("control", voice), on_message=lambda _value, _raw: None)
@@ -241,7 +241,7 @@ def test_what_may_be_said_next_is_made_ahead_of_time_the_likeliest_first(
     assert sent.count(Draft("Good morning.")) == 0, "the robot makes its sound by itself"
 
 
-def test_another_voice_is_used_told_and_shown(bench: Bench, qtbot: QtBot) -> None:
+def test_another_voice_is_used_reported_and_shown(bench: Bench, qtbot: QtBot) -> None:
     events: list[Any] = []
 
     def note(event: object) -> None:
@@ -282,7 +282,7 @@ def test_where_the_robot_does_not_speak_this_computers_voice_does_not_run(own_be
     assert voices()["speech"] is not child
 
 
-def test_for_a_robot_without_speech_this_computer_speaks_and_says_so_once(own_bench: Bench, qtbot: QtBot) -> None:
+def test_for_a_robot_without_speech_this_computer_speaks_and_reports_it_once(own_bench: Bench, qtbot: QtBot) -> None:
     bench, problems = own_bench, list[Problem]()
     bench.bus.follow({Problem: problems.append})
     scenario = replace(load_scenario(layouts_dir() / "tour-guide.yaml"), voice="robot")

@@ -147,7 +147,7 @@ def test_a_pause_that_is_over_before_the_clock_is_looked_at_again_is_one(
 
 
 @pytest.mark.parametrize("told_while_written", [True, False])
-def test_replies_that_were_reasoning_are_gone_and_others_are_asked_for(desk: Desk, *, told_while_written: bool) -> None:
+def test_replies_that_were_reasoning_are_gone_and_others_are_requested(desk: Desk, *, told_while_written: bool) -> None:
     question = desk.question()
     question.write('{"answer": "I could say this.", "ask": "Or this?", "more": "')
     assert len(desk.cards) == 2
@@ -160,7 +160,7 @@ def test_replies_that_were_reasoning_are_gone_and_others_are_asked_for(desk: Des
     assert desk.cards[0] == "It stops at once." and len(desk.cards) == 3
 
 
-def test_a_correction_of_the_words_asks_anew_and_one_of_the_speaker_not(desk: Desk) -> None:
+def test_a_correction_of_the_words_asks_again_and_one_of_the_speaker_not(desk: Desk) -> None:
     desk.question("Can it heat people?").answer(REPLIES)
     desk.publish(UtteranceCorrected(desk.now_ns, "t-1", text="Can it hurt people?"))
     assert '"Can it hurt people?"' in desk.model.of("replies")[-1].messages[-1].content
@@ -169,7 +169,7 @@ def test_a_correction_of_the_words_asks_anew_and_one_of_the_speaker_not(desk: De
     assert desk.model.of("replies")[-1].over and len(desk.model.of("replies")) == 2
 
 
-def test_what_a_reply_is_made_from_is_told(desk: Desk) -> None:
+def test_what_a_reply_is_made_from_is_reported(desk: Desk) -> None:
     desk.use(places=(Place("Kitchen", Pose2D(1.0, 2.0, 0.0)), Place("Door", Pose2D(9.0, 2.0, 0.0))))
     desk.state.places.set(desk.scenario.places)
     desk.state.add(RobotPose(desk.now_ns, None, Pose2D(1.2, 2.1, 0.0)))

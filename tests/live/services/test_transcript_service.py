@@ -86,7 +86,7 @@ def test_what_is_of_another_session_is_not_corrected(desk: Desk) -> None:
         desk.correct(text="Anything")
 
 
-def test_a_turn_that_goes_on_as_a_session_begins_is_of_that_session(desk: Desk) -> None:
+def test_a_turn_that_continues_as_a_session_begins_is_of_that_session(desk: Desk) -> None:
     desk.say(replace(HEARD, state="started", text=""), SessionStarted(0, "next"), HEARD)
     assert [turn.text for turn in desk.state.transcript.value] == [HEARD.text]
 

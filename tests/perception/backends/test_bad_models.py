@@ -39,7 +39,7 @@ def test_a_truncated_model_is_told(tmp_path: Path, source: Path, part: float) ->
 
 
 @needs_yolox
-def test_a_model_without_people_is_told(tmp_path: Path) -> None:
+def test_a_model_without_people_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "animals.onnx"
     names = repr({number: f"animal {number}" for number in range(80)})
     path.write_bytes(with_metadata(YOLOX_WEIGHTS.read_bytes(), {"names": names, "task": "detect"}))
@@ -47,11 +47,11 @@ def test_a_model_without_people_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not OSNET_WEIGHTS.is_file(), reason=f"needs {OSNET_WEIGHTS}")
-def test_a_network_for_something_else_is_told() -> None:
+def test_a_network_for_something_else_is_reported() -> None:
     assert "is not a supported detector" in str(refused(OSNET_WEIGHTS))
 
 
-def test_what_is_not_there_is_told(tmp_path: Path) -> None:
+def test_what_is_not_there_is_reported(tmp_path: Path) -> None:
     assert "does not exist" in str(refused(tmp_path / "missing.onnx"))
 
 

@@ -73,7 +73,7 @@ def test_nothing_of_it_reports_to_its_maker(folder: Path) -> None:
 
 
 @pytest.mark.long
-def test_it_is_measured_beside_onnxruntime(tmp_path: Path) -> None:
+def test_it_is_measured_next_to_onnxruntime(tmp_path: Path) -> None:
     detector = open_fastest(WEIGHTS, confidence=0.1, threads=1, cache_dir=tmp_path)
     assert "onnxruntime" in detector.label
     assert "OpenVINO" in detector.label
@@ -82,7 +82,7 @@ def test_it_is_measured_beside_onnxruntime(tmp_path: Path) -> None:
 
 
 @pytest.mark.logs("could not load")
-def test_a_torn_folder_is_told(folder: Path, tmp_path: Path) -> None:
+def test_a_torn_folder_is_reported(folder: Path, tmp_path: Path) -> None:
     torn = tmp_path / "torn"
     torn.mkdir()
     (torn / "yolox.xml").write_bytes((folder / "yolox.xml").read_bytes()[:1000])

@@ -152,7 +152,7 @@ def test_forms_by_shape() -> None:
     assert form((1, 1000)) is None
 
 
-def test_what_a_file_tells_of_itself_is_read_and_never_run(tmp_path: Path) -> None:
+def test_what_a_file_reports_itself_is_read_and_never_run(tmp_path: Path) -> None:
     told = {"task": "pose", "names": "{0: 'person', 2: 'cat'}", "kpt_shape": "[17, 3]"}
     assert facts_of(told) == ModelFacts(("person", "", "cat"), 51, True)
     assert facts_of({"names": ["a", "b"]}) == ModelFacts(("a", "b"))

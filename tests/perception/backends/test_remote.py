@@ -53,7 +53,7 @@ def test_it_finds_what_the_other_machine_finds(server: Serving) -> None:
         detector.close()
 
 
-def test_what_is_less_sure_than_asked_for_is_left_out(server: Serving) -> None:
+def test_what_is_less_sure_than_requested_is_left_out(server: Serving) -> None:
     detector = RemoteDetector(server.address, confidence=0.2)
     assert detector.detect(picture()).classes.tolist() == [1]
     detector.close()
@@ -116,7 +116,7 @@ def test_a_page_in_a_browser_and_what_is_no_picture_are_turned_away(server: Serv
 
 
 @pytest.mark.logs("could not be looked at")
-def test_a_server_that_goes_is_told_and_found_again(server: Serving) -> None:
+def test_a_server_that_goes_is_reported_and_found_again(server: Serving) -> None:
     now = [0.0]
     detector = RemoteDetector(server.address, confidence=0.1, monotonic_s=lambda: now[0])
     detector.detect(picture())

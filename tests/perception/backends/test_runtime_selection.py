@@ -101,7 +101,7 @@ def test_where_nothing_is_found_nothing_is_exchanged(setup: Setup) -> None:
     assert "no people were detected in the comparison photos" in setup.open()
 
 
-def test_one_that_cannot_be_opened_is_told_and_the_other_runs(setup: Setup) -> None:
+def test_one_that_cannot_be_opened_is_reported_and_the_other_runs(setup: Setup) -> None:
     setup.runtimes = {"torch": setup.fake(50), "onnxruntime": WeightsError("it cannot be exported (no room)")}
     assert setup.open() == "fake (onnxruntime: it cannot be exported (no room))"
 
@@ -120,7 +120,7 @@ def test_what_was_measured_is_remembered_until_something_changes(setup: Setup) -
 
 @pytest.mark.logs("does not open any more")
 @pytest.mark.parametrize("content", ["", "[]", json.dumps({"runtime": "torch"}), json.dumps({"runtime": 3, "ms": []})])
-def test_a_memory_that_is_broken_or_wrong_by_now_is_measured_anew(setup: Setup, content: str) -> None:
+def test_a_memory_that_is_broken_or_wrong_by_now_is_measured_again(setup: Setup, content: str) -> None:
     setup.runtimes = {"torch": setup.fake(50), "onnxruntime": setup.fake(20)}
     first = setup.open()
     (remembered,) = setup.cache.glob("*.json")

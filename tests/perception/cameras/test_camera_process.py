@@ -52,7 +52,7 @@ def test_a_video_waits_for_being_told_to_play(video: Path, start: Start, monkeyp
     start(str(video)).until(has(FrameRef))
 
 
-def test_a_looped_video_goes_on_until_the_console_ends_it(video: Path, start: Start) -> None:
+def test_a_looped_video_continues_until_the_console_ends_it(video: Path, start: Start) -> None:
     camera = start(f"{video}?loop")
     camera.until(has_state("connected"))
     camera.connection.send(PlayVideo())
@@ -253,7 +253,7 @@ class HearingCamera:
     def close(self) -> None: ...
 
 
-def test_a_cameras_microphone_is_heard_only_while_it_is_asked_for(start: Start) -> None:
+def test_a_cameras_microphone_is_heard_only_while_it_is_requested(start: Start) -> None:
     camera = start("0", open_one=lambda _chosen: HearingCamera())
     camera.until(has(FrameRef))
     assert camera.of(AudioChunk) == []

@@ -192,7 +192,7 @@ def test_with_a_token_nobody_else_is_answered() -> None:
     served(test, token=TOKEN)
 
 
-def test_what_cannot_be_understood_is_refused_and_the_others_go_on() -> None:
+def test_what_cannot_be_understood_is_refused_and_the_others_continue() -> None:
     async def test(_frames: NewestFrame, new_client: Callable[[], Awaitable[Client]]) -> None:
         for sent in (
             b"GARBAGE\r\n\r\n",
@@ -217,7 +217,7 @@ def test_what_cannot_be_understood_is_refused_and_the_others_go_on() -> None:
     served(test)
 
 
-def test_more_clients_than_it_can_bear_are_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_clients_than_it_can_bear_are_reported_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(camera_server, "MOST_CLIENTS", 2)
 
     async def test(_frames: NewestFrame, new_client: Callable[[], Awaitable[Client]]) -> None:
@@ -280,7 +280,7 @@ class Tone:
 
 
 @pytest.mark.logs("aioice|webrtc")
-def test_sound_comes_beside_the_picture_to_whoever_may_hear_it_and_only_then_is_the_microphone_open() -> None:
+def test_sound_comes_next_to_the_picture_to_whoever_may_hear_it_and_only_then_is_the_microphone_open() -> None:
     source = Tone()
 
     def look(port: int, *, listen: bool) -> list[tuple[int, Any]]:

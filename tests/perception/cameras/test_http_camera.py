@@ -129,7 +129,7 @@ def test_the_newest_picture_that_has_come_wins(served: Served) -> None:
     assert shown[-1] == 240
 
 
-def test_parts_are_told_apart_with_and_without_their_length_however_they_come() -> None:
+def test_parts_are_distinguished_with_and_without_their_length_however_they_come() -> None:
     contents = [b"first \r\n--other", b"", b"third"]
     with_length = b"preface" + b"".join(part(content) for content in contents)
     without = b"".join(b"--frame\r\nX-A: b\r\n\r\n" + content + b"\r\n" for content in contents) + b"--frame"
@@ -147,7 +147,9 @@ def test_parts_are_told_apart_with_and_without_their_length_however_they_come() 
         MultipartReader("frame").add(b"--frame\r\n" + b"a" * 20_000)
 
 
-def test_a_token_goes_with_the_request_and_its_refusal_is_told(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_token_goes_with_the_request_and_its_refusal_is_reported(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("PI_CAMERA", "abc")
     served.parts = [part(jpeg(10))]
     HttpCamera(parse_camera(f"{served.address}#token-env=PI_CAMERA")).close()

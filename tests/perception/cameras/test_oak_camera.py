@@ -99,7 +99,7 @@ def test_it_delivers_until_it_ends(video: Path, monkeypatch: pytest.MonkeyPatch)
     assert device.asked == [depthai.node.Camera, ((1280, 720), 30)]
 
 
-def test_with_two_more_eyes_it_tells_depth_as_the_colour_camera_sees_it(
+def test_with_two_more_eyes_it_reports_depth_as_the_colour_camera_sees_it(
     video: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("caris_desktop.perception.cameras.oak_camera._SAME_MOMENT", datetime.timedelta.max)

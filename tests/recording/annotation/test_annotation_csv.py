@@ -123,7 +123,7 @@ def test_what_cannot_be_read_names_the_line(tmp_path: Path, content: str | bytes
     assert str(refusal.value).startswith("x.csv cannot be imported.")
 
 
-def test_a_missing_file_is_told(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(AnnotationError, match="cannot be read"):
         read_csv(tmp_path / "none.csv")
 

@@ -40,7 +40,7 @@ def test_what_was_saved_comes_back_identical(tmp_path: Path) -> None:
     assert load_documents(tmp_path / "nowhere") == AnnotationDocument()
 
 
-def test_the_session_tells_how_long_it_is(tmp_path: Path) -> None:
+def test_the_session_shows_how_long_it_is(tmp_path: Path) -> None:
     folder = tell(tmp_path / "s", [], lasts_s=12.3456)
     assert load_documents(folder).duration_ms == 12_346
 
@@ -77,7 +77,7 @@ def test_coders_have_files_of_their_own_whatever_their_names(tmp_path: Path) -> 
         ("deep", "is damaged"),
     ],
 )
-def test_a_damaged_file_is_told_and_never_overwritten(tmp_path: Path, content: str, told: str) -> None:
+def test_a_damaged_file_is_reported_and_never_overwritten(tmp_path: Path, content: str, told: str) -> None:
     save_coder(tmp_path, coded("ben"), "ben")
     path = save_coder(tmp_path, coded("anna"), "anna")
     data = json.loads(path.read_text())
@@ -154,7 +154,7 @@ except AnnotationError as error:
 """
 
 
-def test_a_read_only_disk_is_told(tmp_path: Path) -> None:
+def test_a_read_only_disk_is_reported(tmp_path: Path) -> None:
     save_coder(tmp_path, coded("anna"), "anna")
     able = subprocess.run(["unshare", "-m", "true"], capture_output=True, check=False)
     if able.returncode:

@@ -147,7 +147,7 @@ def test_whatever_coders_type_reads_back_identical(
         assert read_eaf(write(Path(folder), document)) == document
 
 
-def test_ids_that_xml_has_not_are_kept_beside(tmp_path: Path, elan_schema: xmlschema.XMLSchema) -> None:
+def test_ids_that_xml_has_not_are_retained_alongside(tmp_path: Path, elan_schema: xmlschema.XMLSchema) -> None:
     tier = Tier("tier 1", "T", "anna")
     ids = ("1", "ts3", "a b", "und", "a2", "no digit", "x1")
     annotations = tuple(Annotation(name, "tier 1", n * 10, n * 10 + 5, "v") for n, name in enumerate(ids))
@@ -432,14 +432,14 @@ _BOMB = '<!DOCTYPE a [<!ENTITY b "bbbb"><!ENTITY c "&b;&b;">]><ANNOTATION_DOCUME
         (FOREIGN.replace(">one<", f">{'x' * 20_000}<"), "has 20000 characters"),
     ],
 )
-def test_what_cannot_be_read_is_told(tmp_path: Path, content: str, told: str) -> None:
+def test_what_cannot_be_read_is_reported(tmp_path: Path, content: str, told: str) -> None:
     path = tmp_path / "x.eaf"
     path.write_text(content)
     with pytest.raises(AnnotationError, match=told):
         read_eaf(path)
 
 
-def test_ends_of_files_are_told_not_thrown(tmp_path: Path) -> None:
+def test_ends_of_files_are_reported_not_thrown(tmp_path: Path) -> None:
     """Files truncated at any place or with changed bytes: a document or an error message."""
     whole = eaf_text(coded("anna")).encode()
     rng = np.random.default_rng(5)

@@ -220,7 +220,7 @@ def test_an_empty_session_and_a_cut_one_have_a_report(tmp_path: Path) -> None:
 # Methods sheet
 
 
-def test_who_had_the_robot_speak_is_told_of_all(tmp_path: Path) -> None:
+def test_who_had_the_robot_speak_is_notified_of_all(tmp_path: Path) -> None:
     def decided(name: str, *actors: str) -> str:
         values = [
             replace(event, actor=actor)
@@ -341,7 +341,7 @@ def test_an_answer_that_nobody_heard_is_used_nowhere(tmp_path: Path) -> None:
     assert "Hello there." not in "".join(path.read_text() for path in (tmp_path / "vtt").glob("*.vtt"))
 
 
-def test_an_answer_that_was_cut_off_is_told_wherever_the_answer_is(tmp_path: Path) -> None:
+def test_an_answer_that_was_cut_off_is_reported_wherever_the_answer_is(tmp_path: Path) -> None:
     values = [
         exchange(1, 5.0, 6.0, "The lab closes at", cut="length"),
         exchange(2, 7.0, 8.0, "That is", cut="filter"),

@@ -152,7 +152,9 @@ def test_who_the_wizard_was_is_nowhere_in_the_crate(made: RecordedSession, out: 
     )
 
 
-def test_where_the_robot_is_is_nowhere_in_the_crate_but_the_record_is_whole(made: RecordedSession, out: Path) -> None:
+def test_where_the_robot_is_is_nowhere_in_the_crate_but_the_record_is_complete(
+    made: RecordedSession, out: Path
+) -> None:
     inside = out / made.folder.name
     for path in out.rglob("*"):
         if path.is_file():
@@ -198,7 +200,7 @@ def test_what_headed_the_session_before_a_repair_names_nobody_either(made: Recor
     assert "Wilma" not in (inside / "recovered" / "session.json.original").read_text()
 
 
-def test_a_record_that_names_folders_of_the_computer_is_told(tmp_path: Path) -> None:
+def test_a_record_that_names_folders_of_the_computer_is_reported(tmp_path: Path) -> None:
     problem = Problem(at(1.0), "info", "The layout was saved.", "It is in /home/anna/.config/layout.yaml.", "")
     folder = tell(tmp_path / "s", [problem], lasts_s=2.0)
     warnings: list[str] = []
@@ -206,7 +208,7 @@ def test_a_record_that_names_folders_of_the_computer_is_told(tmp_path: Path) -> 
     assert "1 message(s) in events.mcap contain folder names" in warnings[0]
 
 
-def test_the_record_can_be_read_by_what_lies_beside_it(made: RecordedSession, out: Path) -> None:
+def test_the_record_can_be_read_by_what_lies_next_to_it(made: RecordedSession, out: Path) -> None:
     validators = {
         path.name.removesuffix(".schema.json").replace(".", "/"): jsonschema.Draft202012Validator(
             json.loads(path.read_text())

@@ -271,7 +271,7 @@ def test_the_mcap_stands_alone(out: Path) -> None:
 
 
 @pytest.mark.long
-def test_every_frame_where_that_is_asked_for(made: RecordedSession, tmp_path: Path) -> None:
+def test_every_frame_where_that_is_requested(made: RecordedSession, tmp_path: Path) -> None:
     fractions: list[float] = []
     context = ExportContext(progress=fractions.append)
     write_rosbag2(open_session(made.folder), tmp_path, context, image_hz=None)

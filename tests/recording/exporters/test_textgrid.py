@@ -112,7 +112,7 @@ def test_a_session_in_which_nothing_happened_still_opens(tmp_path: Path) -> None
 
 
 @pytest.mark.logs(r"annotation\.annotation_store: ")
-def test_damaged_annotations_are_left_out_and_told(session: Path, tmp_path: Path) -> None:
+def test_damaged_annotations_are_left_out_and_reported(session: Path, tmp_path: Path) -> None:
     damaged = session / "annotations" / "bert.json"
     damaged.write_text("{")
     try:

@@ -264,7 +264,7 @@ def scans_before_the_mount(*, mounted_ms: int | None) -> Iterator[Written]:
             yield "/tf_static", "tf2_msgs/msg/TFMessage", at + 2, mount
 
 
-def test_how_a_laser_is_mounted_holds_before_it_is_told(tmp_path: Path) -> None:
+def test_how_a_laser_is_mounted_holds_before_it_is_reported(tmp_path: Path) -> None:
     report = import_bag(write_ros1(tmp_path / "r.bag", scans_before_the_mount(mounted_ms=300)), tmp_path / "s")
     scans = values(open_session(report.folder), LaserScan)
     assert [found.robot_from_laser for found in scans] == [Near(Pose2D(0.2, 0.0, 3.1))] * 5
@@ -544,7 +544,7 @@ BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
 
 
 @pytest.mark.parametrize("kind", BAD)
-def test_what_is_no_use_is_told_and_leaves_nothing(kind: str, tmp_path: Path) -> None:
+def test_what_is_no_use_is_reported_and_leaves_nothing(kind: str, tmp_path: Path) -> None:
     write, match = BAD[kind]
     nothing_remains(tmp_path, write(tmp_path), match=match)
 
@@ -559,7 +559,7 @@ def long_bag(folder: Path, kind: str) -> bytes:
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
-def test_a_cut_or_damaged_bag_gives_what_is_whole(kind: str, tmp_path: Path) -> None:
+def test_a_cut_or_damaged_bag_gives_what_is_complete(kind: str, tmp_path: Path) -> None:
     content = long_bag(tmp_path, kind)
     broken = tmp_path / f"broken.{'bag' if kind == 'ros1' else 'mcap'}"
     broken.write_bytes(content[: len(content) * 2 // 3])

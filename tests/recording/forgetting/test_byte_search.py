@@ -156,7 +156,7 @@ def test_a_name_across_two_blocks_is_found_once_and_half_a_word_is_none(
         assert not short.data(b"." * begin + b"Annual" + b"." * 3000).hits
 
 
-def test_what_cannot_be_unpacked_is_told(search: ByteSearch, tmp_path: Path) -> None:
+def test_what_cannot_be_unpacked_is_reported(search: ByteSearch, tmp_path: Path) -> None:
     path = tmp_path / "torn.zip"
     _packed_zip(path)
     path.write_bytes(path.read_bytes()[:60])

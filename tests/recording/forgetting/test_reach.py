@@ -46,7 +46,7 @@ def decide(study: Path, review: Path, decision: str, **fields: Any) -> Any:
     return forget(study, names=decided.names, decisions=decided.decisions, only_texts=True, review=review, **fields)
 
 
-def test_no_checksum_that_is_left_gives_the_name_to_somebody_who_guesses(
+def test_no_checksum_that_is_left_gives_the_name_to_a_person_who_guesses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def told_of(name: str) -> tuple[bytes, ...]:
@@ -169,7 +169,7 @@ def test_copies_of_removed_films_go_with_them(study: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_hard_link_from_outside_is_told(study: Path) -> None:
+def test_a_hard_link_from_outside_is_reported(study: Path) -> None:
     outside = study.parent / "film.mp4"
     os.link(sessions_of(study)[0] / "video-front.mp4", outside)
     outcome = forget(study)
@@ -209,7 +209,7 @@ def test_media_that_nothing_looked_at_are_listed_and_wait(study: Path) -> None:
     assert (study / "interviews" / "first.MP3").exists()
 
 
-def test_what_somebody_decided_to_remove_goes(study: Path) -> None:
+def test_what_a_person_decided_to_remove_goes(study: Path) -> None:
     (study / "first.wav").write_bytes(b"RIFF")
     outcome = forget(study)
     assert outcome.unexamined == ("first.wav",)

@@ -130,7 +130,7 @@ def test_what_nobody_is_known_to_have_said_waits_for_a_decision(two: Path) -> No
 
 
 @pytest.mark.long
-def test_what_somebody_else_said_stays(two: Path) -> None:
+def test_what_another_person_said_stays(two: Path) -> None:
     (folder,) = sessions_of(two)
     outcome = forget(two)
     before = texts_in(folder)

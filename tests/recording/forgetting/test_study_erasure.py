@@ -104,7 +104,7 @@ def test_nothing_of_them_is_found_any_more_and_the_receipt_proves_it(study: Path
 
 
 @pytest.mark.long
-def test_every_session_is_whole_and_says_that_somebody_was_forgotten(study: Path) -> None:
+def test_every_session_is_complete_and_says_that_a_person_was_forgotten(study: Path) -> None:
     told = {folder.name: spoken(open_session(folder)) for folder in sessions_of(study)}
     recorded = {folder.name: messages_in(folder) for folder in sessions_of(study)}
     forget(study)
@@ -184,7 +184,7 @@ def test_a_photo_is_covered_and_where_they_were_named_nothing_is_heard(study: Pa
 
 
 @pytest.mark.long
-def test_texts_wait_for_somebody_to_decide_and_the_rest_is_done(study: Path) -> None:
+def test_texts_wait_for_a_person_to_decide_and_the_rest_is_done(study: Path) -> None:
     (study / "notes.txt").write_text("A Quillfeather is a kind of pen.\n", encoding="utf-8")
     first = forget(study, otherwise="")
     assert first.review is not None
@@ -277,7 +277,9 @@ def test_nobody_is_forgotten_while_a_session_is_recorded(study: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_full_disk_is_told_loses_nothing_and_is_gone_on_from(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported_loses_nothing_and_is_gone_on_from(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     before = every_file(study)
     written = 0
     really = DiskFile.write
@@ -303,7 +305,7 @@ def test_a_full_disk_is_told_loses_nothing_and_is_gone_on_from(study: Path, monk
 
 
 @pytest.mark.long
-def test_a_kill_at_any_step_leaves_it_to_go_on_from(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+def test_a_kill_at_any_step_leaves_it_to_continue_from(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     small = make_study(tmp_path / "small", seconds=7.0, fps=4.0)
     step = "1" if request.config.getoption("--long") else "14"
     script = ("-m", "tests.recording.forgetting.forget_and_die", str(small), str(tmp_path / "copies"), "1", step)

@@ -244,7 +244,7 @@ def test_who_is_followed_by_nobody_yet_is_covered_but_not_who_agreed_and_was_fou
 
 
 @pytest.mark.long
-def test_what_waits_is_bounded_and_goes_on_covered() -> None:
+def test_what_waits_is_bounded_and_continues_covered() -> None:
     blurring = Blurring(blur)
     blurring.use_demand(BlurDemand("everybody"))
     blurring.add_detections(look(0, ADA), SECOND_NS)

@@ -233,7 +233,7 @@ def test_boxes_are_drawn_with_whose_they_are(made: RecordedSession, seen: list[S
         np.testing.assert_allclose(drawn, expected, atol=0.051)
 
 
-def test_a_log_tells_each_utterance_once_and_every_problem(made: RecordedSession, seen: list[Seen]) -> None:
+def test_a_log_reports_each_utterance_once_and_every_problem(made: RecordedSession, seen: list[Seen]) -> None:
     info = 2
     messages = [one.content for one in on(seen, "/event/utterance_changed") if one.content["level"] == info]
     spoken = [

@@ -79,7 +79,7 @@ def test_another_recorder_hears_markers_at_their_time(tmp_path: Path, pylsl: Any
 
 
 @pytest.mark.logs(r"recorder\.recorder_process: ", r"recorder\.session_recorder: ")
-def test_without_the_library_the_wizard_learns_how_to_get_it_and_the_recording_goes_on(
+def test_without_the_library_the_wizard_learns_how_to_get_it_and_the_recording_continues(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pylsl", None)  # makes its import fail

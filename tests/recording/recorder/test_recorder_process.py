@@ -299,7 +299,7 @@ def test_one_process_serves_sessions_one_after_the_other(tmp_path: Path) -> None
         assert labels == [f"in {name}"]
 
 
-def test_maps_are_kept_once_per_second_and_the_newest_is_never_lost(tmp_path: Path) -> None:
+def test_maps_are_retained_once_per_second_and_the_newest_is_never_lost(tmp_path: Path) -> None:
     recorder = RecorderUnderTest()
     recorder.send(start(tmp_path / "s"))
     recorder.wait_for(RecorderReport)
@@ -455,7 +455,7 @@ def check_session_of_full_disk(said: dict[str, Any], kept: Path) -> dict[str, An
     return head
 
 
-def test_read_only_disk_is_told_and_the_recorder_lives_on(tmp_path: Path) -> None:
+def test_read_only_disk_is_reported_and_the_recorder_lives_on(tmp_path: Path) -> None:
     disk, good = tmp_path / "disk", tmp_path / "good"
     disk.mkdir()
     result = in_own_mounts(

@@ -105,7 +105,7 @@ def ring() -> Iterator[FrameRing]:
 @pytest.mark.logs(r"recorder\.session_recorder: ")
 @pytest.mark.usefixtures("slow_machine")
 @pytest.mark.long
-def test_a_machine_that_cannot_keep_up_leaves_out_frames_evenly_and_says_so_once(
+def test_a_machine_that_cannot_keep_up_leaves_out_frames_evenly_and_reports_it_once(
     tmp_path: Path, ring: FrameRing
 ) -> None:
     recorder = RecorderUnderTest(ring, in_thread=True)

@@ -70,7 +70,7 @@ def test_uneven_and_equal_times_and_odd_sizes(tmp_path: Path) -> None:
         assert container.duration / av.time_base == pytest.approx(2.6, abs=0.2)
 
 
-def test_a_closed_video_is_whole_and_an_abandoned_one_lacks_half_a_second_at_most(tmp_path: Path) -> None:
+def test_a_closed_video_is_complete_and_an_abandoned_one_lacks_half_a_second_at_most(tmp_path: Path) -> None:
     stamps_ms = list(range(0, 3000, 66))
     write(tmp_path / "closed.mp4", stamps_ms).close()
     write(tmp_path / "abandoned.mp4", stamps_ms).abandon()
@@ -80,7 +80,7 @@ def test_a_closed_video_is_whole_and_an_abandoned_one_lacks_half_a_second_at_mos
     assert [float(row["video_s"]) for row in index_of(tmp_path / "abandoned.mp4")] == pytest.approx(times_s, abs=1e-4)
 
 
-def test_the_index_tells_of_each_frame_when_it_is_shown_and_when_it_was_taken(tmp_path: Path) -> None:
+def test_the_index_reports_each_frame_when_it_is_shown_and_when_it_was_taken(tmp_path: Path) -> None:
     stamps_ms = [0, 10, 10, 300, 301, 900, 2000, 2600]
     video = write(tmp_path / "video-front.mp4", stamps_ms)
     # As after a kill: every frame in the video is in the index too.
@@ -123,7 +123,7 @@ def test_frames_are_shown_when_they_were_taken_as_far_as_that_is_known(tmp_path:
     assert (times.delay_ms, times.worst_uncertainty_ms) == (70.0, 1.4)
 
 
-def test_a_lost_index_is_made_anew_with_the_moments_of_the_record(tmp_path: Path) -> None:
+def test_a_lost_index_is_made_again_with_the_moments_of_the_record(tmp_path: Path) -> None:
     path = tmp_path / "video-front.mp4"
     video = VideoFileWriter(path, width_px=64, height_px=48, encoder=FASTEST, clock=CLOCK, on_full=lambda: False)
     refs = []
@@ -147,7 +147,7 @@ def test_a_lost_index_is_made_anew_with_the_moments_of_the_record(tmp_path: Path
         assert times.stamps_ns.tolist() == [ref.stamp_ns for ref in refs]
 
 
-def test_an_index_of_before_tells_when_frames_came(tmp_path: Path) -> None:
+def test_an_index_of_before_reports_when_frames_came(tmp_path: Path) -> None:
     index = tmp_path / "video-front.frames.csv"
     index.write_text("frame,video_s,stamp_ns,robot_stamp_ns,utc,sequence\n0,0.0,1000,7,x,1\n1,0.1,2000,,x,2\n")
     times = read_frame_times(index)

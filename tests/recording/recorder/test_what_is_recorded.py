@@ -232,7 +232,7 @@ def test_checksums_close_the_session_and_nobody_holds_it_any_more(recorded: Reco
 
 @pytest.mark.usefixtures("trial_language")
 @pytest.mark.logs(r"recorder\.session_recorder: ")
-def test_with_little_room_left_every_second_frame_is_recorded_and_that_is_told(tmp_path: Path) -> None:
+def test_with_little_room_left_every_second_frame_is_recorded_and_that_is_reported(tmp_path: Path) -> None:
     ring = FrameRing.create(640 * 480 * 3)
     recorder = RecorderUnderTest(ring, limits=DiskLimits(lower_video_free_bytes=1 << 60), in_thread=True)
     recorder.send(driving.start(tmp_path / "s"))
@@ -297,7 +297,7 @@ def test_sound_of_a_pause_that_comes_after_it_is_cut_off(tmp_path: Path) -> None
     assert private > 0
 
 
-def test_what_was_said_before_a_pause_is_recorded_in_it_and_a_session_ends_when_that_was_asked_for(
+def test_what_was_said_before_a_pause_is_recorded_in_it_and_a_session_ends_when_that_was_requested(
     tmp_path: Path,
 ) -> None:
     recorder = RecorderUnderTest(in_thread=True)
@@ -320,7 +320,7 @@ def test_what_was_said_before_a_pause_is_recorded_in_it_and_a_session_ends_when_
 
 
 @pytest.mark.logs(r"recorder\.session_recorder: ")
-def test_a_value_that_nobody_could_read_is_told_at_once_and_once_a_stream(tmp_path: Path) -> None:
+def test_a_value_that_nobody_could_read_is_reported_at_once_and_once_a_stream(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     recorder = RecorderUnderTest(in_thread=True)
     recorder.send(StartRecording(folder, header()))

@@ -94,7 +94,7 @@ def test_captions_and_elan_fit_what_is_seen(session: Path, tmp_path: Path) -> No
     assert "accurate to 1.5 ms" in (tmp_path / "elan" / "media.txt").read_text()
 
 
-def test_what_a_recorder_that_is_behind_writes_beside_sound_keeps_its_moment(tmp_path: Path) -> None:
+def test_what_a_recorder_that_is_behind_writes_next_to_sound_keeps_its_moment(tmp_path: Path) -> None:
     """A replay shows each value from its arrival on, and never before earlier values of the recording."""
     recorder = RecorderUnderTest(in_thread=True)
     begun_ns = clock.now_ns() - 4000 * MS
@@ -126,7 +126,7 @@ def test_what_a_recorder_that_is_behind_writes_beside_sound_keeps_its_moment(tmp
     assert (pauses_ms, gaps) == ([1350, 1400], ["audio"])
 
 
-def test_a_head_made_anew_does_not_take_a_measured_moment_for_an_arrival(tmp_path: Path) -> None:
+def test_a_head_made_again_does_not_take_a_measured_moment_for_an_arrival(tmp_path: Path) -> None:
     """The remaining events start with a frame."""
     anchor = clock.ClockAnchor(5_000 * MS, OFFSET_NS)
     file = DiskFile(tmp_path / "events.mcap", on_full=lambda: False)

@@ -107,7 +107,7 @@ def body_on_a_slow_disk(connection: Connection, ring_names: tuple[str, ...], lim
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc to tell which file is synced")
 @pytest.mark.long
-def test_a_slow_disk_is_told_once_and_costs_no_event(tmp_path: Path) -> None:
+def test_a_slow_disk_is_reported_once_and_costs_no_event(tmp_path: Path) -> None:
     recorder = RecorderUnderTest(target=body_on_a_slow_disk)
     recorder.send(start(tmp_path / "s"))
     recorder.wait_for(RecorderReport)

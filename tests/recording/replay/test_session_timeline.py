@@ -71,7 +71,7 @@ def test_what_stands_for_long_is_made_once(timeline: SessionTimeline) -> None:
     assert grids[0] is grids[1]
 
 
-def test_stretches_that_follow_one_another_give_everything_once(
+def test_intervals_that_follow_one_another_give_everything_once(
     timeline: SessionTimeline, whole_session: RecordedSession
 ) -> None:
     bounds = sorted(moments(whole_session, 20))

@@ -79,7 +79,7 @@ def test_without_its_end_every_flushed_message_is_there(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("messages", [0, 1])
-def test_a_file_with_hardly_anything_in_it_is_whole(tmp_path: Path, messages: int) -> None:
+def test_a_file_with_hardly_anything_in_it_is_complete(tmp_path: Path, messages: int) -> None:
     write(tmp_path / "f.mcap", messages)
     with (tmp_path / "f.mcap").open("rb") as file:
         assert len(list(make_reader(file, validate_crcs=True).iter_messages())) == messages

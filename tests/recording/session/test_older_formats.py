@@ -109,7 +109,7 @@ def test_it_opens_and_replays(folder: Path) -> None:
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == before
 
 
-def test_nobody_is_said_to_have_asked_for_what_it_holds(folder: Path, tmp_path: Path) -> None:
+def test_nobody_is_said_to_have_requested_what_it_holds(folder: Path, tmp_path: Path) -> None:
     """The actor was added in version 3."""
     asked = [value for _, value in open_session(folder).values() if hasattr(value, "actor")]
     assert len({type(value) for value in asked}) > 10
@@ -122,7 +122,7 @@ def test_nobody_is_said_to_have_asked_for_what_it_holds(folder: Path, tmp_path: 
     assert set(actors) == {""}
 
 
-def test_recorded_anew_it_is_the_same_in_this_version(folder: Path, tmp_path: Path) -> None:
+def test_recorded_again_it_is_the_same_in_this_version(folder: Path, tmp_path: Path) -> None:
     """Every value and export is unchanged after recording with the present version."""
     session = open_session(folder)
     recorded = list(session.arrivals())
@@ -149,7 +149,7 @@ def test_recorded_anew_it_is_the_same_in_this_version(folder: Path, tmp_path: Pa
 
 
 @pytest.mark.logs(r"session_header|recovery|header_rebuilding")
-def test_a_record_tells_its_version_where_its_head_is_lost(folder: Path, tmp_path: Path) -> None:
+def test_a_record_reports_its_version_where_its_head_is_lost(folder: Path, tmp_path: Path) -> None:
     (folder / "session.json").unlink()
     assert open_session(folder).header["format_version"] == 2
     for version, told in (("3", 3), ("4", None), ("none", 2)):
@@ -167,7 +167,7 @@ def test_a_record_tells_its_version_where_its_head_is_lost(folder: Path, tmp_pat
             assert open_session(lost).header["format_version"] == told
 
 
-def test_a_newer_version_is_refused_and_told(folder: Path) -> None:
+def test_a_newer_version_is_refused_and_reported(folder: Path) -> None:
     path = folder / "session.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"format_version": FORMAT_VERSION + 1}))
     with pytest.raises(SessionError, match=r"version 4; this program reads up to version 3. Update CARIS Desktop"):

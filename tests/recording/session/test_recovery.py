@@ -57,7 +57,7 @@ def labels(session: Session) -> list[str]:
     return [value.label for _, value in session.values("event/marked")]
 
 
-def test_everything_that_was_saved_comes_back_and_what_was_found_is_kept(
+def test_everything_that_was_saved_comes_back_and_what_was_found_is_retained(
     folder: Path, killed_session: RecordedSession
 ) -> None:
     found = digests(folder)
@@ -164,7 +164,7 @@ def test_a_kill_in_the_middle_of_the_repair_does_no_harm(
         assert open_session(folder).notices == ()
 
 
-def test_a_half_written_repair_is_begun_anew(folder: Path) -> None:
+def test_a_half_written_repair_is_begun_again(folder: Path) -> None:
     (folder / ".events.mcap.part").write_bytes(b"\x89MCAP0\r\n half")
     (folder / ".people.json.part").write_text("{")
     session = open_session(folder)
@@ -173,7 +173,7 @@ def test_a_half_written_repair_is_begun_anew(folder: Path) -> None:
     assert (folder / "recovered" / "people.json.part").read_text() == "{"
 
 
-def test_frames_after_the_last_whole_part_of_a_video_are_told_as_lost(
+def test_frames_after_the_last_whole_part_of_a_video_are_reported_as_lost(
     folder: Path, killed_session: RecordedSession
 ) -> None:
     video = folder / "video-front.mp4"
@@ -247,7 +247,7 @@ def finished(whole_session: RecordedSession, tmp_path: Path) -> Path:
     return tmp_path / "finished"
 
 
-def test_a_finished_record_that_was_cut_is_told_as_such_for_ever(finished: Path) -> None:
+def test_a_finished_record_that_was_cut_is_reported_as_such_permanently(finished: Path) -> None:
     before = digests(finished)
     head = json.loads((finished / "session.json").read_text())
     path = finished / "events.mcap"
@@ -276,7 +276,7 @@ def test_a_finished_record_that_was_cut_is_told_as_such_for_ever(finished: Path)
 
 
 @pytest.mark.logs(r"session\.recovery: ")
-def test_a_repair_of_a_finished_record_that_was_cut_off_itself_still_tells(
+def test_a_repair_of_a_finished_record_that_was_cut_off_itself_still_reports(
     finished: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = finished / "events.mcap"
@@ -291,7 +291,7 @@ def test_a_repair_of_a_finished_record_that_was_cut_off_itself_still_tells(
     assert "recorded values are missing" in open_session(finished).losses[0]
 
 
-def test_what_the_recorder_had_counted_tells_what_a_cut_recording_lacks(folder: Path) -> None:
+def test_what_the_recorder_had_counted_shows_what_a_cut_recording_lacks(folder: Path) -> None:
     whole = Counter(spec.name for spec, _ in open_session(folder, repair=False).values())
     store_counts(folder, whole)
     path = folder / "events.mcap"
@@ -336,7 +336,7 @@ def test_whoever_takes_the_last_room_leaves_that_of_the_header(tmp_path: Path, m
 
 @pytest.mark.logs(r"session\.session_header: ")
 @pytest.mark.parametrize("content", [None, b"", b'{"format": '])
-def test_a_lost_head_is_made_anew_from_the_events(finished: Path, content: bytes | None) -> None:
+def test_a_lost_head_is_made_again_from_the_events(finished: Path, content: bytes | None) -> None:
     whole = open_session(finished)
     path = finished / "session.json"
     path.unlink() if content is None else path.write_bytes(content)
@@ -364,7 +364,7 @@ def test_a_lost_head_is_made_anew_from_the_events(finished: Path, content: bytes
     assert open_session(finished).losses == session.losses
 
 
-def test_a_session_tells_who_took_part_even_without_its_head(tmp_path: Path) -> None:
+def test_a_session_shows_who_took_part_even_without_its_head(tmp_path: Path) -> None:
     recorder = SessionRecorder(
         start(tmp_path / "s"), frames=FrameRings(()), report=lambda _: None, limits=DiskLimits(reserve_bytes=4096)
     )
@@ -375,7 +375,7 @@ def test_a_session_tells_who_took_part_even_without_its_head(tmp_path: Path) -> 
 
 
 @pytest.mark.logs(r"replay\.video_reader: ")
-def test_media_that_are_gone_or_cut_are_told_each_time(finished: Path) -> None:
+def test_media_that_are_gone_or_cut_are_reported_each_time(finished: Path) -> None:
     front, rear = finished / "video-front.mp4", finished / "video-rear.mp4"
     sound = finished / "audio-microphone.wav"
     front.unlink()
@@ -400,7 +400,7 @@ def test_media_that_are_gone_or_cut_are_told_each_time(finished: Path) -> None:
         assert len(videos.frame_times_ns("rear")) == left
 
 
-def test_what_is_kept_of_losses_is_found_again_for_another_language() -> None:
+def test_what_is_retained_of_losses_is_found_again_for_another_language() -> None:
     values = {"file": "a.mp4", "camera": "front, rear", "count": 9, "recorded": 8, "bytes": 7, "seconds": "6.5"}
     for text in LOSSES:
         sentence = localized(text, **values, left="0.1", all=3, values=2)

@@ -23,7 +23,7 @@ from caris_desktop.recording.studies.measures import measure, read_facts
 from tests.recording.told_session import STEPS, at, stepped, tell
 
 
-def test_each_stretch_tells_how_it_was_entered_and_left_and_how_late_it_was() -> None:
+def test_each_interval_shows_how_it_was_entered_and_left_and_how_late_it_was() -> None:
     events = [
         *stepped((0, "greet", "started"), (14, "ask", "next"), (17, "show", "skipped"), (40, "close", "branch")),
         ProtocolEnded(at(70), "close", actor="wizard"),
@@ -41,7 +41,7 @@ def test_each_stretch_tells_how_it_was_entered_and_left_and_how_late_it_was() ->
     ]  # fmt: skip
 
 
-def test_who_comes_back_after_a_slip_begins_nothing_anew() -> None:
+def test_who_comes_back_after_a_slip_begins_nothing_again() -> None:
     moves = stepped(
         (0, "greet", "started"), (8, "ask", "next"), (9, "greet", "back"), (13, "ask", "next"), (15, "greet", "chosen")
     )
@@ -79,7 +79,7 @@ def test_an_edited_protocol_and_another_one_keep_what_was_visited() -> None:
     assert [(step.title, step.visits) for step in steps_of(events, visits)] == [("Greet", 1), ("Wave", 1), ("Ask", 1)]
 
 
-def test_without_a_plan_visits_are_told_as_they_are() -> None:
+def test_without_a_plan_visits_are_reported_as_they_are() -> None:
     events = [StepEntered(at(1), "greet", "Greet", 1, "started")]
     visits = step_visits_of(events, ended_ns=at(5))
     assert steps_of(events, visits) == (StepRecord("greet", "Greet", 1, 0.0, 1, 4.0, 0.0, 0, 0, 0, at(1)),)
@@ -99,7 +99,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tell(tmp_path_factory.mktemp("protocol") / "s", values, lasts_s=60)
 
 
-def test_a_session_tells_its_protocol_as_figures_and_as_a_tier(folder: Path) -> None:
+def test_a_session_reports_its_protocol_as_figures_and_as_a_tier(folder: Path) -> None:
     session = open_session(folder)
     visits, steps = read_protocol(session)
     assert measure(read_facts(session)).steps == steps

@@ -111,7 +111,7 @@ def test_damage_inside_costs_what_comes_after_it_and_nothing_else(tmp_path: Path
         ("events.mcap", None, "does not contain events.mcap"),
     ],
 )
-def test_what_is_no_session_is_told(tmp_path: Path, name: str, content: str | None, expected: str) -> None:
+def test_what_is_no_session_is_reported(tmp_path: Path, name: str, content: str | None, expected: str) -> None:
     record(tmp_path / "s", [])
     if content is None:
         (tmp_path / "s" / name).unlink()
@@ -121,7 +121,7 @@ def test_what_is_no_session_is_told(tmp_path: Path, name: str, content: str | No
         open_session(tmp_path / "s")
 
 
-def test_a_folder_that_is_not_there_is_told(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_there_is_reported(tmp_path: Path) -> None:
     with pytest.raises(SessionError, match="is not a folder"):
         open_session(tmp_path / "none")
 
@@ -172,7 +172,7 @@ def test_no_credentials_reach_the_session(tmp_path: Path) -> None:
         ({"padding": "x" * 17_000_000}, "far too large"),
     ],
 )
-def test_a_header_that_makes_no_sense_is_told(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
+def test_a_header_that_makes_no_sense_is_reported(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
     record(tmp_path / "s", [])
     path = tmp_path / "s" / "session.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
@@ -184,7 +184,7 @@ def test_a_header_that_makes_no_sense_is_told(tmp_path: Path, changes: dict[str,
 
 @pytest.mark.logs(r"session\.session_header: ")
 @pytest.mark.parametrize("content", ["{", '{"format": ' + "[" * 200_000])
-def test_a_head_that_cannot_be_read_without_events_to_make_it_from_is_told(tmp_path: Path, content: str) -> None:
+def test_a_head_that_cannot_be_read_without_events_to_make_it_from_is_reported(tmp_path: Path, content: str) -> None:
     record(tmp_path / "s", [])
     (tmp_path / "s" / "session.json").write_text(content)
     (tmp_path / "s" / "events.mcap").unlink()
@@ -194,13 +194,15 @@ def test_a_head_that_cannot_be_read_without_events_to_make_it_from_is_told(tmp_p
 
 
 @pytest.mark.logs(r"session\.session_header: ")
-def test_deep_nesting_is_told_too(tmp_path: Path) -> None:
+def test_deep_nesting_is_reported_too(tmp_path: Path) -> None:
     record(tmp_path / "s", [])
     (tmp_path / "s" / "session.json").write_text('{"format": ' + "[" * 200_000)
     assert "session.json was damaged" in open_session(tmp_path / "s").losses[0]
 
 
-def test_whatever_file_is_missing_the_rest_opens_or_it_is_told(whole_session: RecordedSession, tmp_path: Path) -> None:
+def test_whatever_file_is_missing_the_rest_opens_or_it_is_reported(
+    whole_session: RecordedSession, tmp_path: Path
+) -> None:
     names = [path.relative_to(whole_session.folder) for path in whole_session.folder.rglob("*") if path.is_file()]
     assert len(names) > 10
     for name in names:
@@ -221,7 +223,7 @@ def test_whatever_file_is_missing_the_rest_opens_or_it_is_told(whole_session: Re
 
 
 @pytest.mark.logs(r"session\.session_reader: ")
-def test_values_of_another_shape_are_left_out_and_told_once_a_stream(
+def test_values_of_another_shape_are_left_out_and_reported_once_a_stream(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     bent: Any = exchange(1, 1.0, 2.0, "a")

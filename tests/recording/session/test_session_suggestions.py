@@ -18,7 +18,7 @@ SHOWN = SuggestionChanged(10, "s-1", "displayed", "t-1", 1, 1, "It stops.", "sma
 FATES = ("taken", "edited", "dismissed", "superseded", "expired")
 
 
-def test_each_fate_is_read_as_it_was_told() -> None:
+def test_each_fate_is_read_as_it_was_reported() -> None:
     changes = []
     for number, fate in enumerate(FATES):
         shown = replace(SHOWN, suggestion_id=f"s-{number}", stamp_ns=10 + number)

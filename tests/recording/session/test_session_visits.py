@@ -61,7 +61,7 @@ def test_a_visit_is_whose_it_turned_out_to_be(
     assert seen(*events) == expected
 
 
-def test_when_somebody_was_seen_last_is_apart_from_when_they_counted_as_gone() -> None:
+def test_when_a_person_was_seen_last_is_apart_from_when_they_counted_as_gone() -> None:
     events = [PersonAppeared(10, "p-1", 1, number=1), PersonLeft(60, "p-1", 1, last_seen_ns=40),
         PersonAppeared(70, "p-2", 2, number=2), PersonLeft(90, "p-2", 2), PersonAppeared(95, "p-3", 3)]  # fmt: skip
     visits = visits_of(events, started_ns=0, ended_ns=100)

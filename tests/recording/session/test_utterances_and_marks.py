@@ -71,7 +71,7 @@ def test_what_was_never_said_has_no_times() -> None:
     assert not any(one.said for one in spoken_utterances(events, ended_ns=1000))
 
 
-def test_an_end_that_was_not_recorded_is_when_the_record_breaks_off_or_the_speaker_goes_on() -> None:
+def test_an_end_that_was_not_recorded_is_when_the_record_breaks_off_or_the_speaker_continues() -> None:
     last = [said(10, "a", "started")]
     assert times(last) == [("a", None, 10, 1000, "started")]
     assert times(last, paused_ns=[5, 400]) == [("a", None, 10, 400, "started")]

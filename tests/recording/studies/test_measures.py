@@ -94,7 +94,7 @@ def test_a_wizard_reacts_to_what_came_last(tmp_path: Path) -> None:
     assert [round(reply.delay_s, 6) for reply in measures.reactions] == [1.25, 0.5]
 
 
-def test_talk_is_told_by_speaker_and_by_origin(tmp_path: Path) -> None:
+def test_talk_is_reported_by_speaker_and_by_origin(tmp_path: Path) -> None:
     waiting = UtteranceChanged(at(50.0), "never", "robot", "Never said", "typed", "requested")
     measures = measured(
         tmp_path,
@@ -351,7 +351,7 @@ def test_spread_of_one_value_has_no_deviation() -> None:
     assert SummaryStats.of([1.0, 3.0]) == SummaryStats(2, 2.0, pytest.approx(2**0.5), 2.0, 1.0, 3.0)
 
 
-def test_overlapping_stretches_count_once() -> None:
+def test_overlapping_intervals_count_once() -> None:
     stretches = [
         Interval(0, 4_000_000_000, ""),
         Interval(1_000_000_000, 2_000_000_000, ""),

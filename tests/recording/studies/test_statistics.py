@@ -150,7 +150,9 @@ def test_the_summary_is_that_of_the_sessions_that_count(made: StudyStatistics, m
     assert each.smallest < 0, "the robot spoke over somebody"
 
 
-def test_gaps_are_told_by_what_the_robot_answered_with(made: StudyStatistics, measures: dict[str, Measures]) -> None:
+def test_gaps_are_reported_by_what_the_robot_answered_with(
+    made: StudyStatistics, measures: dict[str, Measures]
+) -> None:
     with (made.out / "gaps.csv").open(encoding="utf-8", newline="") as file:
         rows = {(row["of"], row["condition"], row["means"]): row for row in csv.DictReader(file)}
     mine = measures["it's s1"].gaps
@@ -171,7 +173,7 @@ def test_gaps_are_told_by_what_the_robot_answered_with(made: StudyStatistics, me
     assert told == pytest.approx(quartiles, abs=1e-6)
 
 
-def test_results_are_files_to_go_on_from(made: StudyStatistics) -> None:
+def test_results_are_files_to_continue_from(made: StudyStatistics) -> None:
     with (made.out / "summary.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(made.summary)
@@ -231,7 +233,7 @@ def test_only_what_changed_is_exported_again(made: StudyStatistics, study: Path,
     assert not (copy / "statistics" / "tables" / "it's s0").exists()
 
 
-def test_a_session_that_cannot_be_read_is_told_and_the_others_count(study: Path, tmp_path: Path) -> None:
+def test_a_session_that_cannot_be_read_is_reported_and_the_others_count(study: Path, tmp_path: Path) -> None:
     copy = tmp_path / "study"
     shutil.copytree(study, copy)
     (copy / "sessions" / "bad").mkdir()
@@ -281,7 +283,7 @@ def test_the_command_prints_a_table(made: StudyStatistics, study: Path, capsys: 
     assert statistics_command.run(parser.parse_args([str(study / "nowhere")])) == 1
 
 
-def test_each_step_is_told_planned_against_actual_over_the_sessions_that_count(made: StudyStatistics) -> None:
+def test_each_step_is_reported_planned_against_actual_over_the_sessions_that_count(made: StudyStatistics) -> None:
     with (made.out / "steps.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     study = [row for row in rows if row["of"] == "study"]
@@ -297,7 +299,7 @@ def test_each_step_is_told_planned_against_actual_over_the_sessions_that_count(m
     } == {row.measure: row.mean for row in made.summary if row.condition is None}  # fmt: skip
 
 
-def test_what_went_wrong_is_told_by_its_cause_over_the_sessions_that_count(made: StudyStatistics) -> None:
+def test_what_went_wrong_is_reported_by_its_cause_over_the_sessions_that_count(made: StudyStatistics) -> None:
     with (made.out / "alarms.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     study = {row["cause"]: row for row in rows if row["of"] == "study"}

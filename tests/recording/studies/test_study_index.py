@@ -59,7 +59,7 @@ def index(study: Path) -> StudyIndex:
     return index
 
 
-def test_the_list_tells_what_heads_each_session(index: StudyIndex, study: Path) -> None:
+def test_the_list_shows_what_heads_each_session(index: StudyIndex, study: Path) -> None:
     newest, _, oldest = index.sessions()
     assert names(index.sessions()) == ["c", "b", "a"]
     assert oldest.folder == study / "sessions" / "a"
@@ -211,7 +211,7 @@ def test_a_cancelled_update_keeps_what_was_read(study: Path) -> None:
 
 
 @pytest.mark.logs(r"session\.session_header: ")
-def test_sessions_that_cannot_be_read_are_told_and_no_session_is_touched(study: Path) -> None:
+def test_sessions_that_cannot_be_read_are_reported_and_no_session_is_touched(study: Path) -> None:
     sessions_dir = study / "sessions"
     session(sessions_dir / "cut", "Cut off here", closed=False)
     (sessions_dir / "broken").mkdir()
@@ -255,7 +255,7 @@ def make_older(path: Path) -> None:
 
 @pytest.mark.logs(r"studies\.study_index: ")
 @pytest.mark.parametrize("damage", [overwrite, cut, scribble, make_older])
-def test_a_damaged_or_older_index_is_made_anew(index: StudyIndex, study: Path, damage: Callable[[Path], None]) -> None:
+def test_a_damaged_or_older_index_is_made_again(index: StudyIndex, study: Path, damage: Callable[[Path], None]) -> None:
     before = answers(index)
     index.close()
     damage(study / DATABASE_NAME)
@@ -329,7 +329,7 @@ def test_a_read_only_study_is_searched_all_the_same(study: Path, *, indexed: boo
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_what_a_session_lacks_can_be_told_in_another_language(study: Path) -> None:
+def test_what_a_session_lacks_can_be_reported_in_another_language(study: Path) -> None:
     """Header and index contain plain English."""
     folder = study / "sessions" / "a"
     head = folder / "session.json"
@@ -434,7 +434,9 @@ def test_whatever_a_reader_raises_the_rest_of_the_study_is_found(study: Path, mo
     index.close()
 
 
-def test_all_places_are_counted_paged_and_told_by_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_places_are_counted_paged_and_reported_by_session(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     sessions_dir = tmp_path / "study" / "sessions"
     for number, later_s in (("a", 0), ("b", 3600)):
         events = [

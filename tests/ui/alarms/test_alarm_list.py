@@ -27,7 +27,7 @@ def wrong(console: FakeConsole, what: str, **more: object) -> None:
     console.state.add(Problem(1, "warning", what, "It means this.", "Do that.", **more))  # type: ignore[arg-type]
 
 
-def test_the_words_at_the_lower_edge_open_it_and_it_empties_by_itself(
+def test_the_words_at_the_lower_edge_open_it_and_it_empties_automatically(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, alarms: AlarmList
 ) -> None:
     button = window.findChild(QWidget, "alarms_button")
@@ -61,7 +61,7 @@ def test_the_words_at_the_lower_edge_open_it_and_it_empties_by_itself(
     assert window.focusWidget() is typing
 
 
-def test_who_opened_it_while_driving_does_not_drive_again_by_itself(
+def test_who_opened_it_while_driving_does_not_drive_again_automatically(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, alarms: AlarmList
 ) -> None:
     wrong(console, "Classes unknown to the detector: cake.")

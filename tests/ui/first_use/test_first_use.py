@@ -101,7 +101,7 @@ def test_enter_presses_what_has_the_focus_as_space_does(qtbot: QtBot, page: SetU
     assert page.step == "camera"
 
 
-def test_the_red_button_stays_free_and_a_click_beside_the_page_closes_nothing(qtbot: QtBot, page: SetUpPage) -> None:
+def test_the_red_button_stays_free_and_a_click_next_to_the_page_closes_nothing(qtbot: QtBot, page: SetUpPage) -> None:
     assert page.geometry().top() == 56, "below the bar with the emergency stop"
     qtbot.mouseClick(page, Qt.MouseButton.LeftButton, pos=page.rect().bottomLeft())
     assert page.isVisible()
@@ -226,7 +226,7 @@ def test_a_model_is_chosen_and_asked(qtbot: QtBot, page: SetUpPage, console: Fak
     assert "“Hello there.”" in texts(page)
 
 
-def test_it_comes_once_by_itself_and_later_when_it_is_asked_for(
+def test_it_comes_once_automatically_and_later_when_it_is_requested(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, settings: MemorySettings
 ) -> None:
     console.state.link.set(LinkStatus("connecting"))
@@ -253,7 +253,7 @@ def test_it_comes_once_by_itself_and_later_when_it_is_asked_for(
 
 @pytest.mark.parametrize("size", [(683, 384), (1366, 768), (1920, 1080)])
 @pytest.mark.parametrize("alarm_first", [True, False])
-def test_an_alarm_is_seen_beside_the_page(
+def test_an_alarm_is_seen_next_to_the_page(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, size: tuple[int, int], alarm_first: bool
 ) -> None:
     def lose_the_robot() -> None:

@@ -61,7 +61,7 @@ def test_speaking_and_driving_are_never_covered_and_too_tall_ones_go_to_the_corn
     assert (corner.top, corner.right) == (0, AREA.right - 20)
 
 
-def test_nothing_comes_over_what_asks_for_an_answer() -> None:
+def test_nothing_comes_over_what_requests_an_answer() -> None:
     groups = across("video", "map", "speak")
     first = card_place(groups, lambda _width: 150)
     assert first is not None

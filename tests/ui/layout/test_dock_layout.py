@@ -33,7 +33,7 @@ def through_json(arrangement: DockLayout) -> DockLayout:
 @settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.lists(EDIT, min_size=50, max_size=50), st.sampled_from([TOUR_LAYOUT, MENTAL_LAYOUT]))
 @pytest.mark.long
-def test_500_edits_are_kept_undone_and_done_again(made: list[Any], layout: Any) -> None:
+def test_500_edits_are_saved_undone_and_done_again(made: list[Any], layout: Any) -> None:
     """Ten times fifty edits, each saved and loaded, placed with every panel, and all undone at the end."""
     arrangement, history = arrangement_of(layout), LayoutHistory()
     began, seen = arrangement, []
@@ -66,7 +66,7 @@ def test_500_edits_are_kept_undone_and_done_again(made: list[Any], layout: Any) 
 
 @settings(max_examples=3, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.lists(EDIT, min_size=30, max_size=30))
-def test_an_arrangement_that_was_edited_at_random_is_the_same_from_a_scenario_file(
+def test_a_layout_that_was_edited_at_random_is_the_same_from_a_scenario_file(
     tmp_path_factory: pytest.TempPathFactory, made: list[Any]
 ) -> None:
     scenario = load_scenario(layouts_dir() / "tour-guide.yaml")
@@ -81,7 +81,7 @@ def test_an_arrangement_that_was_edited_at_random_is_the_same_from_a_scenario_fi
     assert load_scenario(path).layout == tree
 
 
-def test_a_panel_leaves_its_tabs_alone_and_goes_beside_another() -> None:
+def test_a_panel_leaves_its_tabs_alone_and_goes_next_to_another() -> None:
     moved = edits.move(TOUR, "session", "video", "right")
     assert [panels_in(node) for node in _leaves(moved.tree)] == [
         ("video",), ("session",), ("speak",), ("map",), ("drive",), ("assistant",), ("people",),
@@ -146,12 +146,12 @@ def test_windows_of_a_screen_that_is_not_there_come_onto_one_that_is() -> None:
         {"tree": {"panel": "map"}, "floating": [{"tree": {"panel": "map"}, "place": [1e99, 0, 5, 9]}]},
     ],
 )  # fmt: skip
-def test_what_is_no_arrangement_is_refused(data: Any) -> None:
+def test_what_is_no_layout_is_refused(data: Any) -> None:
     with pytest.raises(ValueError, match=r"panel|window|layout"):
         arrangement_from(data)
 
 
-def test_shares_of_a_file_in_percent_are_the_same_arrangement() -> None:
+def test_shares_of_a_file_in_percent_are_the_same_layout() -> None:
     file = SplitNode("horizontal", (PanelLeaf("video"), PanelLeaf("map")), (61, 39))
     assert tidy(file) == SplitNode("horizontal", file.children, (0.61, 0.39))
     assert layout_data(tidy(tidy(file))) == layout_data(tidy(file))

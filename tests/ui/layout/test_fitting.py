@@ -65,7 +65,7 @@ def test_room_is_shared_to_the_last_pixel(whole: int, parts: list[tuple[float, i
         assert all(got >= need - 1 for got, need in zip(given_px, least, strict=True))
 
 
-def test_a_handle_moves_only_what_lies_beside_it() -> None:
+def test_a_handle_moves_only_what_lies_next_to_it() -> None:
     tree = tidy(SplitNode("horizontal", (PanelLeaf("video"), PanelLeaf("map"), PanelLeaf("speak"), PanelLeaf("drive"))))
     shown = frozenset({"video", "map", "drive"})  # Speak is hidden, but keeps its share
     rect = Rect(0, 0, 1216, 500)

@@ -139,7 +139,7 @@ def test_closing_a_window_of_its_own_loses_no_panel(host: DockHost) -> None:
     check(host)
 
 
-def test_a_handle_shares_the_room_anew(host: DockHost, qtbot: QtBot) -> None:
+def test_a_handle_shares_the_room_again(host: DockHost, qtbot: QtBot) -> None:
     video = host.docks["video"].width()
     handle = next(handle for handle in host.findChildren(QWidget, "split_handle") if handle.height() > handle.width())
     told: list[str] = []

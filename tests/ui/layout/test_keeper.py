@@ -55,7 +55,7 @@ def again(
     return window
 
 
-def test_another_scenario_is_made_of_the_arrangement_by_the_menu_and_its_title(
+def test_another_scenario_is_made_of_the_layout_by_the_menu_and_its_title(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
     window.dock_host.float_panel("map", PLACE)
@@ -195,7 +195,7 @@ def test_locked_nothing_is_moved_closed_or_floated_and_it_is_said(
         '{"tour_guide.yaml": []}',
     ],
 )
-def test_what_is_broken_is_put_aside_and_the_files_arrangement_shown(
+def test_what_is_broken_is_put_aside_and_the_files_layout_shown(
     qtbot: QtBot, theme: Theme, settings: MemorySettings, kept: str
 ) -> None:
     kept = kept.replace("OF", json.dumps(layout_data(tidy(samples.TOUR_LAYOUT))))
@@ -236,7 +236,7 @@ def test_panels_that_the_scenario_no_longer_offers_leave_the_working_copy(
 
 
 @pytest.mark.parametrize("name", ["tour-guide", "mental-health-check"])
-def test_small_and_large_screens_get_an_arrangement_of_their_own(qtbot: QtBot, theme: Theme, name: str) -> None:
+def test_small_and_large_screens_get_a_layout_of_their_own(qtbot: QtBot, theme: Theme, name: str) -> None:
     scenario = load_scenario(layouts_dir() / f"{name}.yaml")
     window = MainWindow(FakeConsole(scenario), theme=theme)
     qtbot.addWidget(window)
@@ -265,7 +265,7 @@ def test_small_and_large_screens_get_an_arrangement_of_their_own(qtbot: QtBot, t
 
 
 @pytest.mark.parametrize("strip", ["drive_hint", "practice_strip"])
-def test_a_line_that_comes_and_goes_above_the_panels_arranges_nothing_anew(
+def test_a_line_that_comes_and_goes_above_the_panels_arranges_nothing_again(
     qtbot: QtBot, theme: Theme, strip: str
 ) -> None:
     """The hint about driving disappears with the first metre: the layout must not change during driving."""
@@ -308,7 +308,7 @@ def test_a_scenario_can_say_itself_how_it_is_on_a_small_screen(qtbot: QtBot, the
     assert set(panels_in(tree)) == set(panels_in(samples.TOUR_LAYOUT)), "and what it does not name is behind a tab"
 
 
-def test_the_example_of_the_guide_is_an_arrangement() -> None:
+def test_the_example_of_the_guide_is_a_layout() -> None:
     guide = (layouts_dir().parent / "resources" / "guide" / "layouts.md").read_text("utf-8")
     (example,) = re.findall(r"```yaml\n(.*?)```", guide, re.DOTALL)
     tree = checked_layout(yaml.safe_load(example)["layout_compact"])
@@ -362,9 +362,7 @@ def test_a_panel_that_another_scenario_has_just_the_same_stays_and_keeps_its_key
     assert console.named("take_photo") == [None, None]
 
 
-def test_each_scenario_and_each_wizard_has_an_arrangement_of_their_own(
-    window: MainWindow, console: FakeConsole
-) -> None:
+def test_each_scenario_and_each_wizard_has_a_layout_of_their_own(window: MainWindow, console: FakeConsole) -> None:
     window.dock_host.move_panel("map", "video", "right")
     mine = arranged(window)
     console.open_scenario(Path("/layouts/mental_health_check.yaml"))

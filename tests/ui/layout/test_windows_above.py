@@ -51,7 +51,7 @@ def test_the_program_can_end_and_finds_the_panels_there_again(wide: MainWindow, 
     assert wide.dock_host.docks["map"].window() is wide, "its own cross puts it back"
 
 
-def test_what_a_key_asks_for_gets_the_keys(wide: MainWindow, qtbot: QtBot) -> None:
+def test_what_a_key_requests_gets_the_keys(wide: MainWindow, qtbot: QtBot) -> None:
     floating = float_at(wide, qtbot, "map", Rect(1000, 300, 400, 300))
     for ask in (wide.focus_speak, wide.focus_driving, wide.marking.card.write_note, wide.show_command_palette):
         floating.activateWindow()
@@ -108,7 +108,7 @@ def test_a_card_moves_no_further_than_it_must(taken: tuple[QRect, ...], left: in
     assert (None if found is None else found.left()) == left
 
 
-def test_problems_and_notes_are_not_told_below_a_window(wide: MainWindow, qtbot: QtBot) -> None:
+def test_problems_and_notes_are_not_reported_below_a_window(wide: MainWindow, qtbot: QtBot) -> None:
     floating = float_at(wide, qtbot, "map", Rect(0, 60, 700, 800))
     wide._notify("Something happened.", "It matters.", "Do this.")
     wide.marking.card.write_note()

@@ -113,7 +113,7 @@ def test_the_robots_own_voice_is_not_shown_as_the_participants(panel: Conversati
     assert said(panel)[-1] == ("participant", "That is a good idea."), "it was somebody after all"
 
 
-def test_the_title_says_how_long_somebody_has_been_waiting(panel: ConversationPanel, console: FakeConsole) -> None:
+def test_the_title_says_how_long_a_person_has_been_waiting(panel: ConversationPanel, console: FakeConsole) -> None:
     text, role = panel.fact
     assert text.endswith(" s since Luis stopped talking"), text
     assert role == "amber", "that is late"

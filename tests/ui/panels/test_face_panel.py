@@ -104,7 +104,7 @@ def test_the_panel_shows_what_the_participant_sees(console: Console, panel: Face
     assert color_in_the_middle_of(view) == "#000000"
 
 
-def test_a_text_is_kept_in_its_field_when_it_is_refused(qtbot: QtBot, console: Console, panel: FacePanel) -> None:
+def test_a_text_is_saved_in_its_field_when_it_is_refused(qtbot: QtBot, console: Console, panel: FacePanel) -> None:
     field = find(panel, "face_text")
     assert isinstance(field, QLineEdit)
     field.setFocus()
@@ -144,7 +144,7 @@ def test_the_address_of_the_page_is_shown_and_copied(qtbot: QtBot, console: Cons
     assert QApplication.clipboard().text() == "http://127.0.0.1:1/secret/"
 
 
-def test_a_face_is_changed_beside_its_preview_and_kept_under_a_name(
+def test_a_face_is_changed_next_to_its_preview_and_saved_under_a_name(
     qtbot: QtBot, console: Console, window: MainWindow
 ) -> None:
     window.faces.edit()

@@ -43,7 +43,7 @@ def panel(window: MainWindow, console: FakeConsole) -> Iterator[PeoplePanel]:
     yield found
 
 
-def test_where_looks_take_long_it_says_late_instead_of_nobody(panel: PeoplePanel, console: FakeConsole) -> None:
+def test_where_appearances_take_long_it_says_late_instead_of_nobody(panel: PeoplePanel, console: FakeConsole) -> None:
     state = console.state
     people_samples.show_people(console, ())
     state.everybody.set(())
@@ -107,7 +107,7 @@ def unfold(panel: PeoplePanel) -> None:
 # Displayed rows
 
 
-def test_who_left_without_a_name_is_counted_and_shown_when_asked_for(panel: PeoplePanel, console: FakeConsole) -> None:
+def test_who_left_without_a_name_is_counted_and_shown_when_requested(panel: PeoplePanel, console: FakeConsole) -> None:
     left = [row for row in console.state.everybody.value if row.person_id == "p-5"]
     many = [dataclasses.replace(left[0], person_id=f"p-left-{n}", name=f"Person {n}", number=n) for n in range(40, 70)]
     named = dataclasses.replace(left[0], person_id="p-eva", name="Eva")
@@ -209,7 +209,7 @@ def test_people_stand_in_three_groups(panel: PeoplePanel) -> None:
     assert heights[4] == heights[5] > heights[0] == heights[3] == heights[6], "a caption has room, and only a caption"
 
 
-def test_a_row_says_where_somebody_is_and_what_they_do(panel: PeoplePanel) -> None:
+def test_a_row_says_where_a_person_is_and_what_they_do(panel: PeoplePanel) -> None:
     assert (
         told(panel, "p-luis")
         == "Luis, Group 1, asks a lot, speaking · 1.9 m, left · standing · here for 3 min · recognised, 94 %"
@@ -230,7 +230,7 @@ def test_a_bearing_is_said_as_the_robot_looks(bearing_rad: float, words: str) ->
     assert direction(bearing_rad) == words
 
 
-def test_somebody_comes_back_from_the_known_to_those_who_are_here(panel: PeoplePanel, console: FakeConsole) -> None:
+def test_a_person_comes_back_from_the_known_to_those_who_are_here(panel: PeoplePanel, console: FakeConsole) -> None:
     unfold(panel)
     mara = next(row for row in console.state.everybody.value if row.person_id == "p-mara")
     now_ns = clock.now_ns()
@@ -293,7 +293,7 @@ def test_on_a_busy_machine_the_portraits_of_the_list_come_one_by_one(
     assert pixmaps.pixmap("p-4", 38, may_wait=True) is not None
 
 
-def test_a_portrait_that_was_put_off_comes_into_the_list_by_itself(
+def test_a_portrait_that_was_put_off_comes_into_the_list_automatically(
     panel: PeoplePanel, console: FakeConsole, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn: list[tuple[str, bool]] = []
@@ -482,7 +482,7 @@ def test_a_question_comes_into_view_once(panel: PeoplePanel, console: FakeConsol
     assert not viewport.rect().contains(panel.list.row_rect(asked)), "where the wizard scrolled it stays"
 
 
-def test_whoever_was_recognised_can_be_somebody_else_after_all(
+def test_whoever_was_recognised_can_be_another_person_after_all(
     qtbot: QtBot, panel: PeoplePanel, console: FakeConsole
 ) -> None:
     press(qtbot, panel, "p-luis", "not")
@@ -496,7 +496,7 @@ def test_whoever_was_recognised_can_be_somebody_else_after_all(
 
 
 @pytest.mark.panels()
-def test_a_click_selects_somebody_and_the_next_one_nobody(
+def test_a_click_selects_a_person_and_the_next_one_nobody(
     qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
     before = panel.list.viewport().grab().toImage()
@@ -562,7 +562,9 @@ def test_what_the_wizard_decided_can_be_taken_back(
     assert console.named("undo_people") == [None, None]
 
 
-def test_what_was_decided_is_told_with_the_name_that_follows_from_it(panel: PeoplePanel, console: FakeConsole) -> None:
+def test_what_was_decided_is_reported_with_the_name_that_follows_from_it(
+    panel: PeoplePanel, console: FakeConsole
+) -> None:
     console.state.add(PersonRenamed(clock.now_ns(), "p-4", "wizard"))
     bar = panel.findChild(UndoBar)
     assert bar.text.text() == "Named Person 4"
@@ -670,6 +672,6 @@ def test_people_are_found_in_the_palette(window: MainWindow, panel: PeoplePanel,
     assert panel.card.person_id == "p-luis"
 
 
-def test_what_is_seen_of_somebody_begins_with_what_matters() -> None:
+def test_what_is_seen_of_a_person_begins_with_what_matters() -> None:
     luis = people_samples.people_of_a_tour(10**12)[0]
     assert what_is_seen(luis, 10**12)[:2] == ["speaking", "1.9 m, left"]

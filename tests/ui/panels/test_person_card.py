@@ -69,7 +69,7 @@ def asked(console: FakeConsole) -> list[tuple[str, object]]:
 
 
 @pytest.mark.panels()
-def test_the_card_opens_beside_the_row_and_leaves_the_keys_in_its_panel(
+def test_the_card_opens_next_to_the_row_and_leaves_the_keys_in_its_panel(
     qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
     view = find(window, "video_view")
@@ -127,7 +127,7 @@ def test_what_cannot_be_promised_is_said() -> None:
 
 
 @pytest.mark.panels()
-def test_what_is_written_down_is_kept_when_the_field_is_left(
+def test_what_is_written_down_is_saved_when_the_field_is_left(
     window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
     opened(panel, console, "p-4")
@@ -250,7 +250,7 @@ def test_the_history_over_all_sessions_is_shown_and_searched(
     assert find(window, "person_no_history").property("text") == "No earlier entries."
 
 
-def test_times_are_told_as_a_person_tells_them() -> None:
+def test_times_are_reported_as_a_person_reports_them() -> None:
     today = datetime(2026, 11, 22, 15, 0)
     assert when(NOW_NS, today) == "14:30"
     assert when(NOW_NS - 1440 * MINUTE_NS, today) == "21 Nov, 14:30"

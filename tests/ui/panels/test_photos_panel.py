@@ -123,7 +123,7 @@ def test_a_click_shows_it_large_and_escape_goes_back_and_stops(qtbot: QtBot, pan
     assert panel.console.named("stop") == [None]  # type: ignore[attr-defined]
 
 
-def test_in_a_low_panel_the_picture_is_beside_its_words(theme: Theme, qtbot: QtBot) -> None:
+def test_in_a_low_panel_the_picture_is_next_to_its_words(theme: Theme, qtbot: QtBot) -> None:
     large = LargePhoto(theme, can_ask=True)
     qtbot.addWidget(large)
     large.show_photo(photo(1), {})

@@ -146,7 +146,7 @@ def test_only_what_is_dictated_is_written_down(field: SpeakField, console: FakeC
     assert console.named("say") == [("please follow me, slowly.", "dictated"), ("Typed", "typed")]
 
 
-def test_what_was_written_is_kept_when_something_is_brought_to_be_edited(
+def test_what_was_written_is_saved_when_something_is_brought_to_be_edited(
     field: SpeakField, window: MainWindow, console: FakeConsole
 ) -> None:
     panel = window.panels["speak"]
@@ -206,7 +206,7 @@ def test_one_key_changes_the_group_that_the_keys_mean(grouped: tuple[MainWindow,
     ]  # fmt: skip
 
 
-def test_a_phrase_shows_its_own_key_and_one_that_is_taken_is_told(grouped: tuple[MainWindow, FakeConsole]) -> None:
+def test_a_phrase_shows_its_own_key_and_one_that_is_taken_is_reported(grouped: tuple[MainWindow, FakeConsole]) -> None:
     window, _console = grouped
     assert window.actions_table.key_text("phrase_2") == "F2 · Ctrl G"
     assert [spec.id for spec in window.actions_table.specs if "Ctrl+P" in spec.keys] == ["photo"]
@@ -327,7 +327,7 @@ def test_a_name_is_shown_where_the_record_has_an_id(window: MainWindow, console:
     assert find(window, "queue_editor").property("text") == "Bye, {name}."
 
 
-def test_the_title_tells_how_long_it_will_take(window: MainWindow, console: FakeConsole) -> None:
+def test_the_title_shows_how_long_it_will_take(window: MainWindow, console: FakeConsole) -> None:
     speech = waiting()
     console.state.speech.set(dataclasses.replace(speech, ends_ns=clock.now_ns() + 3_600_000_000_000))
     fact = window.panels["speak"].fact[0]
@@ -343,7 +343,7 @@ def asked(console: FakeConsole, gap: str = "name") -> None:
     console.state.speech.set(dataclasses.replace(SpeechStatus(True), gap=OpenGap("Hello, {name}!", gap)))
 
 
-def test_a_gap_is_asked_for_in_place(window: MainWindow, console: FakeConsole, field: SpeakField) -> None:
+def test_a_gap_is_requested_in_place(window: MainWindow, console: FakeConsole, field: SpeakField) -> None:
     asked(console)
     gap = find(window, "gap_field")
     assert gap.hasFocus()
@@ -366,7 +366,7 @@ def test_escape_leaves_it_unsaid_and_what_was_typed_comes_back(
 
 
 @pytest.mark.panels()
-def test_whoever_drives_by_bare_keys_goes_on_driving(window: MainWindow, console: FakeConsole) -> None:
+def test_whoever_drives_by_bare_keys_continues_driving(window: MainWindow, console: FakeConsole) -> None:
     view = find(window, "video_view")
     view.setFocus()
     QTest.keyPress(view, Qt.Key.Key_W)

@@ -59,7 +59,7 @@ def card(theme: Theme, window: QWidget, console: FakeConsole) -> PreflightCard:
     return made
 
 
-def test_a_list_that_nobody_sees_is_made_when_somebody_does(
+def test_a_list_that_nobody_sees_is_made_when_a_person_does(
     theme: Theme, window: QWidget, console: FakeConsole, qtbot: QtBot
 ) -> None:
     made = PreflightCard(theme, window, console)

@@ -172,7 +172,7 @@ def test_more_along_with_a_phrase_is_entered_by_pressing_its_key(editor: Scenari
     assert editor.document.text == TEXT
 
 
-def test_what_there_is_to_name_is_offered_and_what_is_not_there_is_told(
+def test_what_there_is_to_name_is_offered_and_what_is_not_there_is_reported(
     editor: ScenarioEditor, console: FakeConsole
 ) -> None:
     console.state.link.set(LinkStatus("connected", "Simulated robot"))
@@ -204,7 +204,7 @@ def test_a_place_is_where_the_robot_is_now(editor: ScenarioEditor, console: Fake
     assert editor.document.data["places"] == [{"name": "Door", "x_m": 3.46, "y_m": -1, "heading_deg": 90}]
 
 
-def test_what_is_switched_off_is_told_with_all_that_disappears(editor: ScenarioEditor) -> None:
+def test_what_is_switched_off_is_reported_with_all_that_disappears(editor: ScenarioEditor) -> None:
     field(editor, "permissions", "photos").enter(False)
     told = editor.preview.toPlainText()
     assert "Photos is now off. This disappears:" in told
@@ -216,7 +216,7 @@ def test_what_is_switched_off_is_told_with_all_that_disappears(editor: ScenarioE
     assert all(consequences(name) for name in ("photos", "driving", "assistant", "face", "robot_controls"))
 
 
-def test_the_steps_of_the_protocol_are_told_as_the_strip_has_them(editor: ScenarioEditor) -> None:
+def test_the_steps_of_the_protocol_are_reported_as_the_strip_has_them(editor: ScenarioEditor) -> None:
     field(editor, "protocol", "steps", 0, "minutes").enter(3)
     told = editor.preview.toPlainText()
     assert "3 min · go to Door" in told
@@ -228,7 +228,7 @@ def test_the_steps_of_the_protocol_are_told_as_the_strip_has_them(editor: Scenar
     assert editor.document.data["protocol"]["steps"][0]["then"] == "end"
 
 
-def test_places_prompts_and_marks_are_told_as_the_wizard_has_them(editor: ScenarioEditor) -> None:
+def test_places_prompts_and_marks_are_reported_as_the_wizard_has_them(editor: ScenarioEditor) -> None:
     type_over(editor, "Gate", "places", 0, "name")
     assert "Alt+1  Gate · used in step Greet" in told_now(editor)
     field(editor, "recording", "lsl")
@@ -353,7 +353,9 @@ def acknowledge(console: FakeConsole, *, problem: str = "", taken: bool = False)
     console.state.saved_scenario.reset_value(saved)
 
 
-def test_saving_is_told_and_what_was_not_saved_stays(editor: ScenarioEditor, console: FakeConsole, path: Path) -> None:
+def test_saving_is_reported_and_what_was_not_saved_stays(
+    editor: ScenarioEditor, console: FakeConsole, path: Path
+) -> None:
     type_over(editor, "Large", "title")
     QTest.keyClick(editor, Qt.Key.Key_S, Qt.KeyboardModifier.ControlModifier)
     acknowledge(console, problem="The disk is full.")
@@ -383,7 +385,7 @@ def test_what_is_typed_while_it_is_written_stays(editor: ScenarioEditor, console
     assert editor.document.changed and editor.save_button.isEnabled()
 
 
-def test_a_refusal_of_the_console_is_told(
+def test_a_refusal_of_the_console_is_reported(
     editor: ScenarioEditor, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(console, "do", lambda _intent: "Nothing is saved in a replay.")
@@ -420,7 +422,7 @@ def test_a_copy_gets_a_title_of_its_own(editor: ScenarioEditor, console: FakeCon
     assert QApplication.focusWidget() is editor.nav
 
 
-def test_what_somebody_else_wrote_unseen_is_read_before_it_is_saved(
+def test_what_another_person_wrote_unseen_is_read_before_it_is_saved(
     editor: ScenarioEditor, console: FakeConsole, path: Path
 ) -> None:
     type_over(editor, "Large", "title")
@@ -435,7 +437,7 @@ def test_what_somebody_else_wrote_unseen_is_read_before_it_is_saved(
     assert replaces == opened_file(path).sha256
 
 
-def test_a_file_that_somebody_else_broke_is_written_over_only_when_asked(
+def test_a_file_that_another_person_broke_is_written_over_only_when_asked(
     editor: ScenarioEditor, console: FakeConsole, path: Path
 ) -> None:
     type_over(editor, "Large", "title")

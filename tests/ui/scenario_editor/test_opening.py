@@ -13,7 +13,7 @@ from tests.ui.fake_console import FakeConsole
 from tests.ui.test_window import choose
 
 
-def test_it_opens_once_the_disk_has_told_and_not_where_the_window_closes_before(
+def test_it_opens_once_the_disk_has_reported_and_not_where_the_window_closes_before(
     window: MainWindow, console: FakeConsole
 ) -> None:
     console.disk_is_slow = True
