@@ -425,7 +425,7 @@ def story(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Itera
 
 @pytest.mark.parametrize("kind", INTENTS, ids=lambda kind: kind.__name__)
 @pytest.mark.long("Drive")
-def test_what_happens_names_who_requested_it(story: Story, kind: type[Intent]) -> None:
+def test_events_name_the_actor_that_requested_them(story: Story, kind: type[Intent]) -> None:
     assert (kind in story.traces) != (kind in LEAVES_NOTHING), "tell() has to ask for it, and say what follows"
     if kind not in LEAVES_NOTHING:
         assert story.traces[kind] is not None, f"nothing that followed names {OTHER}"

@@ -113,7 +113,7 @@ def test_without_a_screen_the_console_says_what_to_do() -> None:
 
 
 @pytest.mark.long
-def test_what_only_the_window_can_tell_is_reported_there(tmp_path: Path) -> None:
+def test_problems_known_only_to_the_window_are_reported_there(tmp_path: Path) -> None:
     """A robot profile with a fault and a missing camera: the window opens and reports them."""
     profile = tmp_path / "robot.yaml"
     profile.write_text("version: 1\ntitel: Robot\n", "utf-8")

@@ -198,7 +198,7 @@ def test_a_token_is_not_sent_where_others_read_along(scheme: str, monkeypatch: p
         (["--source", "ftp://camera"], "ftp://"),
     ],
 )
-def test_what_it_cannot_begin_with_is_said(
+def test_a_refused_start_is_reported(
     words: list[str], said: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CAMERA_TOKEN", TOKEN)

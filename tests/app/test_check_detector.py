@@ -30,7 +30,7 @@ def test_a_detector_next_to_the_scenario_is_named(tmp_path: Path) -> None:
         ({"server": "ws://127.0.0.1:1"}, "127.0.0.1:1 does not respond"),
     ],
 )
-def test_what_is_wrong_with_it_is_reported_with_advice(tmp_path: Path, told: dict[str, str], words: str) -> None:
+def test_a_faulty_detector_is_reported_with_advice(tmp_path: Path, told: dict[str, str], words: str) -> None:
     (tmp_path / "mine.onnx").write_bytes(b"network")
     finding = detector_finding(scenario(tmp_path, **told))
     assert not finding.ok

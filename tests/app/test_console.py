@@ -74,7 +74,7 @@ def asked(qtbot: QtBot, tmp_path: Path) -> Iterator[Asked]:
 
 
 @pytest.mark.logs(r"live\.bus: ", r"live\.recorder_feed: ")
-def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_next(qtbot: QtBot, asked: Asked) -> None:
+def test_the_model_gets_no_conversation_of_an_earlier_participant(qtbot: QtBot, asked: Asked) -> None:
     utterance = UtteranceChanged(clock.now_ns(), "u-1", "participant", "I sleep badly.", "heard", "finished")
     asked.console._bus.publish(utterance)
     qtbot.waitUntil(lambda: bool(asked.console.state.transcript.value))
@@ -85,7 +85,7 @@ def test_what_was_said_with_one_participant_is_not_told_to_the_model_about_the_n
 
 @pytest.mark.logs(r"live\.bus: ", r"live\.recorder_feed: ")
 @pytest.mark.parametrize("actor", [WIZARD, "wizard:Ada", SCRIPT, MODEL, CONSOLE])
-def test_whoever_asks_no_recording_begins_without_the_required_checks(qtbot: QtBot, asked: Asked, actor: Actor) -> None:
+def test_no_actor_starts_a_recording_without_the_required_checks(qtbot: QtBot, asked: Asked, actor: Actor) -> None:
     """Requests of the gamepad and the palette are those of this wizard."""
     console, told = asked.console, list[Problem]()
     utterance = UtteranceChanged(clock.now_ns(), "u-1", "participant", "I sleep badly.", "heard", "finished")
@@ -281,7 +281,7 @@ def test_a_recorded_video_is_told_to_play_once(qtbot: QtBot, tmp_path: Path) -> 
         console.shutdown()
 
 
-def test_what_takes_long_at_the_end_is_named_while_it_is_done(tmp_path: Path) -> None:
+def test_slow_work_at_the_end_is_named_while_it_runs(tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
     parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     console = Console(replace(parts, people=replace(parts.people, inference=None)), scenario)

@@ -120,7 +120,7 @@ def test_a_simulated_robot_of_the_consoles_own_comes_back_with_the_console(
 
 
 @pytest.mark.parametrize("seen", [True, False], ids=["seen", "on another desktop"])
-def test_what_runs_next_to_the_window_starts_once_that_was_painted_and_has_all_its_panels(
+def test_background_work_starts_after_the_first_paint_with_all_panels(
     start: Start, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, *, seen: bool
 ) -> None:
     started: list[tuple[bool, bool]] = []

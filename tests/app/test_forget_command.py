@@ -83,7 +83,7 @@ def test_one_of_fifty_is_forgotten_and_the_others_are_as_they_were(
         } == others
 
 
-def test_what_could_not_be_looked_into_makes_it_incomplete(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unreadable_file_makes_the_erasure_incomplete(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (study / "torn.zip").write_bytes(b"PK\x03\x04 torn")
     (study / "interview.mp3").write_bytes(b"ID3")
     assert run(study, NAME, "--text", "redact", "--yes") == 1
@@ -134,7 +134,7 @@ def test_texts_are_decided_on_in_a_list_and_handed_back(study: Path, capsys: pyt
     assert not review.exists()
 
 
-def test_what_is_saved_of_others_names_them_no_more(study: Path) -> None:
+def test_records_of_others_no_longer_name_the_person(study: Path) -> None:
     with closing(PeopleStore(study / "people.sqlite")) as store:
         for person_id in (PERSON, "p-2"):
             store.add_history(person_id, "said", f"{OTHER}, this is {NAME}.", utc_ns=5)
@@ -169,7 +169,7 @@ def test_without_a_yes_nothing_is_done(study: Path, capsys: pytest.CaptureFixtur
         ((PERSON, "--yes", "--review", "absent.txt"), "absent.txt cannot be read"),
     ],
 )
-def test_what_cannot_be_done_is_reported(
+def test_a_failed_erasure_is_reported(
     study: Path, capsys: pytest.CaptureFixture[str], words: Sequence[str], expected: str
 ) -> None:
     assert run(study, *words) == 1

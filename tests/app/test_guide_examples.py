@@ -173,5 +173,5 @@ def test_a_command_is_understood(where: str, words: str, needs_all: bool) -> Non
         "track VIDEO --out RESULT.txt --tracker nobody",
     ],
 )
-def test_what_the_program_would_refuse_is_seen(words: str) -> None:
+def test_a_refused_example_is_found(words: str) -> None:
     assert refusal_of(words, needs_all=True) != ""

@@ -215,7 +215,7 @@ def test_every_intent_has_a_line_of_the_table_a_handler_and_a_sample(bench: Benc
 
 
 @pytest.mark.parametrize("asked", SAMPLES, ids=_NAMES)
-def test_what_is_permitted_and_possible_is_done(bench: Bench, asked: Intent) -> None:
+def test_permitted_and_possible_intents_run(bench: Bench, asked: Intent) -> None:
     assert bench.console.do(asked) == ""
     assert bench.done == [asked]
 

@@ -74,7 +74,9 @@ def parts(tmp_path: Path) -> Adapters:
     ],
     ids=["scenario not opened", "scenario not saved", "robot not known", "nothing to practise on"],
 )
-def test_what_cannot_be_done(parts: Adapters, tmp_path: Path, fails: Callable[[Adapters, Path], object]) -> None:
+def test_failed_commands_are_reported_in_the_language(
+    parts: Adapters, tmp_path: Path, fails: Callable[[Adapters, Path], object]
+) -> None:
     with pytest.raises(UserFacingError) as told:
         fails(parts, tmp_path)
     assert plain(told.value) == []

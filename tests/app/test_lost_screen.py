@@ -17,7 +17,7 @@ from caris_desktop.app.lost_screen import _on_message
         ("QObject::startTimer: Timers cannot be started from another thread", logging.INFO),
     ],
 )
-def test_what_a_screen_reader_makes_qt_warn_of_does_not_fill_the_log(
+def test_qt_warnings_of_a_screen_reader_do_not_fill_the_log(
     caplog: pytest.LogCaptureFixture, message: str, level: int
 ) -> None:
     kind = QtMsgType.QtInfoMsg if level == logging.INFO else QtMsgType.QtWarningMsg

@@ -39,7 +39,7 @@ def _other_scenario(folder: Path) -> Path:
 
 
 @pytest.mark.long
-def test_whatever_the_robot_delivered_is_in_the_recording(tmp_path: Path) -> None:
+def test_all_data_that_the_robot_delivered_is_in_the_recording(tmp_path: Path) -> None:
     log = tmp_path / "sent.jsonl"
     with SimulatedRobot("--log", str(log)) as robot:
         console = ConsoleProcess(robot.address, tmp_path / "study", XDG_CONFIG_HOME=str(tmp_path / "config"))

@@ -134,7 +134,7 @@ def test_looking_back_fills_what_was_missed(street: Path, capsys: pytest.Capture
     assert all(box.confidence == 0.0 for box in filled)
 
 
-def test_what_is_wrong_is_said_and_leaves_nothing(
+def test_a_wrong_command_is_reported_and_leaves_nothing(
     street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert "is not a session or a study" in perceive_again(capsys, tmp_path)[2]

@@ -33,7 +33,7 @@ def perceive(*words: str) -> int:
         ("", ("--model", "https://example.org/yolo.onnx"), "has no checksum"),
     ],
 )
-def test_what_is_not_safe_or_not_there_is_refused(
+def test_an_unsafe_or_missing_input_is_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], token: str, words: tuple[str, ...], said: str
 ) -> None:
     monkeypatch.setenv(TOKEN_VARIABLE, token)

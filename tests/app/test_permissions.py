@@ -195,7 +195,7 @@ def test_without_its_permission_nothing_of_it_continues(bench: Bench) -> None:
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_what_is_taken_away_is_refused_before_any_service_follows(
+def test_a_withdrawn_permission_refuses_before_any_service_follows(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     console = bench.console

@@ -58,9 +58,7 @@ def lacking(state: LiveState, lenses_before: int) -> list[str]:
 @pytest.mark.logs(r"live\.bus: ")
 @pytest.mark.parametrize("times", [2, pytest.param(50, marks=[pytest.mark.long, pytest.mark.timeout(3600)])])
 @pytest.mark.long
-def test_what_a_robot_reports_once_is_there_after_every_connection_and_every_stall(
-    qtbot: QtBot, tmp_path: Path, times: int
-) -> None:
+def test_latched_robot_topics_arrive_after_every_connection_and_stall(qtbot: QtBot, tmp_path: Path, times: int) -> None:
     profile = tmp_path / "once.yaml"
     profile.write_text(latched_robot.PROFILE)
     scenario = composition.find_scenario("tour-guide")

@@ -142,7 +142,7 @@ def test_half_an_hour_in_which_all_goes_well_raises_few_alarms(tmp_path: Path) -
 
 
 @pytest.mark.timeout(300)
-def test_what_was_said_how_it_was_answered_and_what_became_of_suggestions_is_complete(tour: Path) -> None:
+def test_utterances_responses_and_suggestions_are_complete(tour: Path) -> None:
     _is_whole_conversation(tour, SAYS["tour-guide"][:SENTENCES])
 
 

@@ -111,7 +111,7 @@ def replays(tmp_path: Path, qtbot: QtBot) -> Iterator[Replays]:
 
 
 @pytest.mark.logs(r"app\.replay_command: ", "of the session is not shown", r"live\.replay_player: ")
-def test_what_a_newer_version_recorded_is_left_out(replays: Replays, caplog: pytest.LogCaptureFixture) -> None:
+def test_recordings_of_a_newer_version_are_left_out(replays: Replays, caplog: pytest.LogCaptureFixture) -> None:
     tour = find_scenario("tour-guide")
     run = replays(
         (1.0, lambda at_ns: ScenarioOpened(at_ns, "new.yaml", "From a newer program", "", NEWER)),
@@ -275,7 +275,7 @@ def test_of_two_replays_of_one_bag_the_slower_uses_what_the_other_made(
     assert [path.name for path in folder.parent.iterdir()] == [folder.name]
 
 
-def test_what_a_killed_import_left_is_removed_after_a_day(
+def test_leftovers_of_a_killed_import_are_removed_after_a_day(
     bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(replay_command, "import_bag", _import)

@@ -8,17 +8,17 @@ tests/robot/test_guard_in_simulator.py.
 A Twist is sent only while something holds the lease:
     test_release_is_zero_at_once_repeated_and_then_silence; link: without_renewal_the_robot_is_stopped; lease: all
 Zero at once, repeated for 0.5 s, then silence:
-    the same, and test_what_ends_driving for each cause
+    the same, and test_driving_ends for each cause
 Driving ends when the application is deactivated:
-    test_what_ends_driving[other_program]; desktop: another_program_in_front_ends_driving
+    test_driving_ends[other_program]; desktop: another_program_in_front_ends_driving
 ... a modal dialog opens:
-    test_what_ends_driving[dialog]; keys: a_dialog_releases, a_menu_releases
+    test_driving_ends[dialog]; keys: a_dialog_releases, a_menu_releases
 ... the driving focus is lost:
-    test_what_ends_driving[focus]; keys: losing_the_driving_focus_releases
+    test_driving_ends[focus]; keys: losing_the_driving_focus_releases
 ... the gamepad is unplugged:
     test_unplugging_the_gamepad_ends_driving; tests/live/test_gamepad.py: a_gamepad_that_falls_silent_moves_nothing
 ... the GUI stalls over 150 ms:
-    test_what_ends_driving[stall]; console: a_stopped_console_stops_the_robot
+    test_driving_ends[stall]; console: a_stopped_console_stops_the_robot
 ... the link is in trouble:
     link: a_robot_that_stops_answering_is_noticed_within_a_second
 ... the program exits:
@@ -183,7 +183,7 @@ def test_release_is_zero_at_once_repeated_and_then_silence(console: ConsoleProce
 
 
 @pytest.mark.parametrize("ending", ["other_program", "dialog", "focus speak_field", "stall 0.4"])
-def test_what_ends_driving(console: ConsoleProcess, wire: TwistListener, ending: str) -> None:
+def test_driving_ends(console: ConsoleProcess, wire: TwistListener, ending: str) -> None:
     _drive(console, wire)
     ended_ns = time.monotonic_ns()
     console.send_command(ending)

@@ -77,7 +77,7 @@ def test_the_scenario_to_practise_in_is_not_that_of_the_next_start(run: ConsoleR
     qtbot.waitUntil(lambda: run.settings.value("scenario/last") == str(layouts_dir() / "blank.yaml"), timeout=20_000)
 
 
-def test_what_was_written_into_the_file_by_hand_is_left_alone(run: ConsoleRun, qtbot: QtBot) -> None:
+def test_text_added_to_the_file_by_hand_is_left_alone(run: ConsoleRun, qtbot: QtBot) -> None:
     _save(qtbot, run, ARRANGED)
     own = user_scenarios_dir() / "tour-guide.yaml"
     own.write_text(own.read_text("utf-8").replace("speak", "session"), "utf-8")
@@ -100,9 +100,7 @@ def test_broken_settings_undo_nothing(run: ConsoleRun, qtbot: QtBot, kept: str) 
     assert load_scenario(own).layout == PanelLeaf("map")
 
 
-def test_what_is_saved_on_a_small_screen_is_for_small_screens_and_undone_with_the_rest(
-    run: ConsoleRun, qtbot: QtBot
-) -> None:
+def test_a_layout_for_small_screens_is_saved_and_undone_with_the_rest(run: ConsoleRun, qtbot: QtBot) -> None:
     shipped = run.console.scenario
     assert run.console.do(intents.SaveLayout(layout_text(ARRANGED), "compact")) == ""
     qtbot.waitUntil(lambda: run.console.scenario.layout_compact == ARRANGED, timeout=20_000)

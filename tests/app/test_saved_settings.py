@@ -18,7 +18,7 @@ def _in_file(path: Path) -> QSettings:
     return QSettings(str(path), INI)
 
 
-def test_what_is_set_is_there_at_once_and_in_the_file_when_the_program_ends(qapp: object, tmp_path: Path) -> None:
+def test_settings_apply_at_once_and_are_in_the_file_when_the_program_ends(qapp: object, tmp_path: Path) -> None:
     path = tmp_path / "settings.ini"
     before = _in_file(path)
     before.setValue("appearance/theme", "dark")
@@ -33,7 +33,7 @@ def test_what_is_set_is_there_at_once_and_in_the_file_when_the_program_ends(qapp
     assert after.value("window/geometry") == QByteArray(b"\x00\x01")
 
 
-def test_what_another_window_wrote_meanwhile_stays(qapp: object, tmp_path: Path) -> None:
+def test_settings_of_another_window_stay(qapp: object, tmp_path: Path) -> None:
     path = tmp_path / "settings.ini"
     console, replay = SavedSettings(_in_file(path)), SavedSettings(_in_file(path))
     replay.setValue("replay/geometry", QByteArray(b"r"))

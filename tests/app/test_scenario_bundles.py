@@ -24,7 +24,7 @@ def somebodys_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "sender"))
 
 
-def test_who_gets_it_has_the_same_scenario_robot_and_face(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bundle_gives_the_same_scenario_robot_and_face(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     profile = replace(load_profile("simulated"), title="Ours", address="wss://robot.example:9090")
     save_profile(profile, user_robots_dir() / "ours.yaml")
     save_face(replace(load_face("calm"), name="round", title="Round"))
@@ -65,7 +65,7 @@ def test_a_shipped_scenario_that_was_changed_does_not_hide_the_shipped_one(tmp_p
     assert composition.find_scenario("tour-guide").title == "Tour guide"
 
 
-def test_what_was_chosen_for_each_name_is_done_and_nothing_is_lost(tmp_path: Path) -> None:
+def test_the_choice_for_each_name_is_applied_and_nothing_is_lost(tmp_path: Path) -> None:
     tour = composition.find_scenario("tour-guide")
     save_profile(replace(load_profile("simulated"), title="Theirs"), user_robots_dir() / "ours.yaml")
     theirs = save_scenario(replace(tour, title="Theirs", robot="ours"), tmp_path / "visit.yaml")

@@ -23,7 +23,7 @@ def shown(*, scan: list[Any] | None = None, **status: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("behind_ns", [-S, -S // 10, 0, S // 10, S])
-def test_what_a_replay_shows_within_a_second_is_no_difference(behind_ns: int) -> None:
+def test_a_delay_within_a_second_is_no_difference(behind_ns: int) -> None:
     changed_ns = AT_NS + behind_ns
     before = shown(scan=[changed_ns - S // 10, "fresh"], drive={"allowed": False}, goal="kitchen")
     after = shown(scan=[changed_ns, "fresh"])
@@ -40,7 +40,7 @@ def test_what_a_replay_shows_within_a_second_is_no_difference(behind_ns: int) ->
     assert found == []
 
 
-def test_what_it_never_shows_is_reported_by_what_differs() -> None:
+def test_a_missing_state_is_reported_by_its_difference() -> None:
     replayed = shown(scan=[AT_NS - 3 * S, "fresh"], drive={"allowed": False, "speed": 0.5})
     sample = {"at_ns": AT_NS, "shown": shown()}
     assert differences(sample, lambda _at_ns: replayed, lambda *_: []) == [

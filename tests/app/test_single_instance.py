@@ -80,7 +80,7 @@ def test_a_second_start_shows_the_window_that_is_there_and_another_study_is_anot
     assert elsewhere.poll() is None and stays.poll() is None
 
 
-def test_what_was_killed_holds_nothing(program: Program, tmp_path: Path) -> None:
+def test_a_killed_instance_holds_no_lock(program: Program, tmp_path: Path) -> None:
     killed = program.start("a")
     lock = program._home / "a" / _LOCK
     wait_for(lock.exists, "the study is held", timeout_s=60.0)

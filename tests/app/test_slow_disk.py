@@ -137,7 +137,7 @@ def _close_as_the_disk_answers(bench: Bench) -> list[str]:
     return named
 
 
-def test_what_happens_while_the_session_folder_is_made_is_in_the_recording(bench: Bench, qtbot: QtBot) -> None:
+def test_events_before_the_session_folder_exists_are_recorded(bench: Bench, qtbot: QtBot) -> None:
     console, state = bench.console, bench.state
     console.start()
     console.do(intents.StartRecording(TrialDetails(participant="P1"), anyway=True))
@@ -255,7 +255,7 @@ def test_a_robot_that_cannot_be_read_leaves_the_present_one(bench: Bench, qtbot:
     assert bench.state.link.value.state == "connected"
 
 
-def test_what_a_recording_would_begin_with_is_reported_when_the_disk_has_reported(bench: Bench, qtbot: QtBot) -> None:
+def test_the_start_of_a_recording_is_reported_once_the_disk_responds(bench: Bench, qtbot: QtBot) -> None:
     told: list[BeforeRecording] = []
     bench.console.check_before_recording(told.append)
     qtbot.waitUntil(bench.disk.waiting.is_set, timeout=20_000)

@@ -165,7 +165,7 @@ WRONG: dict[str, tuple[str, str, list[str], str]] = {
 
 @pytest.mark.logs(r"could not load short\.")
 @pytest.mark.parametrize("what", WRONG)
-def test_what_is_wrong_is_one_sentence_and_nothing_is_written(
+def test_an_error_is_one_sentence_and_nothing_is_written(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,

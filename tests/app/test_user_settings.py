@@ -70,7 +70,7 @@ def test_settings_of_the_first_release_are_brought_into_their_groups(file: Path)
     ],
     ids=["newer", "version no number", "negative version", "json", "cut off", "no text at all"],
 )
-def test_what_cannot_be_taken_over_is_saved_as_a_copy_and_reported(file: Path, content: bytes, told: str) -> None:
+def test_unreadable_settings_are_saved_as_a_copy_and_reported(file: Path, content: bytes, told: str) -> None:
     file.write_bytes(content)
     settings = opened(file)
     failure = user_settings.bring_up_to_date(settings)

@@ -135,7 +135,7 @@ def test_a_cancelled_question_does_not_hold_up_the_next(url: str) -> None:
 
 
 @pytest.mark.long
-def test_what_was_read_once_is_retained_next_to_another_question(url: str) -> None:
+def test_a_cached_prompt_survives_another_question(url: str) -> None:
     """Prompts of questions and suggestions stay in the cache while both alternate or run in parallel."""
     background = "The robot arm lifts five kilos and stops as soon as it touches something. " * 12
 

@@ -86,7 +86,7 @@ def _loudness(chunks: list[AudioChunk], *, window_ns: int = 10_000_000) -> tuple
 
 
 @pytest.mark.long
-def test_what_the_robot_says_is_recorded_when_a_microphone_hears_it(sound: SoundServer) -> None:
+def test_robot_speech_is_recorded_when_a_microphone_picks_it_up(sound: SoundServer) -> None:
     microphone, speech = Body(run_microphone), Body(run_synthesis)
     try:
         assert microphone.wait_for(MicrophoneList).names

@@ -36,7 +36,7 @@ def test_a_mark_is_spoken_as_the_name_of_now() -> None:
     )
 
 
-def test_what_has_no_words_is_missing_and_stays() -> None:
+def test_a_placeholder_without_text_is_missing_and_stays() -> None:
     assert missing("{name}, the {place} is on {day}.", {"name": ADA}) == ("place", "day")
     assert fill_placeholders("{name}: {day}", {"name": ADA}, nobody).spoken == "Ada: {day}"
 

@@ -38,7 +38,7 @@ def test_nothing_is_played_before_there_is_a_little_and_then_without_a_gap() -> 
     assert buffer.pull(160)[1] == 0
 
 
-def test_what_comes_all_at_once_is_dropped_rather_than_heard_late() -> None:
+def test_a_burst_is_dropped_rather_than_played_late() -> None:
     buffer = JitterBuffer(RATE_HZ)
     for number in range(100):
         buffer.push(np.full(320, 1000 + 100 * number, np.int16))
@@ -46,7 +46,7 @@ def test_what_comes_all_at_once_is_dropped_rather_than_heard_late() -> None:
     assert buffer.pull(320)[0][0] > 9500, "the newest is heard"
 
 
-def test_what_piled_up_is_made_up_for_in_the_next_pause_and_no_word_is_lost() -> None:
+def test_a_backlog_is_made_up_for_in_the_next_pause_without_losing_a_word() -> None:
     buffer = JitterBuffer(RATE_HZ, most_s=2.0)
     loud, quiet = np.full(320, 5000, np.int16), np.full(320, 100, np.int16)
     for _ in range(25):  # half a second that arrives while the output opens
@@ -78,7 +78,7 @@ def sound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SoundServ
 
 
 @pytest.mark.long
-def test_what_is_played_is_heard_when_it_says_and_reported_whole(sound: SoundServer) -> None:
+def test_playback_starts_when_reported_and_is_reported_completely(sound: SoundServer) -> None:
     tone = (np.sin(np.arange(RATE_HZ // 2) * 0.3) * 12000).astype(np.int16)
     with sound.stamped() as recording:
         playback = Body(run_playback)

@@ -92,7 +92,7 @@ def test_of_the_system_prompt_nothing_is_cut() -> None:
     assert long in reply_messages(ReplyGrounds(long, "Hi."), with_examples=False)[0].content
 
 
-def test_what_stays_the_same_comes_first_so_that_it_is_read_once() -> None:
+def test_constant_parts_come_first_so_that_they_are_cached() -> None:
     turns = [event("u1", "finished", "Hello.")]
     first = asked("Where?", conversation=turns, people=["P1"])
     turns.append(event("u2", "finished", "Hi.", speaker="participant"))

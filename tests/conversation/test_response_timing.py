@@ -66,7 +66,7 @@ def test_a_filler_and_then_the_first_that_is_none() -> None:
     assert gaps_s(timed) == [("p", "f", "filler", 0.8), ("p", "r", "typed", 3.0)]
 
 
-def test_who_speaks_over_a_person_answers_before_they_are_done() -> None:
+def test_an_answer_over_a_speaker_precedes_their_end() -> None:
     timed = told(heard("p", "started", 1.0), said("r", "started", 1.8, "phrase"), heard("p", "finished", 2.5))
     assert gaps_s(timed) == [("p", "r", "phrase", -0.7)]
 
@@ -77,7 +77,7 @@ def test_an_answer_may_come_before_its_turn_was_understood() -> None:
     assert gaps_s(timed) == [("p", "r", "typed", 0.4)]
 
 
-def test_who_breaks_in_on_the_robot_was_not_answered_by_that() -> None:
+def test_an_interruption_of_the_robot_was_not_answered_by_it() -> None:
     timed = told(said("r", "started", 1.0), heard("p", "started", 1.5), heard("p", "finished", 2.0))
     assert timed == []
 
@@ -91,7 +91,7 @@ def test_only_the_newest_turn_is_answered_and_noise_is_none() -> None:
     assert gaps_s(timed) == [("p2", "r", "typed", 1.0)]
 
 
-def test_what_was_said_during_noise_answers_the_turn_before() -> None:
+def test_speech_during_noise_answers_the_turn_before() -> None:
     timed = told(
         heard("p", "finished", 2.0), heard("noise", "started", 2.5), said("r", "started", 2.8),
         heard("noise", "failed", 3.4),
@@ -99,18 +99,18 @@ def test_what_was_said_during_noise_answers_the_turn_before() -> None:
     assert gaps_s(timed) == [("p", "r", "typed", 0.8)]
 
 
-def test_what_comes_after_half_a_minute_is_no_answer() -> None:
+def test_an_utterance_after_half_a_minute_is_no_answer() -> None:
     assert told(heard("p", "finished", 2.0), said("r", "started", 32.5)) == []
 
 
-def test_what_the_robot_itself_said_into_the_microphone_was_no_turn() -> None:
+def test_robot_speech_in_the_microphone_was_no_turn() -> None:
     wrong = UtteranceCorrected(2 * S, "p", speaker="robot")
     assert told(heard("p", "finished", 2.0), wrong, said("r", "started", 3.0)) == []
     who = UtteranceCorrected(2 * S, "p", person_id="p-7")
     assert [one.person_id for one in told(heard("p", "finished", 2.0), who, said("r", "started", 3.0))] == ["p-7"]
 
 
-def test_what_the_robot_says_automatically_is_nobody_s_answer() -> None:
+def test_unprompted_robot_speech_is_no_answer() -> None:
     assert told(heard("p", "finished", 2.0), said("r", "started", 3.0, "heard")) == []
 
 

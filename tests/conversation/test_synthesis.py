@@ -217,7 +217,7 @@ def test_silence_is_heard_at_once_and_drops_what_waits(sound: SoundServer, start
 
 
 @pytest.mark.long
-def test_what_is_played_is_reported_as_it_begins_and_when_it_is_cut_off(
+def test_playback_is_reported_as_it_begins_and_when_it_is_cut_off(
     sound: SoundServer, start_speech: StartSpeech
 ) -> None:
     speech = start_speech(sound)
@@ -423,7 +423,7 @@ def test_a_computer_without_a_voice_says_what_to_install(
     speech.wait_state("u2", "finished")
 
 
-def test_what_cannot_be_said_is_refused_with_the_reason(start_speech: StartSpeech) -> None:
+def test_an_unspeakable_text_is_refused_with_the_reason(start_speech: StartSpeech) -> None:
     speech = start_speech(None)
     speech.wait_ready()
     speech.say("u1", "word " * MAX_UTTERANCE_CHARACTERS)

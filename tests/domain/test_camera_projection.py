@@ -41,7 +41,7 @@ def test_the_floor_point_of_a_pixel_is_seen_in_that_pixel(
     assert camera.pixel_of(*point, 0.0) == pytest.approx((u_px, v_px), abs=1e-4)
 
 
-def test_what_is_behind_the_camera_has_no_pixel() -> None:
+def test_a_point_behind_the_camera_has_no_pixel() -> None:
     assert CAMERA.pixel_of(-1.0, 0.0, 1.0) is None
 
 

@@ -37,7 +37,7 @@ def test_a_value_alone_keeps_its_type_and_within_a_text_becomes_text() -> None:
     assert fill_template(template, 0.5) == {"data": 0.5, "text": "at 0.5 %", "list": [0.5, 1], "other": 2}
 
 
-def test_what_is_written_is_accepted_and_reads_back_the_same() -> None:
+def test_a_written_definition_is_accepted_and_reads_back_the_same() -> None:
     for control in CONTROLS:
         data = data_of(RobotControl, control)
         assert list(problems(RobotControl, data)) == []

@@ -93,7 +93,7 @@ CASES: list[Case] = [
 
 
 @pytest.mark.parametrize(("name", "type_name", "message", "wanted"), CASES)
-def test_what_is_sent_says_what_a_control_does(
+def test_the_sent_value_states_what_a_control_does(
     name: str, type_name: str, message: dict[str, Any], wanted: ControlClass
 ) -> None:
     assert control_class(name, type_name, message, ROBOT) == wanted

@@ -31,7 +31,7 @@ def failing(number: int) -> Callable[..., int]:
 
 
 @pytest.mark.parametrize("call", ["write", "fsync", "replace"])
-def test_what_fails_leaves_the_old_file_and_nothing_else(
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(
     path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
     monkeypatch.setattr(os, call, failing(errno.EIO))

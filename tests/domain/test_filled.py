@@ -122,7 +122,7 @@ def test_the_console_reports_it_in_the_wizards_language() -> None:
 
 
 @pytest.mark.usefixtures("german")
-def test_what_was_retained_as_plain_text_is_found_again() -> None:
+def test_a_text_stored_as_plain_text_is_found_again() -> None:
     texts = (*GERMAN, "{camera}: {why}.")
     kept = (
         broke_off("the {hall}: left"), localized("%n pictures of {camera} are lost.", camera="A\nB"),

@@ -72,7 +72,7 @@ def _is_needed(field: "dataclasses.Field[Any]") -> bool:
     return field.default is field.default_factory is dataclasses.MISSING
 
 
-def test_what_json_does_not_know_is_a_number_in_a_scan_and_comes_back() -> None:
+def test_an_infinite_range_is_a_number_and_comes_back() -> None:
     numbers = [1.5, np.inf, -np.inf, np.nan, 0.25]
     for fields in ({}, {"intensities": np.array([7.0, np.nan, 1.0, np.inf, 0.0], np.float32)}):
         value = scan(numbers, **fields)
@@ -148,7 +148,7 @@ def test_messages_of_older_versions_are_read() -> None:
         assert to_jsonable(from_message(BY_TYPE[type(value)], message)) == to_jsonable(value)
 
 
-def test_what_is_none_is_not_written_and_reads_as_none() -> None:
+def test_none_is_not_written_and_reads_as_none() -> None:
     removed = PlacesChanged(1, "kitchen", None)
     assert written(removed) == {"stamp_ns": 1, "name": "kitchen", "actor": ""}
     assert from_message(BY_TYPE[PlacesChanged], written(removed)) == removed
@@ -236,6 +236,6 @@ def test_the_moment_is_that_of_the_message() -> None:
         (Problem(1, "loud", "", "", ""), "loud"),  # type: ignore[arg-type]
     ],
 )
-def test_what_would_not_be_read_as_it_is_declared_is_not_written(value: Any, said: str) -> None:
+def test_an_unreadable_value_is_not_written(value: Any, said: str) -> None:
     with pytest.raises((TypeError, ValueError), match=said):
         to_message(BY_TYPE[type(value)], value, at_utc_ns=NOON_NS)

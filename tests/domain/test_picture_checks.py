@@ -28,12 +28,12 @@ def test_large_pictures_keep_their_shape() -> None:
         (np.zeros(64, np.uint8), "64"),
     ],
 )
-def test_what_cannot_be_shown_is_refused(image: np.ndarray, said: str) -> None:
+def test_an_undisplayable_image_is_refused(image: np.ndarray, said: str) -> None:
     with pytest.raises(PictureError, match=said):
         fitted(image)
 
 
-def test_what_fits_is_not_copied() -> None:
+def test_a_fitting_image_is_not_copied() -> None:
     image = np.zeros((48, 64, 3), np.uint8)
     assert np.shares_memory(fitted(image), image)
 

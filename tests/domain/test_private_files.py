@@ -44,7 +44,7 @@ def test_a_study_of_an_earlier_version_is_narrowed_once_and_its_surroundings_are
     assert open_study_folder(tmp_path).narrowed == 0
 
 
-def test_what_is_executable_stays_so_and_what_is_not_there_does_not_matter(tmp_path: Path) -> None:
+def test_an_executable_stays_one_and_a_missing_file_does_not_matter(tmp_path: Path) -> None:
     script = tmp_path / "script"
     script.touch(0o755)
     assert narrow([script, tmp_path / "nothing"]) == 1
@@ -62,7 +62,7 @@ def test_a_shared_study_stays_open_to_the_group(tmp_path: Path, monkeypatch: pyt
 
 @pytest.mark.parametrize(("shared", "folders", "files"), [("", 0o700, 0o600), ("1", 0o770, 0o660)])
 @pytest.mark.long("1-*")
-def test_what_a_command_and_its_children_write_is_private_unless_it_is_shared(
+def test_files_of_a_command_and_its_children_are_private_unless_shared(
     tmp_path: Path, shared: str, folders: int, files: int
 ) -> None:
     """The search index (SQLite, with its log) next to the sessions, and an export of several formats."""

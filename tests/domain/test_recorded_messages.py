@@ -36,7 +36,7 @@ def test_a_reason_is_said_with_its_values_and_they_too_where_they_are_texts() ->
 
 @pytest.mark.usefixtures("trial_language")
 @pytest.mark.parametrize("words", ["", "Ana wrote this by hand", "7.5", "/cmd_vel", "Ana. " * 200 + "broke off."])
-def test_what_is_no_text_of_the_program_stays(words: str) -> None:
+def test_a_text_that_is_not_the_programs_stays(words: str) -> None:
     assert type(retranslate(words)) is str
 
 

@@ -139,7 +139,7 @@ def is_a(kind: Any, value: Any) -> bool:
 
 
 @pytest.mark.parametrize("kind", BY_TYPE, ids=lambda kind: kind.__name__)
-def test_whatever_stands_in_a_record_becomes_a_whole_value_or_a_value_error(kind: Any) -> None:
+def test_any_content_of_a_record_becomes_a_value_or_a_value_error(kind: Any) -> None:
     plain = example(kind)
     assert is_a(kind, from_jsonable(kind, plain))
     refused = 0

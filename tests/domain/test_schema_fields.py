@@ -175,7 +175,7 @@ def test_a_key_that_is_near_two_is_taken_for_the_one_that_is_not_given_yet() -> 
     ]
 
 
-def test_what_is_written_reads_back_the_same() -> None:
+def test_a_written_value_reads_back_the_same() -> None:
     for shelf in (
         Shelf(3, 0.8),
         Shelf(1, 1.25, "pine", (Lamp("a", 1.5), Lamp("b")), ("red",), "B2", Book("Zen")),
@@ -316,7 +316,7 @@ FITTING: dict[str, Any] = {"corner": {"at_cm": [50, 20]}, "bulb": {"watts": 5}, 
         ({"label": None}, ("label",), "'label' must be true or false, a number or text, found nothing."),
     ],
 )
-def test_what_holds_between_keys_is_declared_too(
+def test_constraints_between_keys_are_declared_too(
     wrong: dict[str, Any], path: tuple[str | int, ...], sentence: str
 ) -> None:
     data = FITTING | wrong

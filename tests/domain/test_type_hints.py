@@ -82,7 +82,7 @@ def test_a_value_declared_by_aliases_comes_back_as_it_was(kind: Any) -> None:
 
 @pytest.mark.parametrize("field", ["ranges_m", "cells", "depths_mm", "word", "points", "number", "texts"])
 @pytest.mark.parametrize("kind", [Aliased, Plain])
-def test_what_does_not_fit_an_alias_is_refused(kind: Any, field: str) -> None:
+def test_a_value_that_does_not_fit_an_alias_is_refused(kind: Any, field: str) -> None:
     plain = to_jsonable(kind(**VALUE))
     from_jsonable(kind, plain)
     with pytest.raises(ValueError, match=r"expected|not one of"):

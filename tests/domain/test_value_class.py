@@ -96,7 +96,7 @@ def test_values_go_through_a_pipe_and_are_copied(values: Any) -> None:
         assert copy.deepcopy(value) == value
 
 
-def test_what_is_frozen_is_neither_set_nor_deleted() -> None:
+def test_a_frozen_value_is_neither_set_nor_deleted() -> None:
     value = Ours(1)
     for change in (lambda: setattr(value, "x", 2), lambda: setattr(value, "other", 2), lambda: delattr(value, "x")):
         with pytest.raises(dataclasses.FrozenInstanceError):
@@ -109,7 +109,7 @@ def test_what_is_frozen_is_neither_set_nor_deleted() -> None:
         hash(changing)
 
 
-def test_what_is_made_again_is_made_each_time() -> None:
+def test_a_default_factory_runs_each_time() -> None:
     assert Longer(1, by_name="").more is not Longer(1, by_name="").more
     given_list = [1]
     assert Changing(1, given_list).items is given_list
@@ -120,7 +120,7 @@ def test_what_is_made_again_is_made_each_time() -> None:
             items: list[int] = []  # noqa: RUF012 - tests the refusal
 
 
-def test_what_is_wrong_is_refused_as_ever() -> None:
+def test_a_wrong_value_is_refused() -> None:
     for wrong in (Ours, lambda: Ours(1, (), "", 3, 4), lambda: Ours(y=1), lambda: ByName(1), lambda: Longer(1)):
         with pytest.raises(TypeError):
             wrong()  # type: ignore[operator]
@@ -156,7 +156,7 @@ def test_one_that_holds_itself_can_be_shown() -> None:
     assert "..." in repr(value)
 
 
-def test_what_has_no_fields_and_what_holds_arrays() -> None:
+def test_values_without_fields_and_with_arrays() -> None:
     assert Empty() == Empty()
     assert hash(Empty()) == hash(())
     array = np.zeros(3)

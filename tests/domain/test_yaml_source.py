@@ -65,7 +65,7 @@ def test_scalars_are_what_they_look_like(text: str, value: object) -> None:
         ("[" * 5000, 1, "nested more than 40 levels deep"),
     ],
 )
-def test_what_is_refused_is_reported_with_its_line(text: str, line: int, words: str) -> None:
+def test_a_refusal_is_reported_with_its_line(text: str, line: int, words: str) -> None:
     with pytest.raises(YamlSourceError) as caught:
         parse_yaml(text)
     assert words in str(caught.value)

@@ -12,7 +12,7 @@ def test_the_faces_that_come_with_the_program_can_be_worn(tmp_path: Path) -> Non
         assert load_face(name, tmp_path).name == name
 
 
-def test_what_was_changed_is_there_again_and_ones_own_goes_first(tmp_path: Path) -> None:
+def test_a_changed_face_is_loaded_and_goes_before_the_shipped_one(tmp_path: Path) -> None:
     mine = replace(load_face("calm", tmp_path), blink_every_s=9.0, ink="#00ff00")
     save_face(mine, tmp_path)
     assert load_face("calm", tmp_path) == mine

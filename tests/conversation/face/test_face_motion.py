@@ -60,7 +60,7 @@ def test_a_voice_that_nobody_hears_here_moves_the_mouth_in_syllables_until_it_en
     assert 8 <= opened <= 24
 
 
-def test_what_is_drawn_follows_the_look() -> None:
+def test_the_drawing_follows_the_gaze() -> None:
     face = UNBLINKING
     plain = drawing_of(face, FaceState())
     right = drawing_of(face, FaceState(gaze_right=1.0, gaze_up=1.0))

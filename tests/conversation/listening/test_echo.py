@@ -96,7 +96,7 @@ def test_of_the_robot_alone_nothing_is_left_from_its_first_syllable_on(seed: int
     assert (heard.share(0.55, 3.1) or 0) > 0.96
 
 
-def test_who_speaks_over_the_robot_is_left_as_they_were() -> None:
+def test_speech_over_the_robot_is_unchanged() -> None:
     somebody = _padded(_SOMEBODY, 1.5, 3.6)
     heard = _hear(_echo() + somebody, _played())
     wanted = _part(somebody, 1.5, 2.5)
@@ -126,7 +126,7 @@ def test_the_share_is_reported_while_it_is_heard() -> None:
     assert shares[seconds < 0.4, 1].max() == 0.0
 
 
-def test_what_is_reported_100_ms_late_is_taken_out_from_then_on_and_known_in_hindsight() -> None:
+def test_an_echo_reported_100_ms_late_is_removed_and_known_in_hindsight() -> None:
     echo = _echo()
     heard = _hear(echo, _played(), late_s=0.1)
     assert _less_db(_part(echo, 0.9, 3.1), heard.between(0.9, 3.1)) > 15
@@ -161,7 +161,7 @@ def test_a_robot_that_is_heard_seconds_later_than_told_is_known_in_hindsight_and
     assert (heard.share(at_s + 0.55, at_s + 3.0) or 0) > 0.9
 
 
-def test_what_was_given_before_the_robot_was_found_is_given_once_more_without_it() -> None:
+def test_sound_before_the_robot_was_found_is_given_once_more_without_it() -> None:
     canceller = EchoCanceller()
     canceller.play(_played())
     first, by_now = np.zeros(0, np.float32), np.zeros(0, np.float32)
@@ -188,7 +188,7 @@ def test_a_loudspeaker_that_falls_behind_in_mid_sentence_is_found_again() -> Non
 
 
 @pytest.mark.parametrize("lost_s", [0.1, 0.5])
-def test_what_was_known_before_sound_was_lost_is_known_behind_it(lost_s: float) -> None:
+def test_the_learnt_echo_survives_lost_sound(lost_s: float) -> None:
     echo, canceller = _echo(), EchoCanceller()
     canceller.play(_played())
     chunks = chunks_of(echo + _noise(len(echo)), _START_NS, "robot microphone")

@@ -48,7 +48,7 @@ def test_a_word_that_dips_is_one_voice() -> None:
     assert Talk().hear(1, 0.9).hear(0.1, 0.1).hear(1, 0.9).said == ["began"]
 
 
-def test_who_sounds_finished_is_not_waited_for_and_who_does_not_is_given_time() -> None:
+def test_a_finished_speaker_is_not_waited_for_and_an_unfinished_one_is() -> None:
     def waited_s(turn_over: float | None) -> float:
         talk = Talk().hear(2, 0.9).hear(4, 0, turn_over=turn_over)
         return talk.changes[-1][1] - talk.turns.voice_ended_ns / 1e9
@@ -92,7 +92,7 @@ def test_one_long_pause_changes_little() -> None:
     assert silence.seconds - before_s < 0.2
 
 
-def test_who_speaks_on_after_being_cut_off_is_given_more_time() -> None:
+def test_a_speaker_who_was_cut_off_gets_more_time() -> None:
     silence = SilenceOfPeople()
     at_first_s = silence.seconds
     talk = Talk(silence)

@@ -17,11 +17,11 @@ def _stored(text: str, seconds: float) -> str:
 
 
 @pytest.mark.parametrize("again", [QUESTION, "Hello, can the robot arm hurt people when", "hello can the robot"])
-def test_what_comes_twice_in_the_time_of_once_was_said_once_also_where_it_breaks_off(again: str) -> None:
+def test_words_repeated_too_fast_count_once_also_where_they_break_off(again: str) -> None:
     assert _stored(f"{QUESTION} {again}", 2.7) == QUESTION
 
 
-def test_who_asks_twice_is_heard_twice() -> None:
+def test_a_question_asked_twice_is_transcribed_twice() -> None:
     assert _stored(f"{QUESTION} {QUESTION}", 6.0) == f"{QUESTION} {QUESTION}"
     assert _stored("No no no, not that one", 1.5) == "No no no, not that one"
 
@@ -61,12 +61,12 @@ def test_a_word_of_one_language_is_not_taken_for_a_subtitle_of_another() -> None
         "字幕由 Amara.org 社群提供", "字幕志愿者 杨栋梁", "자막 제공: 배달의민족",
     ],
 )  # fmt: skip
-def test_who_made_subtitles_is_never_said(text: str) -> None:
+def test_subtitle_credits_are_never_transcribed(text: str) -> None:
     assert is_nothing(text, no_speech=0.0, log_probability=-0.1, language="en")
 
 
 @pytest.mark.parametrize(
     "text", ["Can I see the subtitles?", "Gibt es Untertitel?", "Where is the lab?", "Merci, au revoir"]
 )
-def test_what_is_only_near_it_is_heard(text: str) -> None:
+def test_words_that_are_only_similar_to_it_are_transcribed(text: str) -> None:
     assert not is_nothing(text, no_speech=0.6, log_probability=-0.5, language="en")

@@ -21,7 +21,7 @@ def test_words_are_committed_once_two_passes_agree() -> None:
     assert (words.committed, words.tentative) == ("I came here with", "my sister")
 
 
-def test_what_is_committed_never_changes_whatever_comes_later() -> None:
+def test_committed_words_never_change() -> None:
     chance = np.random.default_rng(3)
     vocabulary = ["where", "is", "the", "old", "robot", "tram", "lab", "please", "thank", "you"]
     for _ in range(100):

@@ -81,7 +81,7 @@ def recogniser() -> Iterator[Talk]:
     assert process.exitcode == 0
 
 
-def test_what_is_said_becomes_text_with_the_moments_of_its_voice(recogniser: Talk) -> None:
+def test_speech_becomes_text_with_the_times_of_its_voice(recogniser: Talk) -> None:
     voice = spoken(SAID)
     before_s, voice_s = 1.0, len(voice) / RATE_HZ
     first_ns = recogniser.hear(ROBOT_MICROPHONE, np.concatenate((room(before_s), voice, room(3.5))))

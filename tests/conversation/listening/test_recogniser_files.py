@@ -70,7 +70,7 @@ def test_a_named_one_is_next_to_the_scenario_or_in_a_models_folder(tmp_path: Pat
         ({"model": "http://127.0.0.1:1/m.zip", "sha256": "0" * 64}, "this computer is offline"),
     ],
 )
-def test_what_was_configured_is_never_replaced(folders: tuple[Path, Path], change: dict[str, Any], words: str) -> None:
+def test_a_configured_file_is_never_replaced(folders: tuple[Path, Path], change: dict[str, Any], words: str) -> None:
     _model(folders[0] / "small")
     with pytest.raises(NoEngineError, match=words):
         find_recogniser(replace(SETTINGS, **change), folders=folders)

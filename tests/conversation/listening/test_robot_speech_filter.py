@@ -42,7 +42,7 @@ def _robot(
     ],
 )
 @pytest.mark.parametrize("echo_share", [None, 0.8])
-def test_what_the_robot_says_is_its_own_also_in_part_or_misheard(
+def test_robot_speech_is_recognised_also_in_part_or_misheard(
     heard: str, from_s: float, until_s: float, echo_share: float | None
 ) -> None:
     assert _robot().is_robots(heard, _ns(from_s), _ns(until_s), echo_share) > 0.6
@@ -63,9 +63,7 @@ def test_it_is_its_own_while_it_is_still_being_said(heard: str) -> None:
         ("yes", 12.5, 13.0),
     ],
 )
-def test_who_answers_with_the_same_words_or_says_others_is_not_the_robot(
-    heard: str, from_s: float, until_s: float
-) -> None:
+def test_an_answer_with_the_same_or_other_words_is_not_the_robot(heard: str, from_s: float, until_s: float) -> None:
     assert _robot().is_robots(heard, _ns(from_s), _ns(until_s)) < 0.5
     assert _robot().is_robots(heard, _ns(from_s), _ns(until_s), 0.55) < 0.5
 
@@ -140,7 +138,7 @@ def test_the_first_words_are_the_robots_though_they_are_heard_late_as_long_as_it
     assert words.is_robots("Hello", _ns(13.6), _ns(14.1)) == 0.0, "an answer to it"
 
 
-def test_who_says_once_more_what_was_heard_is_not_the_robot() -> None:
+def test_a_person_who_repeats_the_robot_is_not_the_robot() -> None:
     words = _robot()
     words.was_heard(_SAYS, _ns(10.2), _ns(13.2))
     assert words.is_robots(_SAYS, _ns(13.5), _ns(16.5)) == 0.0
@@ -176,7 +174,7 @@ def test_two_sentences_may_be_one_turn() -> None:
     assert words.is_robots(transcribed, _ns(10.1), _ns(15.1)) > 0.9
 
 
-def test_what_could_not_be_said_is_nobodys() -> None:
+def test_a_failed_utterance_is_not_attributed() -> None:
     words = _robot(ended=False)
     words.robot_says(_told("failed", 10.2))
     assert words.is_robots(_SAYS, _ns(10.1), _ns(13.1)) == 0.0
@@ -195,7 +193,7 @@ def _heard(text: str, from_s: float, until_s: float) -> list[tuple[str, int]]:
 
 
 @pytest.mark.parametrize("robots", [_SAYS, "Could you like to sea the kitchen all the lab thirst."])
-def test_who_takes_up_at_once_what_the_robot_said_has_their_own_words_alone(robots: str) -> None:
+def test_a_person_who_repeats_the_robot_at_once_keeps_only_their_words(robots: str) -> None:
     theirs = "The kitchen, please, I am hungry."
     words = [*_heard(robots, 10.1, 13.1), *_heard(theirs, 13.2, 15.0)]
     first = _robot().robots_beginning(words, _ns(10.1))
@@ -266,7 +264,7 @@ def test_other_words_of_the_same_sounds_are_the_robots_while_it_says_them(
 
 
 @pytest.mark.long
-def test_what_participants_say_over_a_robot_does_not_sound_like_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_speech_over_the_robot_does_not_resemble_it(monkeypatch: pytest.MonkeyPatch) -> None:
     def dropped() -> list[tuple[str, str, float]]:
         return [
             (says, heard_text, begins_s)

@@ -85,9 +85,7 @@ def test_a_server_that_reports_the_text_alone_will_do(server: Server) -> None:
         (200, b" " * 1_100_000, "cannot be reached"),
     ],
 )
-def test_what_a_server_does_wrong_is_reported_and_the_key_is_not(
-    server: Server, status: int, body: bytes, words: str
-) -> None:
+def test_a_server_error_is_reported_without_the_key(server: Server, status: int, body: bytes, words: str) -> None:
     asked = engine(server.address)
     server.status, server.body = status, body
     with pytest.raises(EngineUnavailableError, match=words) as told:

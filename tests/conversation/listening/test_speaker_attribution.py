@@ -35,7 +35,7 @@ def test_it_is_who_faces_the_robot_and_stands_near_or_nobody_is_sure(here: tuple
     assert _who(*here) == who
 
 
-def test_who_was_here_while_it_was_said_counts_not_who_came_then() -> None:
+def test_people_present_during_the_speech_count_and_later_ones_do_not() -> None:
     people = PeopleHere()
     people.note(_s(1), (_LUIS,))
     people.note(_s(11.8), (Here("p-anna", facing=True, distance_m=0.8),))
@@ -58,7 +58,7 @@ def test_how_likely_it_is_falls_with_the_distance_and_stays_for_who_is_alone() -
     assert 0.5 == confidences[-1] < confidences[0] < 1.0
 
 
-def test_what_was_long_ago_is_forgotten_but_not_who_is_still_here() -> None:
+def test_former_people_are_dropped_but_not_present_ones() -> None:
     people = PeopleHere()
     people.note(_s(1), (_LUIS,))
     people.note(_s(2), (_LUIS,))

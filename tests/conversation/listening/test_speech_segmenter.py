@@ -298,7 +298,7 @@ def test_a_robot_that_reports_its_sentence_afterwards_gets_its_turns_back(pause_
     ],
     ids=["it answers with their words", "it says something else", "long after", "it tells exactly when"],
 )
-def test_what_a_robot_says_later_takes_no_turn_from_the_participant(says: str, after_s: float, estimated: bool) -> None:
+def test_later_robot_speech_takes_no_turn_from_the_participant(says: str, after_s: float, estimated: bool) -> None:
     own_words = RobotSpeechFilter()
     bench = Bench(own_words=own_words)
     bench.answer = lambda stretch: _said(stretch.sound, {9000: ROBOT_SAYS})
@@ -309,7 +309,7 @@ def test_what_a_robot_says_later_takes_no_turn_from_the_participant(says: str, a
     assert not [each for each in bench.told if isinstance(each, UtteranceCorrected)]
 
 
-def test_who_speaks_over_the_robot_is_notified_of_with_their_first_words_and_when_they_began() -> None:
+def test_speech_over_the_robot_is_reported_with_its_first_words_and_start() -> None:
     bench = Bench().hear(1)
     bench.ear.another_spoke()
     bench.say(3.2)
@@ -320,7 +320,7 @@ def test_who_speaks_over_the_robot_is_notified_of_with_their_first_words_and_whe
 
 
 @pytest.mark.parametrize("silent_s", [0.3, 0.4])
-def test_what_turns_out_to_have_been_the_robot_is_not_listened_to_again(silent_s: float) -> None:
+def test_a_turn_that_proves_to_be_the_robot_is_not_transcribed_again(silent_s: float) -> None:
     bench = Bench(turn_over=0.0).hear(1.03).say(2).hear(silent_s)
     before = bench.asked[-1]
     known_s = np.where(np.arange(3 * RATE_HZ) < 2 * RATE_HZ, 0.0, 8000 / 32768)

@@ -6,7 +6,7 @@ from caris_desktop.conversation.listening.speech_segmenter import goes_on, with_
 
 
 @pytest.mark.parametrize("text", ["I came here with the", "I came here with the.", "We went there because", "And um"])
-def test_who_stops_where_nobody_ends_continues(text: str) -> None:
+def test_an_ending_that_is_unusual_continues(text: str) -> None:
     assert with_words(0.95, text, "en") <= 0.1
 
 
@@ -17,7 +17,7 @@ def test_who_stops_where_nobody_ends_continues(text: str) -> None:
         "When I was a child", "If that is possible today.", "I do not think that it's", "Yes, maybe,", "And then...",
     ],
 )  # fmt: skip
-def test_what_sentences_hardly_end_with_continues(text: str) -> None:
+def test_a_word_that_rarely_ends_a_sentence_continues(text: str) -> None:
     assert goes_on(text, "en")
 
 
@@ -28,12 +28,12 @@ def test_what_sentences_hardly_end_with_continues(text: str) -> None:
         "When I was a child, we came here every summer", "It was raining. We took a taxi", "What is it for?", "",
     ],
 )  # fmt: skip
-def test_what_may_be_all_of_it_does_not(text: str) -> None:
+def test_a_complete_sentence_does_not_continue(text: str) -> None:
     assert not goes_on(text, "en")
 
 
 @pytest.mark.parametrize("text", ["Where are you from?", "Yes, I do.", "That is kind of you."])
-def test_who_ends_with_a_small_word_may_have_finished(text: str) -> None:
+def test_a_short_last_word_may_be_the_end(text: str) -> None:
     assert with_words(0.9, text, "en") > with_words(0.9, "Somebody walked", "en") + 0.15
 
 

@@ -304,7 +304,7 @@ def status(line: str, body: bytes = b"") -> bytes:
         ("openai", b"", "connection"),
     ],
 )
-def test_what_is_no_answer_becomes_a_clear_error(provider: str, reply: bytes, expected: str) -> None:
+def test_an_invalid_answer_becomes_a_clear_error(provider: str, reply: bytes, expected: str) -> None:
     error = refused(sends(reply), provider=provider)
     assert expected in f"{error.what} {error.advice}"
     assert error.what and error.meaning and error.advice
@@ -512,7 +512,7 @@ def test_the_time_that_a_server_requests_is_given_up_to_a_bound(
 
 
 @pytest.mark.logs("answered with HTTP status")
-def test_what_is_wrong_for_good_is_asked_once() -> None:
+def test_a_permanent_error_is_requested_once() -> None:
     for line in ("400 Bad Request", "401 Unauthorized", "404 Not Found"):
         _told, served = refused_by(in_turn(status(line), GOOD))
         assert len(served.bodies) == 1

@@ -111,7 +111,7 @@ def asked(
         f"<think></think>{ANSWER}</s>",
     ],
 )
-def test_what_a_model_thinks_is_not_said_wherever_it_is_cut(written: str, size: int) -> None:
+def test_reasoning_is_not_spoken_wherever_it_is_cut(written: str, size: int) -> None:
     answers, notes, _ = asked(lambda _body: sse(*words(written, size), STOP))
     assert answers == [ANSWER]
     assert notes.reasoned is ("think></think" not in written and "im_end" not in written)
@@ -160,7 +160,7 @@ def test_a_model_that_thinks_without_end_is_abandoned(provider: str, head: bytes
     assert "reasoned for 0.5 s" in error.what and "does not reason" in error.advice
 
 
-def test_what_only_looks_like_a_mark_is_said() -> None:
+def test_text_that_only_resembles_a_mark_is_spoken() -> None:
     written = "If x < 5 [see 1] then <b>this</b> ◁ is | said: a <= b, <thin> and [T"
     assert asked(lambda _body: sse(*words(written, 2), STOP))[0] == [written]
 

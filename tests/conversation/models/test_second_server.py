@@ -115,7 +115,7 @@ def test_a_server_that_knows_a_json_object_only_is_asked_for_that_at_once() -> N
     ]
 
 
-def test_what_it_refuses_both_ways_is_left_out() -> None:
+def test_a_field_that_it_refuses_in_both_forms_is_left_out() -> None:
     second = refusal("400 Bad Request", {"error": {"message": "response_format is unknown"}})
     answer = sends(SSE_HEAD, chunk(BEGIN), word("{}"), chunk(END), DONE)
     text, served = asked_with_schema(in_turn(refusal("400 Bad Request", NO_JSON_SCHEMA), second, answer))

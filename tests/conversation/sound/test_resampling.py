@@ -17,7 +17,7 @@ def test_a_tone_is_the_same_tone_at_the_same_moment(from_hz: int) -> None:
     assert np.abs(out[middle] - wanted[middle]).max() < 1e-3
 
 
-def test_what_the_lower_rate_cannot_hold_is_left_out() -> None:
+def test_frequencies_above_the_lower_rate_are_removed() -> None:
     out = resampled(_tone(48_000, 10_000.0), 48_000, 16_000)
     assert np.abs(out[800:7_000]).max() < 1e-3
 

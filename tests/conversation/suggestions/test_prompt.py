@@ -19,7 +19,7 @@ def test_nothing_that_is_said_and_no_name_ends_its_quotation(hostile: str) -> No
     assert not set("<>[]\\\u2028\u0000\u001b\u202e") & set(user_message.content)
 
 
-def test_what_is_too_old_is_left_out_in_portions_so_that_most_questions_begin_like_the_one_before() -> None:
+def test_old_turns_are_left_out_in_portions_so_that_prompts_share_their_beginning() -> None:
     turns = [Turn(f"u-{number}", "participant", "Yes.", "heard", "finished", 1, 2) for number in range(40)]
     told = [reported_turns(turns[:count]) for count in range(len(turns) + 1)]
     assert all(MAX_TURNS >= len(one) >= min(count, MAX_TURNS - 3) for count, one in enumerate(told))

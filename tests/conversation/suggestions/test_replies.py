@@ -80,7 +80,7 @@ def test_only_plain_whole_sentences_can_be_said(text: str, said: str) -> None:
         ("It stops as soon as it touches something.", "statement"),
     ],
 )
-def test_what_a_reply_does(text: str, intention: str) -> None:
+def test_effects_of_a_reply(text: str, intention: str) -> None:
     assert intention_of(text) == intention
 
 
@@ -120,7 +120,7 @@ def test_the_distance_of_an_edit_is_levenshteins() -> None:
     assert characters_changed("a" * 1000, "b" * 1000) == 1000
 
 
-def test_whatever_is_written_is_read_without_an_error() -> None:
+def test_any_text_is_read_without_an_error() -> None:
     random = Random(11)  # noqa: S311
     pieces = ['"', "\\", "{", "}", "[", "]", ":", ",", "\n", "a", "\\u12", "\x00", "é", json.dumps({"a": ["b"]})]
     for _ in range(300):

@@ -77,14 +77,14 @@ def test_a_round_begins_200_ms_into_a_pause_and_not_before(rounds: SuggestionCyc
     assert heard.asked == [Round("t-1", 1, "can it hurt people", 5 * S)]
 
 
-def test_who_speaks_on_gets_no_reply_to_the_half_of_it(rounds: SuggestionCycle, heard: Follower) -> None:
+def test_half_a_turn_gets_no_reply(rounds: SuggestionCycle, heard: Follower) -> None:
     rounds.add(SILENT)
     rounds.add(SPEAKING)
     rounds.pass_time(9 * S)
     assert heard.asked == []
 
 
-def test_what_is_written_after_speech_resumed_reaches_nobody(rounds: SuggestionCycle, heard: Follower) -> None:
+def test_a_reply_after_resumed_speech_is_discarded(rounds: SuggestionCycle, heard: Follower) -> None:
     first = begun(rounds, heard, "It stops at once.")
     rounds.add(SPEAKING)
     assert heard.dropped and rounds.cards == ()
@@ -182,7 +182,7 @@ def test_a_turn_whose_end_is_reported_while_a_person_speaks_again_waits_for_what
     assert [each.text for each in heard.asked] == ["Can it hurt people?"]
 
 
-def test_what_turns_out_to_be_the_robot_itself_gets_no_reply(rounds: SuggestionCycle, heard: Follower) -> None:
+def test_robot_speech_gets_no_reply(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
     rounds.on_participant(replace(FINISHED, state="failed", text=""), 6 * S)
     rounds.pass_time(9 * S)
@@ -235,7 +235,7 @@ def test_dismissed_ones_do_not_return_with_the_next_noise(rounds: SuggestionCycl
     assert len(heard.asked) == 1
 
 
-def test_what_nobody_wanted_expires_once(rounds: SuggestionCycle, heard: Follower) -> None:
+def test_an_unused_suggestion_expires_once(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
     shown_ns = rounds.cards[0].shown_ns
     rounds.pass_time(shown_ns + EXPIRES_NS - 1)

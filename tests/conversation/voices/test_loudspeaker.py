@@ -77,7 +77,7 @@ def test_the_end_of_a_sound_is_not_waited_behind() -> None:
     assert list(card.end()[140:160]) == [7] * 10 + [0] * 10
 
 
-def test_what_is_silenced_waits_for_nothing() -> None:
+def test_a_silenced_sound_waits_for_nothing() -> None:
     card = Card()
     card.sound.append(sounding(150))
     card.ask(8)

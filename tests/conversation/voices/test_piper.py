@@ -72,7 +72,7 @@ def test_rate_and_volume_are_heard(voice: PiperVoice) -> None:
     assert np.abs(fast).max() < 3277
 
 
-def test_what_nobody_wants_ends_while_it_is_made(voice: PiperVoice) -> None:
+def test_an_unused_synthesis_ends_while_it_runs(voice: PiperVoice) -> None:
     stop = Stop()
     long = "This sentence has no end and goes on and on and on about robots in laboratories. " * 8
     parts = voice.parts(long, stop)

@@ -71,7 +71,7 @@ def spoken(sound: StreamingBuffer) -> str:
     return "".join(chr(value) for value in sound.read(sound.end)[::10])
 
 
-def test_what_is_wanted_interrupts_what_is_made_ahead_and_that_is_made_later(
+def test_a_requested_text_interrupts_drafts_which_are_made_later(
     rendering: Rendering, voice: SlowVoice, say: Say
 ) -> None:
     rendering.prepare(["ab_c", "de"])
@@ -83,7 +83,7 @@ def test_what_is_wanted_interrupts_what_is_made_ahead_and_that_is_made_later(
     wait_for(lambda: voice.begun == ["ab_c", "now", "ab_c", "de"], "the others are made after it")
 
 
-def test_what_was_made_ahead_is_there_whole_and_at_once(rendering: Rendering, voice: SlowVoice, say: Say) -> None:
+def test_a_draft_is_available_completely_and_at_once(rendering: Rendering, voice: SlowVoice, say: Say) -> None:
     rendering.prepare(["ab", "cd"])
     wait_for(lambda: voice.begun == ["ab", "cd"], "both are made")
     sound, told = say("ab")
@@ -108,7 +108,7 @@ def test_nothing_more_is_made_of_what_nobody_wants(rendering: Rendering, voice: 
     assert spoken(again) == "a_b"
 
 
-def test_what_cannot_be_said_is_reported_and_the_next_is_said(rendering: Rendering, voice: SlowVoice, say: Say) -> None:
+def test_a_failed_text_is_reported_and_the_next_is_spoken(rendering: Rendering, voice: SlowVoice, say: Say) -> None:
     rendering.prepare(["!"])
     wait_for(lambda: voice.begun == ["!"], "it was tried")
     broken, _ = say("a!")
@@ -119,7 +119,7 @@ def test_what_cannot_be_said_is_reported_and_the_next_is_said(rendering: Renderi
     assert spoken(sound) == "ok"
 
 
-def test_what_is_typed_is_made_before_all_else_and_gone_on_with_when_it_is_said(
+def test_typed_text_is_synthesised_first_and_finished_when_it_is_spoken(
     rendering: Rendering, voice: SlowVoice, say: Say
 ) -> None:
     rendering.prepare(["ab_c"])

@@ -40,7 +40,7 @@ def test_of_a_whole_sound_the_loudest_sample_says_what_silence_is() -> None:
 
 
 @given(lengths=st.lists(st.integers(1, 30), min_size=1, max_size=8), frames=st.integers(1, 40))
-def test_what_is_appended_is_taken_once_and_in_order(lengths: list[int], frames: int) -> None:
+def test_appended_sound_is_read_once_and_in_order(lengths: list[int], frames: int) -> None:
     sound = StreamingBuffer(RATE_HZ, lambda: None)
     values = np.arange(1, sum(lengths) + 1, dtype=np.int16)
     places = []
@@ -67,7 +67,7 @@ def test_a_sound_of_which_nothing_was_heard_is_played_from_its_beginning() -> No
     assert (sound.over, sound.trouble) == (True, "broken")
 
 
-def test_what_is_retained_is_bounded_and_what_is_wanted_stays() -> None:
+def test_the_cache_is_bounded_and_requested_texts_stay() -> None:
     kept = SoundCache(at_most_bytes=8)
     kept.want(["phrase"])
     assert kept.put("phrase", some(1, 2))

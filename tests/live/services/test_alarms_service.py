@@ -104,7 +104,7 @@ def test_a_low_battery_is_reported_once_until_it_was_charged(desk: Desk) -> None
     assert [change.state for change in desk.told] == ["raised", "ended"]
 
 
-def test_what_was_wrong_with_one_robot_is_not_wrong_with_the_next(desk: Desk) -> None:
+def test_a_problem_of_one_robot_is_not_one_of_the_next(desk: Desk) -> None:
     desk.happens(Problem(1, "warning", "Nobody has said whether it stops.", "", "", cause="robot_timeout"))
     desk.happens(Problem(1, "warning", "Classes unknown to the detector: cake.", "", ""))
     desk.happens(RobotChosen(1, "other", "Other", "ws://127.0.0.1:1"))
@@ -162,7 +162,7 @@ def test_after_a_pause_the_record_has_what_is_wrong_still(desk: Desk) -> None:
     assert (again.state, again.alarm_id, again.times) == ("raised", first.alarm_id, 1)
 
 
-def test_what_ends_automatically_is_not_taken_as_seen_to(desk: Desk) -> None:
+def test_an_alarm_that_ends_automatically_is_not_acknowledged(desk: Desk) -> None:
     desk.state.link.set(LinkStatus("lost"))
     with pytest.raises(UserFacingError, match="still exists"):
         desk.service.dismiss(intents.DismissAlarm(desk.state.alarms.value[0].alarm_id))
@@ -205,7 +205,7 @@ def test_silent_odometry_is_an_alarm_and_a_lost_link_is_its_own(desk: Desk) -> N
     assert desk.alarms == ["link"]
 
 
-def test_what_is_told_to_be_over_is_no_alarm_any_more(desk: Desk) -> None:
+def test_an_alarm_reported_as_over_ends(desk: Desk) -> None:
     desk.happens(Problem(1, "warning", "The robot lacks something.", "", "", cause="robot_lacks"))
     desk.wait(2)
     assert desk.alarms == ["robot_lacks"]

@@ -228,7 +228,7 @@ def gather(desk: Desk) -> None:
     desk.service.follows()[Marked](Marked(5, "Laughs", mark_id="m-1", note="She likes the arm"))
 
 
-def test_what_goes_along_is_counted_and_can_be_left_out(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
+def test_context_is_counted_and_can_be_left_out(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
     desk = new_desk()
     gather(desk)
     desk.service._show_setup()

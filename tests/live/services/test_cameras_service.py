@@ -183,7 +183,7 @@ def test_another_scenario_ends_what_it_does_without_and_begins_what_it_wants(ben
 
 
 @pytest.mark.logs("bus")
-def test_what_cannot_be_used_is_reported_and_the_others_run(bench: Bench) -> None:
+def test_an_unusable_camera_is_reported_and_the_others_run(bench: Bench) -> None:
     bench.wanted = CameraSelection((DESK,), failures=(UserFacingError("No such camera.", "Not used.", "Correct it."),))
     bench.service.use_scenario(SCENARIO)
     bench.service.start()

@@ -159,7 +159,7 @@ def test_each_of_those_who_were_there_is_confirmed_for_themselves(run: Run, runs
     assert told == ["p-2", "p-1", ""], "each is recorded, and that it was all of them"
 
 
-def test_who_can_be_looked_at_no_more_keeps_nothing_open(run: Run, runs: Callable[[], Run]) -> None:
+def test_a_person_who_has_left_keeps_nothing_open(run: Run, runs: Callable[[], Run]) -> None:
     there = tuple(PersonRow(f"p-{number}", number, "", since_ns=1, last_seen_ns=2, here=True) for number in (1, 2))
     run.state.persons.set(there)
     run.record("one")
@@ -198,7 +198,7 @@ def test_the_next_recording_is_headed_by_it_and_ends_it(after_a_crash: Run) -> N
     assert run.service.step == "" and run.service.state_events(9) == [] and run.state.going_on.value.state == ""
 
 
-def test_what_is_recorded_is_asked_again_for_another_scenario(after_a_crash: Run) -> None:
+def test_consent_to_recording_is_asked_again_for_another_scenario(after_a_crash: Run) -> None:
     run = after_a_crash
     run.ask(intents.GoOnWithTrial())
     for what in get_args(intents.AsBefore):
@@ -281,7 +281,7 @@ def test_a_recording_that_ended_is_not_unfinished(run: Run, tmp_path: Path) -> N
     assert list((tmp_path / "trials").iterdir()) == []
 
 
-def test_who_does_not_want_to_continue_is_not_asked_again(after_a_crash: Run, runs: Callable[[], Run]) -> None:
+def test_a_wizard_who_does_not_resume_is_not_asked_again(after_a_crash: Run, runs: Callable[[], Run]) -> None:
     after_a_crash.ask(intents.LeaveTrial())
     assert after_a_crash.state.going_on.value.state == "" and after_a_crash.service.state_events(1) == []
     another = runs()

@@ -101,7 +101,7 @@ def test_each_change_is_sent_at_once_and_the_lease_is_renewed_until_release(
     assert len(robot.of(RenewLease)) == renewals
 
 
-def test_who_holds_it_is_notified_and_only_they_this_wizard_or_a_stop_let_go(
+def test_the_holder_is_notified_and_only_they_this_wizard_or_a_stop_release(
     driving: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     driving.drive(forward=1, left=0, turn=0, source="keyboard", actor="wizard:b")
@@ -291,7 +291,7 @@ def test_another_robot_is_not_driven_by_what_was_held_for_the_one_before(
     assert [type(command) for command in robot.sent if not isinstance(command, LimitGoals)][-1] is Release
 
 
-def test_what_limits_driving_limits_goals_too(driving: DriveService, state: LiveState, robot: RecordingRobot) -> None:
+def test_limits_of_driving_limit_goals_too(driving: DriveService, state: LiveState, robot: RecordingRobot) -> None:
     def limits() -> list[float]:
         return [command.forward_mps for command in robot.of(LimitGoals) if isinstance(command, LimitGoals)]
 
@@ -315,7 +315,7 @@ def test_what_limits_driving_limits_goals_too(driving: DriveService, state: Live
     assert len(limits()) == told + 1, "a new connection is told anew"
 
 
-def test_what_the_guard_says_is_shown_and_forgotten_with_the_link(driving: DriveService, state: LiveState) -> None:
+def test_the_state_of_the_guard_is_shown_and_dropped_with_the_link(driving: DriveService, state: LiveState) -> None:
     driving.on_robot_event(GuardChanged(clock.now_ns(), "slowing", 0.4))
     assert (state.drive.value.guard, state.drive.value.guard_distance_m) == ("slowing", 0.4)
     driving.on_robot_event(GuardChanged(clock.now_ns(), "blind", None, "no fresh scan from the LIDAR"))

@@ -212,7 +212,7 @@ def test_the_page_is_there_while_it_is_served_and_who_looks_is_counted(bench: Be
 
 
 @pytest.mark.logs(r"face page ended by itself")
-def test_what_strangers_reach_is_another_process_and_its_end_is_reported(bench: Bench) -> None:
+def test_the_face_page_is_another_process_whose_end_is_reported(bench: Bench) -> None:
     bench.do(intents.ServeFace(on=True))
     address = bench.until(lambda: bench.state.face_page.value)
     port = httpx.URL(address).port

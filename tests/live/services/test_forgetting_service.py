@@ -127,7 +127,7 @@ def test_nobody_is_forgotten_while_a_session_is_recorded(bench: Bench, state: st
 
 @pytest.mark.logs("live.bus", "forgetting ended by itself")
 @pytest.mark.parametrize(("body", "words"), [(fail, "The disk is full."), (die, "stopped unexpectedly")])
-def test_what_goes_wrong_is_reported_and_the_person_stays_known(
+def test_a_failure_is_reported_and_the_person_stays_known(
     bench: Bench, qtbot: QtBot, body: Callable[[Connection], None], words: str
 ) -> None:
     bench.body = ProcessSpec("forgetting", body)
@@ -166,7 +166,7 @@ def test_where_nobody_looks_for_people_it_is_reported_all_the_same(bench: Bench,
 
 @pytest.mark.logs("photo.png")
 @pytest.mark.usefixtures("trial_language")
-def test_what_could_not_be_done_is_said_in_the_wizards_language(bench: Bench, qtbot: QtBot, tmp_path: Path) -> None:
+def test_a_failed_step_is_reported_in_the_wizards_language(bench: Bench, qtbot: QtBot, tmp_path: Path) -> None:
     (tmp_path / "photo.png").write_bytes(b"no picture")
     bench.body = ProcessSpec("forgetting", leave_a_photo, (tmp_path / "photo.png",))
     bench.ask(intents.ForgetPerson("p-01"))

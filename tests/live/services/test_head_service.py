@@ -76,7 +76,7 @@ def test_a_nod_goes_down_and_back_to_where_it_looked(qtbot: QtBot, head: HeadSer
     assert [(sent.pan_rad, sent.tilt_rad) for sent in robot.sent] == [(0.3, pytest.approx(0.15)), (0.3, -0.1)]
 
 
-def test_what_turns_the_head_ends_a_nod(qtbot: QtBot, head: HeadService, robot: RecordingRobot) -> None:
+def test_head_commands_end_a_nod(qtbot: QtBot, head: HeadService, robot: RecordingRobot) -> None:
     head.nod()
     head.turn_to(pan_rad=0.5, tilt_rad=0.0)
     qtbot.wait(600)
@@ -120,7 +120,7 @@ def test_a_turn_begins_where_the_head_is(head: HeadService, state: LiveState, ro
 
 
 @pytest.mark.parametrize("ending", ["emergency stop", "link lost", "another robot", "not taken"])
-def test_what_ends_a_turn(
+def test_events_that_end_a_turn(
     qtbot: QtBot, head: HeadService, state: LiveState, robot: RecordingRobot, ending: str
 ) -> None:
     head.turn_head(pan=0.2, tilt=0.0)

@@ -75,7 +75,7 @@ def test_a_busy_machine_gives_up_one_step_after_another_and_no_more_than_there_a
     assert machine.run(60.0, late_ms=60.0) == LAST
 
 
-def test_what_was_abandoned_comes_back_slowly_and_only_where_there_is_room() -> None:
+def test_load_levels_return_slowly_and_only_where_there_is_room() -> None:
     machine = Machine()
     machine.run(60.0, late_ms=60.0)
     assert machine.run(60.0, late_ms=18.0) == LAST, "neither late nor in time: stay"
@@ -206,7 +206,7 @@ class Governed:
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_what_is_abandoned_is_done_and_reported(qapp: QApplication) -> None:
+def test_shed_load_is_applied_and_reported(qapp: QApplication) -> None:
     governed = Governed()
     governed.run(3.0, late_ms=60.0)
     assert (governed.people.every_s, governed.passes[-1]) == (0.0, (0.0, 0.0))

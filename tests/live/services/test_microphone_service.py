@@ -123,7 +123,7 @@ def bench(qapp: QApplication) -> Iterator[Bench]:
     bench.service.close()
 
 
-def test_what_waits_for_the_sound_is_done_when_it_comes(bench: Bench) -> None:
+def test_work_that_waits_for_the_sound_runs_when_it_comes(bench: Bench) -> None:
     bench.service.open_and_then(bench.begin)
     bench.hear(MicrophoneList(("Headset",)))
     assert bench.child.asked == [OpenMicrophone("")]
