@@ -84,7 +84,7 @@ def test_a_lost_link_is_one_alarm_whatever_follows_from_it_and_whatever_is_notic
     assert (desk.ended, desk.book.alarms) == (["The link is lost."], ())
 
 
-def test_what_the_robot_away_told_first_gets_the_better_words_when_the_state_shows_it(desk: Desk) -> None:
+def test_a_report_of_an_absent_robot_gets_the_better_text_of_the_state(desk: Desk) -> None:
     desk.ends -= {"connected"}
     desk.told("Nobody answers at that address.", severity="error", until="connected")
     desk.lose()
@@ -108,7 +108,7 @@ def test_a_link_that_flaps_twenty_times_is_one_alarm_told_a_few_times(desk: Desk
     assert len(desk.raised) == len(desk.ended)
 
 
-def test_what_may_follow_from_a_loss_waits_a_moment_and_is_an_alarm_where_none_comes(desk: Desk) -> None:
+def test_a_possible_consequence_of_a_loss_waits_before_it_is_an_alarm(desk: Desk) -> None:
     desk.ends -= {"picture"}
     desk.told("The camera stopped.", until="picture")
     desk.wait(HOLD_NS / S - 0.1)
@@ -120,7 +120,7 @@ def test_what_may_follow_from_a_loss_waits_a_moment_and_is_an_alarm_where_none_c
     assert desk.book.alarms == ()
 
 
-def test_what_is_over_before_it_was_an_alarm_is_none(desk: Desk) -> None:
+def test_a_condition_that_ends_early_is_no_alarm(desk: Desk) -> None:
     desk.ends -= {"picture"}
     desk.told("The camera stopped.", until="picture")
     desk.ends |= {"picture"}
@@ -128,7 +128,7 @@ def test_what_is_over_before_it_was_an_alarm_is_none(desk: Desk) -> None:
     assert desk.raised == []
 
 
-def test_what_the_robot_does_not_bring_while_it_is_still_looked_for_is_no_alarm(desk: Desk) -> None:
+def test_missing_data_of_a_robot_that_is_still_searched_is_no_alarm(desk: Desk) -> None:
     desk.ends -= {"connected", "microphone"}
     desk.told("The robot's microphone cannot be heard.", until="microphone", cause="robot_sound")
     desk.wait(20)
@@ -167,13 +167,13 @@ def test_a_condition_without_an_end_of_its_own_ends_with_itself(desk: Desk) -> N
     assert desk.book.alarms == ()
 
 
-def test_what_needs_nothing_done_and_answers_are_no_alarms(desk: Desk) -> None:
+def test_notes_and_answers_are_no_alarms(desk: Desk) -> None:
     desk.told("The map was saved.", severity="info")
     desk.told("This scenario does not allow photos.", cause=ANSWER)
     assert desk.raised == []
 
 
-def test_what_is_reported_again_as_long_as_it_continues_is_one_alarm_that_lapses(desk: Desk) -> None:
+def test_a_repeated_problem_is_one_alarm_that_lapses(desk: Desk) -> None:
     for number in (1, 12, 15):
         desk.told(f"{number} pictures were dropped.", until="quiet", cause="image front")
         desk.wait(10)

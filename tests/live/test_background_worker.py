@@ -62,7 +62,7 @@ def test_the_gui_thread_continues_and_hears_of_all_in_order(bench: Bench, qtbot:
 
 
 @pytest.mark.logs(r"live\.background_worker: .* failed")
-def test_what_nobody_thought_of_is_reported_in_words_and_does_not_end_the_work(bench: Bench, qtbot: QtBot) -> None:
+def test_an_unexpected_error_is_reported_and_does_not_end_the_work(bench: Bench, qtbot: QtBot) -> None:
     bench.ask(lambda: _raise(KeyError("x")))
     bench.ask(lambda: "next")
     qtbot.waitUntil(lambda: bench.told == ["A background task failed.", "next"], timeout=20_000)

@@ -31,7 +31,9 @@ def test_panels_that_are_held_back_hold_no_picture_and_get_the_newest_in_the_end
     state.close()
 
 
-def test_what_comes_while_others_are_taken_in_is_not_left_lying(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_values_that_arrive_while_others_are_processed_are_not_left(
+    qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     state = LiveState()
     bus = Bus(state)
     drain = Mailbox.drain

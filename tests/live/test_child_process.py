@@ -160,7 +160,7 @@ def test_the_connection_is_not_closed_while_a_person_sends(monkeypatch: pytest.M
     child.stop(grace_s=1)
 
 
-def test_who_waits_for_room_is_let_go_when_the_child_is_gone() -> None:
+def test_a_waiting_sender_is_released_when_the_process_is_gone() -> None:
     child, messages, _ = _start(ProcessSpec("deaf", bodies.deaf))
     messages.get(timeout=20)
     answers: queue.Queue[bool] = queue.Queue()

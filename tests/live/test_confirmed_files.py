@@ -162,7 +162,7 @@ def test_a_profile_lists_where_it_connects_and_which_variable_it_reads(tmp_path:
         confirmed_files.check_profile(profile, str(path))
 
 
-def test_what_comes_with_the_program_needs_no_question() -> None:
+def test_shipped_files_need_no_question() -> None:
     for path in layouts_dir().glob("*.yaml"):
         assert asked(path) is None
     for name in ("simulated", "tiago", "turtlebot4"):
@@ -170,7 +170,7 @@ def test_what_comes_with_the_program_needs_no_question() -> None:
     confirmed_files.check_profile(load_profile("ws://somewhere:9090?ros=1"), "ws://somewhere:9090?ros=1")
 
 
-def test_what_the_program_writes_for_the_user_keeps_the_answer(tmp_path: Path) -> None:
+def test_files_written_for_the_user_keep_the_answer(tmp_path: Path) -> None:
     path = written(tmp_path / "s.yaml", PLAIN + "robot: ws://lab:9090\n")
     question = asked(path)
     assert question is not None

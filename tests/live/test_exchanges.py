@@ -212,7 +212,7 @@ def test_no_more_than_a_few_are_asked_at_once_and_the_oldest_answers_make_room(d
     assert desk.shown.state == "ready"
 
 
-def test_what_is_cancelled_before_its_pictures_are_read_is_never_asked(desk: Desk) -> None:
+def test_a_question_cancelled_before_its_pictures_are_read_is_never_sent(desk: Desk) -> None:
     exchange_id = desk.asking.prepare("What is this?")
     assert desk.rows == [("What is this?", "preparing", "")]
     desk.asking.cancel("cancelled by the wizard", exchange_id)
@@ -237,7 +237,7 @@ def test_an_answer_that_was_used_is_not_dismissed(desk: Desk, qtbot: QtBot, answ
     assert desk.uses == [(exchange.exchange_id, use, text)]
 
 
-def test_what_failed_or_was_cancelled_is_not_dismissed(desk: Desk, qtbot: QtBot) -> None:
+def test_failed_and_cancelled_questions_are_not_dismissed(desk: Desk, qtbot: QtBot) -> None:
     desk.failure = LanguageModelError("It broke.", "No answer.", "Ask again.")
     assert _answered(desk, qtbot).outcome == "failed"
     desk.failure, desk.waits = None, True
@@ -284,7 +284,7 @@ def test_another_model_ends_the_question_to_the_last_one(desk: Desk, qtbot: QtBo
     assert (desk.shown.state, desk.shown.model) == ("ready", "Other")
 
 
-def test_what_another_model_answered_before_can_still_be_said(desk: Desk, qtbot: QtBot) -> None:
+def test_an_answer_of_an_earlier_model_can_still_be_spoken(desk: Desk, qtbot: QtBot) -> None:
     exchange = _answered(desk, qtbot)
     desk.use(ModelEndpoint("openai", "http://127.0.0.1:1/v1", "other"), "Other")
     assert [(row.model, row.answer) for row in desk.shown.exchanges] == [("Small", "Straight on.")]

@@ -19,7 +19,7 @@ def _image(value: int) -> np.ndarray:
     return np.full((48, 64, 3), value, np.uint8)
 
 
-def test_what_was_written_is_read_by_whoever_attached(ring: FrameRing) -> None:
+def test_a_written_frame_is_read_by_every_reader(ring: FrameRing) -> None:
     reader = FrameRing.attach(ring.name)
     ref = ring.write(_image(7), stamp_ns=1, robot_stamp_ns=None, camera="front")
     image = reader.read(ref)
@@ -48,7 +48,7 @@ def test_frames_of_unknown_rings_are_gone(ring: FrameRing) -> None:
 @pytest.mark.parametrize(
     "image", [np.zeros((480, 640, 3), np.uint8), np.zeros((48, 64), np.uint8), np.zeros((48, 64, 3), np.float32)]
 )
-def test_what_does_not_fit_is_refused(ring: FrameRing, image: np.ndarray) -> None:
+def test_an_oversized_frame_is_refused(ring: FrameRing, image: np.ndarray) -> None:
     with pytest.raises(ValueError, match="image"):
         ring.write(image, stamp_ns=1, robot_stamp_ns=None, camera="front")
 

@@ -131,7 +131,7 @@ def test_a_text_that_is_no_mapping_is_refused(text: str) -> None:
         mappings_from_text(text)
 
 
-def test_what_the_wizard_presses_is_found() -> None:
+def test_a_pressed_button_is_found() -> None:
     pressed = RawInputs(REST.axes, (False, False, True), (4,))
     assert moved_input(REST, pressed, buttons=True) == "b2"
     assert moved_input(pressed, pressed, buttons=True) == ""
@@ -142,7 +142,7 @@ def test_what_the_wizard_presses_is_found() -> None:
     assert moved_input(REST, with_axes(a1=0.3), buttons=False) == ""
 
 
-def test_what_is_held_when_learning_begins_has_to_be_let_go_first() -> None:
+def test_a_held_button_has_to_be_released_before_learning() -> None:
     rests = with_rests(RawInputs(), REST)
     held = RawInputs(with_axes(a0=-1.0).axes, (True, False), (1,))
     before = let_go_since(RawInputs((), held.buttons, held.hats), held, rests)

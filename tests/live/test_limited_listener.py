@@ -75,7 +75,7 @@ def test_strangers_of_a_whole_network_leave_room_for_this_computer(monkeypatch: 
         ("2001:db8::1", "2001:db8::/64"), ("2001:db8::ffff:1", "2001:db8::/64"), ("fe80::1%eth0", "fe80::/64"),
     ],
 )  # fmt: skip
-def test_who_counts_as_one(host: str, place: str) -> None:
+def test_listeners_are_counted_by_address(host: str, place: str) -> None:
     assert limited_listener._place_of(host) == place
 
 

@@ -57,7 +57,7 @@ def test_the_picture_can_be_taken_alone_while_the_panels_wait() -> None:
 
 
 @pytest.mark.parametrize("state", ["lost", "closed"])
-def test_what_waits_of_a_link_that_is_gone_goes_with_it(state: LinkState) -> None:
+def test_values_of_a_lost_link_are_dropped_with_it(state: LinkState) -> None:
     mailbox = Mailbox(lambda: None)
     grid = OccupancyGrid(1, None, 0.05, Pose2D(0, 0, 0), np.zeros((2, 2), np.int8))
     lost = LinkChanged(2, "control", state, "ws://robot")
@@ -73,7 +73,7 @@ def test_what_waits_of_a_link_that_is_gone_goes_with_it(state: LinkState) -> Non
     assert mailbox.drain() == ([trouble], [BatteryState(3, 0.5)])
 
 
-def test_what_waits_of_one_robot_is_not_shown_as_the_next_one_s() -> None:
+def test_values_of_one_robot_are_not_shown_as_the_next_one_s() -> None:
     mailbox = Mailbox(lambda: None)
     chosen = RobotChosen(2, "Other", "other", "ws://other", "", "wizard")
     mailbox.put(BatteryState(1, 0.5))
@@ -90,7 +90,7 @@ def test_cameras_do_not_overwrite_one_another() -> None:
     assert {(ref.camera, ref.sequence) for ref in latest} == {("front", 3), ("rear", 2)}
 
 
-def test_what_is_seen_by_one_camera_or_heard_by_one_microphone_replaces_nothing_of_another() -> None:
+def test_values_of_one_camera_or_microphone_replace_none_of_another() -> None:
     mailbox = Mailbox(lambda: None)
     for camera, sequence in (("front", 1), ("rear", 2), ("front", 3)):
         mailbox.put(People(sequence, camera, sequence, 4, 3, (), 1.0))

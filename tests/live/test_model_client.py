@@ -114,7 +114,7 @@ def test_several_are_under_way_and_each_has_its_own_fate(talk: Talk, qtbot: QtBo
     assert talk.texts[plain.exchange_id][0] == "this "
 
 
-def test_what_is_recorded_may_be_less_than_what_was_asked(talk: Talk, qtbot: QtBot) -> None:
+def test_the_recorded_question_may_be_shorter_than_the_request(talk: Talk, qtbot: QtBot) -> None:
     talk.ask("Who is Ada?", recorded=[ChatMessage("user", "Who is person 3?")], jpegs=[b"jpeg"], photo="a.png")
     qtbot.waitUntil(lambda: bool(talk.ended))
     assert talk.published[0].messages == (ChatMessage("user", "Who is person 3?"),)
@@ -197,7 +197,7 @@ def test_only_the_model_of_this_program_is_warmed_up_and_nothing_is_recorded_of_
     assert len(talk.published) == 1
 
 
-def test_what_is_to_be_read_soon_is_read_once_as_it_is_then(talk: Talk, qtbot: QtBot) -> None:
+def test_a_delayed_value_is_read_once_as_it_is_then(talk: Talk, qtbot: QtBot) -> None:
     said = ["Hello."]
     for _ in range(3):  # another scenario with another model, and the report of the model
         talk.client.warm_up_soon(lambda: [ChatMessage("user", text) for text in said], "question")
@@ -223,9 +223,7 @@ def test_nothing_is_read_soon_for_a_model_that_answers_elsewhere(talk: Talk, qtb
     assert read == [] and talk.given == []
 
 
-def test_what_a_participant_said_is_asked_about_in_one_memory_and_the_wizards_questions_next_to_it(
-    talk: Talk, qtbot: QtBot
-) -> None:
+def test_participants_and_wizard_questions_share_one_memory(talk: Talk, qtbot: QtBot) -> None:
     talk.client.warm_up([ChatMessage("user", "Hello.")], "replies")
     purposes: tuple[Purpose, ...] = ("replies", "question", "actions", "question", "question")
     for purpose in purposes:
@@ -245,7 +243,7 @@ def test_it_is_reported_that_another_model_is_in_use(talk: Talk, qtbot: QtBot) -
         talk.client.use(ELSEWHERE, display_name="Large", local_only=False)
 
 
-def test_what_turns_out_to_be_reasoning_is_not_in_the_answer(talk: Talk, qtbot: QtBot) -> None:
+def test_late_reasoning_is_not_in_the_answer(talk: Talk, qtbot: QtBot) -> None:
     asking = talk.ask("it reasons and answers")
     qtbot.waitUntil(lambda: bool(talk.ended))
     assert talk.published[0].answer == "Only this."

@@ -90,7 +90,7 @@ def test_a_person_appears_is_named_and_leaves_when_the_camera_goes_black(qtbot: 
     assert setup.of(PersonLeft)[0].person_id == person.person_id
 
 
-def test_who_comes_back_is_known_by_how_they_look_and_their_picture_is_at_hand(qtbot: QtBot, setup: Setup) -> None:
+def test_a_returning_person_is_recognised_and_has_a_portrait(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 201, lambda: setup.rows and setup.rows[-1] and setup.rows[-1][0].portrait)
     person = setup.rows[-1][0]
     setup.worker.ask(NamePerson(person.person_id, "Mara"))

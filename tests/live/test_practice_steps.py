@@ -94,12 +94,12 @@ def test_a_step_ends_when_it_has_happened_and_not_before(step_id: str) -> None:
 
 
 @pytest.mark.parametrize("step_id", DOES_NOT)
-def test_what_looks_like_it_is_not_it(step_id: str) -> None:
+def test_similar_events_do_not_end_a_step(step_id: str) -> None:
     practice = _at_step(step_id)
     assert [practice.add(value, 1.0) for value in DOES_NOT[step_id]] == [None] * len(DOES_NOT[step_id])
 
 
-def test_whoever_does_all_in_the_usual_time_has_all_points() -> None:
+def test_the_usual_time_gives_all_points() -> None:
     practice, now_s = Practice(0.0), 0.0
     for step in STEPS:
         now_s += step.usual_s
@@ -139,7 +139,7 @@ def test_where_a_hand_takes_the_robot_after_that_does_not_count() -> None:
     assert practice.add(_at(2.0), 2.0) is None
 
 
-def test_what_happened_before_a_step_does_not_count_for_it() -> None:
+def test_earlier_events_do_not_count_for_a_step() -> None:
     practice = _at_step("link")
     practice.add(_link("lost"), 1.0)
     practice.skip(2.0)

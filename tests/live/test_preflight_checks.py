@@ -172,7 +172,7 @@ def test_the_robots_own_camera_and_microphone_wait_for_it_while_it_is_away() -> 
     assert at_the_desk["microphone"].state == "major"
 
 
-def test_whoever_chose_a_shipped_profile_is_reported_that_its_address_is_this_computer() -> None:
+def test_a_shipped_profile_is_reported_to_point_to_this_computer() -> None:
     silent = replace(GOOD, link=LinkStatus("connecting", "TIAGo", address="ws://127.0.0.1:9090"))
     assert "Its address is this computer." in by_id(silent)["robot"].advice
     elsewhere = replace(silent, robot=replace(ROBOT, address="ws://tiago-0c:9090"))

@@ -94,7 +94,7 @@ def test_a_step_that_is_begun_again_has_its_time_again_and_no_step_behind_it(wal
         walk.back(at(32), WIZARD)
 
 
-def test_what_is_ticked_off_stays_with_its_step(walk: ProtocolRun) -> None:
+def test_a_ticked_item_stays_with_its_step(walk: ProtocolRun) -> None:
     assert walk.tick("Coat", True, at(1), OTHER) == StepTicked(at(1), "greet", "Coat", True, OTHER)
     assert walk.tick("Coat", True, at(2), WIZARD) is None
     walk.tick("Consent", True, at(3), WIZARD)
@@ -160,7 +160,7 @@ def test_the_plan_is_reported_with_what_is_expected(walk: ProtocolRun) -> None:
     )
 
 
-def test_what_comes_next_may_be_another_step_or_the_end() -> None:
+def test_the_next_step_may_be_another_or_the_end() -> None:
     walk = ProtocolRun(
         (
             ProtocolStep("Wait"),

@@ -46,7 +46,7 @@ def test_each_message_carries_its_arrival() -> None:
         assert before_ns <= int.from_bytes(raw[1:9], "little", signed=True) <= clock.now_ns()
 
 
-def test_what_stands_comes_first_and_once_for_each_key() -> None:
+def test_current_states_come_first_and_once_for_each_key() -> None:
     feed, pipe = _fed()
     for name, content in (("drive", 1), ("link", 1), ("drive", 2)):
         feed.put(StatusShown(1, name, content))
@@ -63,7 +63,7 @@ def test_what_stands_comes_first_and_once_for_each_key() -> None:
     ]
 
 
-def test_what_happens_before_the_session_has_a_place_is_in_it() -> None:
+def test_events_before_the_session_has_a_folder_are_in_it() -> None:
     feed, pipe = _fed()
     feed.put(BatteryState(1, 0.9))
     asked_ns = clock.now_ns()
@@ -161,7 +161,7 @@ def test_events_are_never_dropped_and_states_are_counted() -> None:
     assert (gap.stream, gap.count) == ("battery", 50 - len(batteries)) and gap.count > 0
 
 
-def test_what_happened_once_is_reported_again_after_a_pause() -> None:
+def test_an_event_is_reported_again_after_a_pause() -> None:
     feed, pipe = _fed()
     feed.start("begin", "scenario A")
     feed.pause("pause", paused=True)
@@ -170,7 +170,7 @@ def test_what_happened_once_is_reported_again_after_a_pause() -> None:
     assert pipe.messages == ["begin", "scenario A", "pause", "go on", "scenario B"]
 
 
-def test_what_a_lost_robot_told_does_not_head_the_next_recording() -> None:
+def test_states_of_a_lost_robot_do_not_head_the_next_recording() -> None:
     feed, pipe = _fed()
     feed.put(BatteryState(2, 0.5))
     feed.put(StatusShown(1, "drive", 1))
@@ -180,7 +180,7 @@ def test_what_a_lost_robot_told_does_not_head_the_next_recording() -> None:
     assert pipe.messages == ["begin", StatusShown(1, "drive", 1)]
 
 
-def test_what_was_dropped_is_reported_before_the_end() -> None:
+def test_dropped_values_are_reported_before_the_end() -> None:
     feed, pipe = _fed(max_bytes=600)
     feed.start("begin")
     wait_for(lambda: pipe.raw, "the beginning is written")

@@ -209,7 +209,7 @@ def _newest_of(console: ReplayConsole, camera: str) -> int | None:
 
 
 @pytest.mark.logs("of the session is not shown")
-def test_what_was_said_has_names_where_the_record_has_ids(open_replay: Replay) -> None:
+def test_utterances_have_names_where_the_record_has_ids(open_replay: Replay) -> None:
     console = open_replay()
     assert console.with_names("Hello, {p-01}! And {p-02}.") == "Hello, Ada! And somebody."
 
@@ -280,7 +280,7 @@ def test_a_standing_replay_does_not_age(made: RecordedSession, open_replay: Repl
 
 
 @pytest.mark.logs("of the session is not shown")
-def test_what_coders_do_is_saved_next_to_the_recording(
+def test_codings_are_saved_next_to_the_recording(
     made: RecordedSession, open_replay: Replay, qtbot: QtBot, tmp_path: Path
 ) -> None:
     console = open_replay()
@@ -333,7 +333,7 @@ def _coded(console: ReplayConsole, qtbot: QtBot) -> None:
     qtbot.waitUntil(lambda: any("not saved" in event.what for event in told if isinstance(event, Problem)))
 
 
-def test_what_could_not_be_saved_is_tried_again_at_the_end(open_replay: Replay, qtbot: QtBot, tmp_path: Path) -> None:
+def test_a_failed_save_is_tried_again_at_the_end(open_replay: Replay, qtbot: QtBot, tmp_path: Path) -> None:
     minute.make_session(tmp_path / "session", lambda _begin_ns: [])
     console = open_replay(folder=tmp_path / "session")
     in_the_way = tmp_path / "session" / "annotations"
@@ -346,7 +346,7 @@ def test_what_could_not_be_saved_is_tried_again_at_the_end(open_replay: Replay, 
 
 
 @pytest.mark.logs("The last annotations could not be saved")
-def test_what_cannot_be_saved_is_retained_elsewhere_and_reported(
+def test_an_unsavable_coding_is_stored_elsewhere_and_reported(
     open_replay: Replay, qtbot: QtBot, tmp_path: Path
 ) -> None:
     minute.make_session(tmp_path / "session", lambda _begin_ns: [])
@@ -465,7 +465,7 @@ def test_an_event_type_that_is_declared_later_is_replayed_and_becomes_a_tier(
 
 
 @pytest.mark.logs("of the session is not shown")
-def test_what_came_after_a_link_was_lost_is_shown_though_it_is_of_before(
+def test_values_after_a_lost_link_are_shown_though_they_are_older(
     open_replay: Replay, tmp_path: Path, qtbot: QtBot
 ) -> None:
     """The window shows detections by arrival, even of a frame taken before the loss."""
@@ -508,7 +508,7 @@ def test_where_the_wizard_was_in_the_protocol_is_shown_again(open_replay: Replay
 
 @pytest.mark.usefixtures("trial_language")
 @pytest.mark.logs("of the session is not shown")
-def test_what_was_repaired_and_what_is_missing_is_said_in_the_wizards_language(
+def test_repairs_and_missing_data_are_reported_in_the_wizards_language(
     open_replay: Replay, qtbot: QtBot, tmp_path: Path
 ) -> None:
     folder = tmp_path / "session"
@@ -528,7 +528,7 @@ def test_what_was_repaired_and_what_is_missing_is_said_in_the_wizards_language(
 
 @pytest.mark.usefixtures("trial_language")
 @pytest.mark.logs("of the session is not shown")
-def test_what_cannot_be_coded_taken_over_or_saved_is_said_in_the_wizards_language(
+def test_refused_codings_are_reported_in_the_wizards_language(
     open_replay: Replay, qtbot: QtBot, tmp_path: Path
 ) -> None:
     folder = tmp_path / "session"

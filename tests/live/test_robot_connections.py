@@ -155,7 +155,7 @@ def test_a_console_that_does_not_answer_or_is_killed_is_reported(
         silent.stdout.close()
 
 
-def test_what_a_killed_console_left_is_swept_away_and_nobody_else_may_listen(
+def test_leftovers_of_a_killed_console_are_removed_and_private(
     qtbot: QtBot, folder: Path, console: FakeConsole
 ) -> None:
     folder.mkdir(parents=True, mode=0o755)

@@ -85,7 +85,7 @@ def test_nobody_there_is_reported_in_words(qtbot: QtBot, explorer: LiveRobotExpl
     assert failure.advice
 
 
-def test_what_was_cancelled_says_nothing_more(qtbot: QtBot, explorer: LiveRobotExplorer) -> None:
+def test_a_cancelled_exploration_reports_nothing_more(qtbot: QtBot, explorer: LiveRobotExplorer) -> None:
     dropped, answers = Answers(), Answers()
     explorer.explore("ws://127.0.0.1:9", security=SecuritySettings(), progress=dropped.progress, done=dropped.done)
     explorer.cancel()

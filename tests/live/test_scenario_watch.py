@@ -45,9 +45,7 @@ def watch(qapp: QApplication, file: Path, told: list[Path]) -> ScenarioWatch:
     return watch
 
 
-def test_what_is_written_in_pieces_is_heard_of_when_it_is_at_rest(
-    watch: ScenarioWatch, file: Path, told: list[Path]
-) -> None:
+def test_a_file_written_in_pieces_is_reported_when_complete(watch: ScenarioWatch, file: Path, told: list[Path]) -> None:
     for piece in ("title: Sec", "title: Second", "title: Second\nlay"):
         file.write_text(piece)
         watch.check_contents()
@@ -59,7 +57,7 @@ def test_what_is_written_in_pieces_is_heard_of_when_it_is_at_rest(
     assert told == [file], "once"
 
 
-def test_what_the_program_wrote_itself_is_not_news(watch: ScenarioWatch, file: Path, told: list[Path]) -> None:
+def test_a_file_that_the_program_wrote_is_no_change(watch: ScenarioWatch, file: Path, told: list[Path]) -> None:
     file.write_text("title: Saved")
     watch.check_contents()
     watch.use(file, sum_of(file))

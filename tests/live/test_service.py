@@ -67,7 +67,7 @@ def test_how_a_process_is_can_be_read(qtbot: QtBot) -> None:
     state.close()
 
 
-def test_what_waits_to_be_begun_again_is_not_once_its_owner_is_gone(qtbot: QtBot) -> None:
+def test_a_pending_restart_ends_with_its_owner(qtbot: QtBot) -> None:
     owner = QObject()
     restarts, begun = Restarts(), list[str]()
     restarts.after_end(lambda _advice: None, lambda: begun.append("begun"), after_ms=20, within=owner)

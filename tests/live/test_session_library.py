@@ -85,7 +85,7 @@ def test_a_cancelled_export_is_ended_behind_the_window(
     assert not out.exists() and removed_in == ["export-end"]
 
 
-def test_what_a_cancelled_export_still_says_is_not_of_the_next(
+def test_a_cancelled_export_reports_nothing_of_the_next(
     make_library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
 ) -> None:
     monkeypatch.setattr(session_export, "run_exports", bodies.deaf_to)
@@ -150,7 +150,7 @@ def test_an_index_that_cannot_be_opened_is_reported(
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_what_is_exported_and_why_not_is_said_in_the_wizards_language(
+def test_exports_and_refusals_are_reported_in_the_wizards_language(
     make_library: Library, tmp_path: Path, qtbot: QtBot
 ) -> None:
     library, shown = make_library(), list[str]()

@@ -68,7 +68,7 @@ def test_where_nobody_was_looked_for_lately_all_of_it_is_covered(qapp: QApplicat
     assert kept(frames.read(frame(1.6)), BEN) < 0.02
 
 
-def test_who_agreed_is_shown(qapp: QApplication) -> None:
+def test_a_consenting_person_is_shown(qapp: QApplication) -> None:
     state, frames = showing(BlurSettings("without_consent", shown=True))
     state.persons.set((PersonRow("p-ben", 2, "Ben", True, 0, 0, consents=("video",)),))
     frames.add(People(SECOND_NS, "front", 1, 320, 240, (ADA, BEN), 50.0))
@@ -76,7 +76,7 @@ def test_who_agreed_is_shown(qapp: QApplication) -> None:
     assert kept(shown, BEN) == 1.0 and kept(shown, ADA) < 0.02
 
 
-def test_what_is_given_away_is_covered_as_what_is_retained_whatever_the_window_shows(qapp: QApplication) -> None:
+def test_shared_frames_are_blurred_as_recorded_ones_whatever_the_window_shows(qapp: QApplication) -> None:
     state, frames = showing(BlurSettings("without_consent"))
     state.persons.set(
         (PersonRow("p-ben", 2, "Ben", True, 0, 0, consents=("photo",)), PersonRow("p-ada", 1, "Ada", True, 0, 0))

@@ -108,7 +108,7 @@ def test_a_voice_that_is_not_there_fails_the_sentence_and_reports_it(qtbot: QtBo
     assert state.speech.value.now is None
 
 
-def test_what_is_said_while_a_voice_is_held_up_waits_for_it(qtbot: QtBot) -> None:
+def test_an_utterance_waits_for_a_held_voice(qtbot: QtBot) -> None:
     queue, voice, published, state = _setup()
     queue.say("One", "typed")
     voice.held_up = True
@@ -123,7 +123,7 @@ def test_what_is_said_while_a_voice_is_held_up_waits_for_it(qtbot: QtBot) -> Non
     assert "failed" not in [event.state for event in published]
 
 
-def test_what_waited_for_a_voice_that_does_not_come_back_has_failed(qtbot: QtBot) -> None:
+def test_utterances_of_a_voice_that_does_not_return_have_failed(qtbot: QtBot) -> None:
     queue, voice, published, state = _setup()
     voice.held_up = True
     queue.say("One", "typed")
@@ -142,7 +142,7 @@ def test_a_voice_lost_in_mid_sentence_does_not_block_the_next(qtbot: QtBot) -> N
     assert [utterance.text for utterance in voice.said] == ["One", "Two"]
 
 
-def test_what_a_lost_voice_reports_late_is_dropped(qtbot: QtBot) -> None:
+def test_late_reports_of_a_lost_voice_are_dropped(qtbot: QtBot) -> None:
     queue, voice, published, _state = _setup()
     queue.say("One", "typed")
     _report(queue, voice.said[0], "started")
@@ -176,7 +176,7 @@ def _row(person_id: str, distance_m: float | None = None, *, here: bool = True) 
     return PersonRow(person_id, 1, "Person 1", here, 0, 0, distance_m=distance_m)
 
 
-def test_what_is_said_names_to_whom(qtbot: QtBot) -> None:
+def test_an_utterance_names_its_addressee(qtbot: QtBot) -> None:
     """Addressee: the requested person, else the selected one if present, else the nearest or only one, else nobody."""
     queue, voice, published, state = _setup()
 
@@ -218,7 +218,7 @@ def _ids(state: LiveState) -> dict[str, str]:
     return {utterance.text: utterance.utterance_id for utterance in state.speech.value.waiting}
 
 
-def test_what_waits_can_be_moved_changed_and_taken_back(qtbot: QtBot) -> None:
+def test_waiting_utterances_can_be_moved_changed_and_withdrawn(qtbot: QtBot) -> None:
     queue, voice, published, state = _setup()
     for text in ("One", "Two", "Three", "Four"):
         queue.say(text, "typed")
@@ -245,7 +245,7 @@ def test_emptied_it_is_taken_back(qtbot: QtBot) -> None:
     assert (published[-1].text, published[-1].state) == ("Two", "interrupted")
 
 
-def test_what_is_being_said_waits_no_more(qtbot: QtBot) -> None:
+def test_a_current_utterance_is_not_waiting(qtbot: QtBot) -> None:
     queue, voice, published, _state = _setup()
     spoken = queue.say("One", "typed")
     before = list(published)

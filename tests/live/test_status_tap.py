@@ -57,7 +57,7 @@ def test_everything_that_changed_comes_back() -> None:
         assert getattr(back, name).value == getattr(state, name).value, name
 
 
-def test_what_was_abandoned_on_a_busy_machine_is_in_the_record_and_shown_again() -> None:
+def test_shed_load_is_recorded_and_shown_in_a_replay() -> None:
     state, shown = LiveState(), list[StatusShown]()
     tap = StatusTap(state, shown.append)
     load = LoadStatus(2, "people detection less often")

@@ -67,7 +67,7 @@ def test_a_stamp_of_another_clock_makes_nothing_old_or_young(state: LiveState, l
     assert 0.0 <= age_s < 0.4
 
 
-def test_what_arrives_old_is_not_said_to_be_silent(state: LiveState) -> None:
+def test_late_data_is_not_reported_as_silent(state: LiveState) -> None:
     knows_the_clock(state)
     state.add(odometry(late_s=3.0))
     assert (state.odometry.freshness, state.odometry.arrives_late) == ("lost", True)
@@ -149,7 +149,7 @@ def frame_of(camera: str) -> FrameRef:
     return FrameRef(clock.now_ns(), None, camera, "ring", 0, 1, 64, 48)
 
 
-def test_whichever_camera_is_quicker_the_robots_first_one_is_shown(state: LiveState) -> None:
+def test_the_robots_first_camera_is_shown_whichever_is_quicker(state: LiveState) -> None:
     cameras = (CameraTopic("head", "/head"), CameraTopic("base", "/base"), CameraTopic("rear", "/rear"))
     state.robot.set(RobotProfile("r", "R", cameras=cameras))
     state.add(frame_of("rear"))
@@ -178,7 +178,7 @@ def test_the_map_shows_whom_all_cameras_see(state: LiveState) -> None:
     assert {place.person_id for place in state.people_in_map.value.people} == {"p-3"}, "that was too long ago"
 
 
-def test_whom_two_cameras_see_is_on_the_map_once(state: LiveState) -> None:
+def test_a_person_seen_by_two_cameras_is_on_the_map_once(state: LiveState) -> None:
     now_ns = clock.now_ns()
     state.add(PeopleInMap(now_ns, (PersonPlace("p-1", 1.0, 2.0, 0.4, "floor", 3),), "desk"))
     by_front = (PersonPlace("p-1", 1.1, 2.0, 0.1, "lidar", 7), PersonPlace("", 5.0, 2.0, 0.1, "lidar", 8))

@@ -14,7 +14,7 @@ def test_only_a_slow_pass_is_followed_by_a_rest() -> None:
     assert rest_after(3.0) == MOST_REST_S
 
 
-def test_what_waits_comes_after_the_rest_and_timers_run_meanwhile(qtbot: QtBot) -> None:
+def test_waiting_values_come_last_and_timers_run_meanwhile(qtbot: QtBot) -> None:
     pace, order = UiThrottle(), []
     pace.due.connect(lambda: order.append("due"))
     assert pace.may_begin()

@@ -245,7 +245,7 @@ def test_the_lock_files_hold_what_the_project_requires(python: str, machine: str
                 assert version in requirement.specifier, f"packaging/lock.sh was not run after a change: {requirement}"
 
 
-def test_what_is_installed_without_its_dependencies_has_a_checksum() -> None:
+def test_packages_installed_without_dependencies_have_a_checksum() -> None:
     for name in ("models.txt", "test-tools.txt"):
         lines = (REPOSITORY / "packaging" / name).read_text().splitlines()
         pins = [line for line in lines if not line.startswith("#")]

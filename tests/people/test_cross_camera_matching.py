@@ -37,7 +37,7 @@ def looks(track: tuple[str, int], vector: NDArray[np.float32], *, model: str = "
     return PersonLooks(0, track[0], track[1], "clothing", model, unit, 0.9)
 
 
-def test_who_walks_the_same_way_at_the_same_time_is_one_person() -> None:
+def test_two_tracks_that_move_alike_are_one_person() -> None:
     together = CrossCameraMatcher()
     walk(together, FRONT, from_m=(2.0, 0.0), mps=(0.0, 1.2))
     walk(together, DESK, from_m=(2.0, 0.0), mps=(0.0, 1.2), every_ms=330, begin_ms=70, spread_m=0.3, off_m=0.25)
@@ -46,7 +46,7 @@ def test_who_walks_the_same_way_at_the_same_time_is_one_person() -> None:
     assert together.partners(DESK) == (FRONT,)
 
 
-def test_who_stands_elsewhere_is_another_person() -> None:
+def test_a_track_elsewhere_is_another_person() -> None:
     together = CrossCameraMatcher()
     walk(together, FRONT, from_m=(2.0, 0.0))
     walk(together, DESK, from_m=(4.0, 1.0), spread_m=0.3)
@@ -90,7 +90,7 @@ def test_places_that_were_never_of_the_same_moment_tell_nothing() -> None:
     assert together.verdict(FRONT, ("desk", 9)) == "unknown"
 
 
-def test_who_met_and_parted_is_two_people_again() -> None:
+def test_two_tracks_that_met_and_parted_are_two_people() -> None:
     together = CrossCameraMatcher()
     walk(together, FRONT, from_m=(2.0, 0.0), until_ms=4000)
     walk(together, DESK, from_m=(2.0, 0.0), until_ms=1200)

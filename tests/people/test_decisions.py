@@ -101,7 +101,7 @@ def test_two_of_one_name_stay_two_and_the_wizard_is_notified(room: Room) -> None
     assert [row.name for row in room.presence.persons()] == ["Alex", "Alex"]
 
 
-def test_who_was_confirmed_has_one_history_and_gives_it_back(room: Room) -> None:
+def test_a_confirmation_merges_the_history_and_can_be_undone(room: Room) -> None:
     (ada,) = room.visit(ADA)
     do(room, intents.NamePerson(ada, "Ada"))
     (guest,) = room.visit(BO, leaves=False)
@@ -119,7 +119,7 @@ def test_who_was_confirmed_has_one_history_and_gives_it_back(room: Room) -> None
     assert {entry.text for entry in store.history(guest)} == {"Welcome!", "Welcome back!"}
 
 
-def test_who_was_confirmed_is_not_called_recognised(room: Room) -> None:
+def test_a_confirmed_person_is_not_called_recognised(room: Room) -> None:
     room.presence.use_settings(RecognitionSettings(confirm_at=1.0))
     (ada,) = room.visit(ADA)
     do(room, intents.NamePerson(ada, "Ada"))
@@ -182,7 +182,7 @@ def test_two_rows_become_one_and_two_again(room: Room) -> None:
     assert rows(room)[bo].tags == ("tall",)
 
 
-def test_who_stands_there_now_is_another_person(room: Room) -> None:
+def test_a_person_in_the_same_place_may_be_another(room: Room) -> None:
     (ada,) = room.visit(ADA, leaves=False)
     do(room, intents.NamePerson(ada, "Ada"))
     left, split, came = do(room, intents.SplitPerson(ada))
@@ -240,7 +240,7 @@ def test_consent_is_noted_with_who_and_when_and_its_newest_answer_counts(room: R
     assert rows(room)[ada].consents == ("video",)
 
 
-def test_what_happens_with_a_person_is_their_history(room: Room) -> None:
+def test_events_of_a_person_are_their_history(room: Room) -> None:
     room.presence.note(SessionStarted(room.now_ns, "2026-11-23_P1"))
     (ada,) = room.visit(ADA, leaves=False)
     say(room, ada, "This is the Mona Lisa.")
@@ -264,7 +264,7 @@ def test_what_happens_with_a_person_is_their_history(room: Room) -> None:
     assert [entry.text for entry in store.history(ada, "real")] == ["Is it real?"]
 
 
-def test_what_is_corrected_is_in_the_right_history(room: Room) -> None:
+def test_a_correction_is_in_the_right_history(room: Room) -> None:
     ada, bo = room.visit(ADA, BO, leaves=False)
 
     def heard() -> dict[str, list[str]]:
@@ -378,7 +378,7 @@ def test_ten_minutes_of_people_coming_and_going_leave_no_more_than_the_first_min
     assert len(room.presence.everybody()) <= 300
 
 
-def test_who_is_known_from_before_without_a_name_is_called_by_a_number(tmp_path: Path) -> None:
+def test_a_known_person_without_a_name_has_a_number(tmp_path: Path) -> None:
     store = PeopleStore(tmp_path / "people.sqlite")
     for about in (About("Ada"), About(note="Likes trains")):
         store.describe(store.add().person_id, about)

@@ -149,7 +149,7 @@ def test_depth_of_another_moment_or_camera_or_too_far_away_says_nothing() -> Non
     assert places is not None and places.people == ()
 
 
-def test_who_is_cut_off_at_the_lower_edge_is_not_taken_for_what_stands_behind() -> None:
+def test_a_box_cut_at_the_lower_edge_is_not_placed_behind() -> None:
     # A detector's box ends slightly above the edge, where the floor would be farther away than the person.
     near, behind = (1.2, 0.0), (3.0, 0.0)
     (box,) = seen(near).boxes

@@ -115,7 +115,7 @@ def test_everything_about_a_person_comes_back_and_stands_nowhere_in_the_clear(pa
     store.close()
 
 
-def test_who_turns_out_to_be_a_person_has_one_history_until_that_is_taken_back(path: Path) -> None:
+def test_a_merged_person_has_one_history_until_that_is_undone(path: Path) -> None:
     store = PeopleStore(path)
     ada, guest, third = (store.add().person_id for _ in range(3))
     store.describe(ada, About("Ada"))
@@ -258,7 +258,7 @@ def test_names_of_the_first_version_are_wrapped_and_stand_nowhere_in_the_clear(p
 
 
 @pytest.mark.logs("cannot be read")
-def test_what_is_damaged_of_one_person_hides_nobody_else(path: Path) -> None:
+def test_damaged_data_of_one_person_hides_no_other(path: Path) -> None:
     store = PeopleStore(path)
     for name in ("Ada", "Bo"):
         store.describe(store.add().person_id, About(name))
@@ -267,7 +267,7 @@ def test_what_is_damaged_of_one_person_hides_nobody_else(path: Path) -> None:
     store.close()
 
 
-def test_what_was_written_is_there_without_closing(path: Path) -> None:
+def test_written_data_is_there_without_closing(path: Path) -> None:
     store = PeopleStore(path)
     store.describe(store.add().person_id, About("Ada"))
     second = PeopleStore(path)

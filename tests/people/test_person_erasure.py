@@ -44,7 +44,7 @@ def test_of_two_with_one_name_nobody_is_chosen(database: Path) -> None:
         find_person(database, "Ben")
 
 
-def test_who_is_erased_is_gone_and_may_be_erased_again(database: Path) -> None:
+def test_an_erased_person_is_gone_and_may_be_erased_again(database: Path) -> None:
     ada = find_person(database, "Ada Quill")
     assert ada is not None
     for _ in range(2):

@@ -41,7 +41,7 @@ def store(tmp_path: Path) -> Iterator[PeopleStore]:
     store.close()
 
 
-def test_who_is_seen_in_pictures_that_are_known_late_does_not_leave_before_the_next_one_is() -> None:
+def test_a_person_in_late_pictures_does_not_leave_before_the_next_one() -> None:
     """A slow detection on a busy machine must not end a presence before its result is known."""
     presence, events, late_ns = PresenceTracker(), list[object](), 1_800_000_000
     for index in range(12):
@@ -110,7 +110,7 @@ def test_people_leave_also_when_no_frames_arrive() -> None:
     assert presence.tick(last_seen_ns + 9_000_000_000) == []
 
 
-def test_who_is_looked_for_rarely_does_not_come_and_go() -> None:
+def test_a_person_rarely_searched_does_not_come_and_go() -> None:
     """Camera processed every 1.7 s by a busy computer."""
     presence = PresenceTracker()
     events: list[Event] = []

@@ -28,7 +28,7 @@ def named(room: Room, **names: int) -> dict[str, str]:
     return ids
 
 
-def test_who_returns_gets_their_name_back_by_several_looks() -> None:
+def test_a_returning_person_gets_their_name_after_several_embeddings() -> None:
     room = Room()
     ids = named(room, Ada=ADA, Bo=BO)
     room.visit(BO, frames=4, leaves=False)
@@ -139,7 +139,7 @@ def test_poor_views_teach_nothing_and_tell_nothing() -> None:
     assert room.of(PersonIdentified) == room.of(PersonSuggested) == []
 
 
-def test_who_is_here_already_cannot_come_in_once_more() -> None:
+def test_a_present_person_cannot_enter_again() -> None:
     room = Room()
     named(room, Ada=ADA)
     room.visit(ADA, leaves=False)
@@ -158,7 +158,7 @@ def test_of_two_who_come_together_and_both_look_like_one_neither_is_named() -> N
     assert room.of(PersonIdentified) == []
 
 
-def test_who_it_is_not_is_remembered_for_that_visit_also_where_it_was_taken_for_granted() -> None:
+def test_a_rejected_identity_is_remembered_for_that_visit() -> None:
     room = Room()
     ids = named(room, Ada=ADA)
     (visit,) = room.visit(ADA, leaves=False)
@@ -184,7 +184,7 @@ def test_yesterdays_clothes_tell_nothing(tmp_path: Path) -> None:
     room.presence.close()
 
 
-def test_who_was_here_before_the_program_ended_is_known_again_on_the_same_day_only(tmp_path: Path) -> None:
+def test_a_person_before_a_restart_is_recognised_on_the_same_day_only(tmp_path: Path) -> None:
     def opened(morning: datetime) -> Room:
         room = Room(morning=morning)
         store = PeopleStore(tmp_path / "people.sqlite", utc_now_ns=lambda: room.knowing.utc_now_ns())

@@ -34,7 +34,7 @@ def rows(room: Room) -> list[str]:
 
 
 @pytest.mark.parametrize("away_s", [0.5, 1.0, 2.5, 6.0, 20.0])
-def test_who_comes_into_view_again_is_in_the_same_visit(away_s: float) -> None:
+def test_a_person_who_returns_to_view_is_in_the_same_visit(away_s: float) -> None:
     room = Room()
     see(room, {1: ADA}, {1: HERE})
     (ada,) = rows(room)
@@ -64,7 +64,7 @@ def test_another_person_at_the_same_place_is_a_person_new() -> None:
     assert len(rows(room)) == 2
 
 
-def test_who_looks_the_same_somewhere_they_cannot_have_walked_to_is_not_joined() -> None:
+def test_a_look_alike_out_of_walking_distance_is_not_joined() -> None:
     room = Room(settings=RecognitionSettings(confirm_at=1.0))
     see(room, {1: ADA}, {1: HERE})
     turn_away(room, 1.0)
@@ -80,7 +80,7 @@ def test_of_two_who_look_alike_and_are_gone_neither_is_taken() -> None:
     assert len(rows(room)) == 3
 
 
-def test_who_is_in_view_is_not_taken_for_a_new_track() -> None:
+def test_a_person_in_view_is_not_taken_for_a_new_track() -> None:
     room = Room(settings=RecognitionSettings(confirm_at=1.0))
     see(room, {1: ADA}, {1: HERE})
     see(room, {1: ADA, 2: ADA}, {1: HERE, 2: (2.4, 1.0)})
@@ -107,7 +107,7 @@ def test_by_the_place_alone_no_name_is_passed_on(name: str, joined: bool) -> Non
     assert len(rows(room)) == (2 if joined else 3), "somewhere else"
 
 
-def test_who_was_forgotten_is_not_known_again() -> None:
+def test_an_erased_person_is_not_recognised() -> None:
     room = Room()
     see(room, {1: ADA}, {1: HERE})
     (ada,) = rows(room)

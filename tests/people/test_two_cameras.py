@@ -118,7 +118,7 @@ def test_a_person_whom_both_cameras_see_is_one_row() -> None:
     assert len({replace(each, last_seen_ns=0) for each in rows}) == 1, "the row stays as it is while cameras take turns"
 
 
-def test_who_walks_out_of_one_camera_stays_by_the_other_and_leaves_once() -> None:
+def test_a_person_who_leaves_one_camera_stays_by_the_other_and_leaves_once() -> None:
     scene = Scene(PresenceTracker(), lambda seconds: (4.0, 1.6) if seconds < 4.0 else (0.2, 2.0))
     scene.play(3.5)
     (row,) = scene.play(0.4)
@@ -143,7 +143,7 @@ def test_two_people_who_cross_are_two_rows_all_the_time() -> None:
     assert of.of_track(("front", 2)).person_id == of.of_track(("desk", 21)).person_id
 
 
-def test_who_was_two_people_for_want_of_places_becomes_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_people_without_places_become_one(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = Scene(PresenceTracker(), lambda seconds: (4.0, 2.2) if seconds < 5.0 else (3.0, 2.2))
     with monkeypatch.context() as blind:
         blind.setattr("caris_desktop.people.multi_camera_tracks.CrossCameraMatcher.add_spot", lambda *_: None)

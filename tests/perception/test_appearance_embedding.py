@@ -86,7 +86,7 @@ def look(stamp_s: float) -> DetectionRequest:
     return DetectionRequest(FrameRef(round(stamp_s * 1e9), None, "front", "ring", 0, 1, 640, 480))
 
 
-def test_who_comes_back_in_another_place_has_their_number_again(model: AppearanceModel) -> None:
+def test_a_person_who_returns_elsewhere_keeps_their_number(model: AppearanceModel) -> None:
     tracker = PersonTracker([0], tracker="own", appearance=model)
 
     def seen(people: dict[int, tuple[int, int, int]], stamp_s: float) -> list[TrackedBox]:

@@ -100,7 +100,7 @@ def test_nobody_waits_for_a_camera_on_show_that_sends_nothing() -> None:
     assert turns.pop(now_ns=SILENT_AFTER_NS) == frame("rear")
 
 
-def test_what_is_forgotten_is_not_looked_at() -> None:
+def test_a_removed_camera_is_not_scheduled() -> None:
     turns = CameraRotation()
     turns.show("front")
     turns.offer(frame("front"), now_ns=0)

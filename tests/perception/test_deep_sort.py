@@ -47,7 +47,7 @@ def test_two_who_cross_are_distinguished_by_their_appearance() -> None:
     assert seen(tracker, [200.0, 205.0], [1, 0], 1.0) == [2, 1]
 
 
-def test_who_is_far_from_where_they_would_be_is_another_person_whatever_the_looks() -> None:
+def test_a_box_far_from_the_prediction_is_another_person_whatever_the_embedding() -> None:
     tracker = deep_sort()
     for step in range(5):
         seen(tracker, [100.0], [0], 0.1 * step)

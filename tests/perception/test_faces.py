@@ -64,7 +64,7 @@ def test_eyes_and_nose_come_to_where_such_networks_expect_them(tilt_deg: float) 
         assert np.hypot(*np.subtract(where(face.image_bgr, color), place)) < 5.0
 
 
-def test_who_looks_away_or_is_too_far_off_shows_no_face() -> None:
+def test_a_person_who_turns_away_or_is_too_far_off_shows_no_face() -> None:
     image = np.zeros((480, 640, 3), np.uint8)
     assert face_of(image, BOX, keypoints(visible=0.2)) is None
     near = keypoints()

@@ -51,7 +51,7 @@ def test_a_person_who_walks_keeps_their_number_and_two_have_two() -> None:
     assert all(each == seen[0] for each in seen)
 
 
-def test_who_begins_later_counts_from_the_second_picture_on() -> None:
+def test_a_later_track_counts_from_the_second_picture_on() -> None:
     follower = CameraTracker()
     numbers(follower, [box(10.0)], 0.0)
     assert numbers(follower, [box(10.0), box(400.0)], 0.1) == {0: 1}
@@ -105,13 +105,13 @@ def test_after_too_long_a_person_without_embedding_is_new() -> None:
     assert numbers(follower, [box(10.0)], LOST_S + 0.3) == {0: 2}
 
 
-def test_who_is_where_they_were_before_a_pause_of_the_camera_is_the_same() -> None:
+def test_a_person_in_the_same_place_after_a_pause_is_the_same() -> None:
     follower = CameraTracker()
     numbers(follower, [box(10.0)], 0.0)
     assert numbers(follower, [box(12.0)], 4.0) == {0: 1}
 
 
-def test_who_comes_back_elsewhere_is_known_by_their_appearance_and_a_stranger_is_not() -> None:
+def test_a_person_who_returns_elsewhere_is_recognised_and_a_stranger_is_not() -> None:
     follower = CameraTracker()
     looks = np.eye(4)
 
@@ -150,7 +150,7 @@ def test_two_who_were_taken_for_each_other_get_their_numbers_back_when_they_are_
     assert later[2:] == [[2, 1]] * 6
 
 
-def test_who_comes_in_where_a_person_has_just_left_does_not_continue_as_them() -> None:
+def test_a_person_who_enters_where_another_left_is_a_new_track() -> None:
     follower = CameraTracker()
     likenesses = np.eye(2)
 

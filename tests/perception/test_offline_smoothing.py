@@ -21,7 +21,7 @@ def test_a_way_that_continues_under_another_number_is_one_persons() -> None:
     assert linked(elsewhere, stamps_s) == {1: 1, 2: 2}
 
 
-def test_who_returns_later_is_one_with_whom_they_look_like_and_with_nobody_of_the_same_picture() -> None:
+def test_a_returning_person_is_joined_by_appearance_and_to_no_one_in_the_picture() -> None:
     pictures = [
         [box(1, 10.0, looks=0), box(2, 300.0, looks=1)],
         [],

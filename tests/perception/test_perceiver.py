@@ -36,7 +36,7 @@ def look(number: int, *, to_cover: bool) -> DetectionRequest:
     return DetectionRequest(ref, to_cover=to_cover)
 
 
-def test_whoever_may_be_a_person_is_notified_of_where_people_have_to_be_covered() -> None:
+def test_possible_people_are_reported_where_blurring_is_required() -> None:
     one = perceiver(Finds())
     first = one.perceive(PICTURE, look(0, to_cover=True))
     told = {round(box.left_px) for box in (*first.boxes, *first.unfollowed)}

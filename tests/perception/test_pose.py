@@ -36,7 +36,7 @@ SITS_SIDEWAYS = body(
 
 
 @pytest.mark.parametrize("scale", [0.3, 1.0, 8.0])
-def test_who_stands_stands_at_any_distance(scale: float) -> None:
+def test_a_standing_person_stands_at_any_distance(scale: float) -> None:
     assert posture_of(body(scale=scale)) == "standing"
 
 

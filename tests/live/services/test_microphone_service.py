@@ -149,7 +149,7 @@ def test_without_a_microphone_nothing_waits(qapp: QApplication) -> None:
     assert bench.children.started == []
 
 
-def test_whoever_changes_their_mind_starts_nothing(bench: Bench) -> None:
+def test_a_changed_mind_starts_nothing(bench: Bench) -> None:
     bench.service.open_and_then(bench.begin)
     bench.service.close()
     bench.hear(HEADSET)

@@ -51,7 +51,7 @@ def test_inference_starts_again_for_a_scenario_that_wants_another_detector_and_f
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_what_people_agreed_to_counts_no_more_until_it_is_confirmed_after_a_trial_broke_off(qtbot: QtBot) -> None:
+def test_consents_count_only_once_confirmed_after_an_interrupted_trial(qtbot: QtBot) -> None:
     owner, ring = QObject(), FrameRing.create(max_frame_bytes=64 * 48 * 3)
     state, known = LiveState(owner), KnownPeople()
     for person, kind in (("p-1", "photo"), ("p-2", "video")):

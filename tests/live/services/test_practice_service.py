@@ -106,7 +106,7 @@ def test_it_does_not_begin_in_a_recording(stage: Stage) -> None:
     assert stage.asked == [] and stage.robots == []
 
 
-def test_what_happens_ends_steps_and_is_reported(stage: Stage) -> None:
+def test_events_end_steps_and_are_reported(stage: Stage) -> None:
     stage.begin()
     stage.skip_to("photo")
     stage.happens(PhotoTaken(clock.now_ns(), "front", 1, "photos/1.png", actor="wizard"))
@@ -146,7 +146,7 @@ def test_the_end_has_a_result_and_ends_the_recording(stage: Stage) -> None:
     assert stage.state.practice.value.state == ""
 
 
-def test_whoever_stops_the_recording_ends_the_practice(stage: Stage) -> None:
+def test_stopping_the_recording_ends_the_practice(stage: Stage) -> None:
     stage.begin()
     stage.state.recording.set(replace(stage.state.recording.value, state="stopping"))
     assert stage.state.practice.value.state == "ended" and isinstance(stage.told[-1], PracticeEnded)
@@ -176,7 +176,7 @@ def test_the_scenario_and_the_robot_from_before_come_back(stage: Stage, again: b
     assert not stage.state.practice.value.state
 
 
-def test_what_was_chosen_after_the_practice_stays(stage: Stage) -> None:
+def test_choices_after_the_practice_stay(stage: Stage) -> None:
     stage.open(load_scenario(find_scenario("reception")))
     stage.state.robot.set(replace(load_profile("turtlebot4"), name="lab-robot"))
     stage.begin()

@@ -78,7 +78,7 @@ def test_a_tick_says_who_and_when_and_can_be_taken_back(bench: Bench) -> None:
         bench.service.handlers()[intents.TickCheck](intents.TickCheck("robot"))
 
 
-def test_what_changes_is_looked_at_again(bench: Bench) -> None:
+def test_changed_states_are_checked_again(bench: Bench) -> None:
     assert bench.check("emergency_stop").state == "passed"
     bench.state.drive.set(DriveStatus(emergency_stop=True))
     assert bench.check("emergency_stop").state == "major"

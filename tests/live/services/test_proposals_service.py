@@ -78,7 +78,7 @@ def test_it_lapses_with_age_and_can_be_rejected(desk: Desk) -> None:
     assert states(desk)[2:] == ["displayed", "vetoed"] and desk.done == []
 
 
-def test_what_only_just_came_up_is_not_confirmed(desk: Desk) -> None:
+def test_a_new_proposal_is_not_confirmed_at_once(desk: Desk) -> None:
     desk.question("To the kitchen").answer("{}")
     desk.model.of("actions")[-1].answer(GO)
     proposal = desk.state.proposal.value.proposal_id

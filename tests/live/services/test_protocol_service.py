@@ -80,7 +80,7 @@ def test_without_a_recording_its_end_takes_nothing_away(desk: Desk) -> None:
     assert desk.step == "close"
 
 
-def test_who_begins_by_hand_stays_where_they_began(desk: Desk) -> None:
+def test_a_manual_start_keeps_its_step(desk: Desk) -> None:
     desk.protocol.use_scenario(replace(STUDY, protocol=replace(STUDY.protocol, begins="by_hand")))
     desk.protocol.begin_session(WIZARD)
     assert desk.step == "" and [type(event) for event in desk.standing()] == [ProtocolOpened]
@@ -90,7 +90,7 @@ def test_who_begins_by_hand_stays_where_they_began(desk: Desk) -> None:
     assert desk.step == "ask" and desk.standing()[1].step_id == "ask"
 
 
-def test_what_happens_in_a_pause_is_reported_as_the_recording_continues(desk: Desk) -> None:
+def test_events_of_a_pause_are_reported_as_the_recording_continues(desk: Desk) -> None:
     desk.protocol.begin_session(WIZARD)
     desk.protocol.pause(True)
     desk.do(intents.NextStep(), intents.SkipStep())

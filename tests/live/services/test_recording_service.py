@@ -94,7 +94,7 @@ def people() -> People:
     return People(clock.now_ns(), "front", 7, 640, 480, boxes, 50.0)
 
 
-def test_who_agreed_to_be_filmed_is_notified_as_soon_as_it_is_known_and_taken_back(bench: Bench) -> None:
+def test_consent_to_filming_is_reported_when_known_and_withdrawn(bench: Bench) -> None:
     bench.state.persons.set((person("p-1", "video"), person("p-2", "face", "photo"), person("p-3")))
     assert bench.recorder.of(UseConsents) == [UseConsents(frozenset({"p-1"}), frozenset({"p-2"}))]
     bench.state.persons.set((person("p-1"),))

@@ -66,7 +66,7 @@ def bench(qapp: QObject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     bench.state.close()
 
 
-def test_what_the_file_says_now_holds_and_is_on_record(bench: Bench, qtbot: QtBot) -> None:
+def test_a_changed_file_applies_and_is_recorded(bench: Bench, qtbot: QtBot) -> None:
     bench.path.write_text(TEXT.replace("photos: true", "photos: false"), encoding="utf-8")
     qtbot.waitUntil(lambda: bench.applied == [False], timeout=20_000)
     assert bench.service.current.permissions.photos is False
@@ -78,7 +78,7 @@ def test_what_the_file_says_now_holds_and_is_on_record(bench: Bench, qtbot: QtBo
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_what_cannot_be_is_reported_with_its_line_and_what_was_in_force_stays(bench: Bench, qtbot: QtBot) -> None:
+def test_an_error_is_reported_with_its_line_and_the_old_scenario_stays(bench: Bench, qtbot: QtBot) -> None:
     before = bench.service.current
     bench.path.write_text(TEXT.replace("photos: true", "photos: perhaps"), encoding="utf-8")
     qtbot.waitUntil(lambda: bool(bench.events(Problem)), timeout=20_000)
@@ -89,7 +89,7 @@ def test_what_cannot_be_is_reported_with_its_line_and_what_was_in_force_stays(be
     qtbot.waitUntil(lambda: bench.service.current.title == "Corrected", timeout=20_000)
 
 
-def test_what_the_console_saves_itself_is_not_opened_again(bench: Bench, qtbot: QtBot) -> None:
+def test_a_file_that_the_console_saves_is_not_opened_again(bench: Bench, qtbot: QtBot) -> None:
     bench.service.handlers()[intents.SavePlace](intents.SavePlace("Here", Pose2D(1.0, 2.0, 0.0)))
     qtbot.waitUntil(lambda: len(bench.service.current.places) == 1, timeout=20_000)
     for _ in range(2):

@@ -139,7 +139,7 @@ def test_another_file_is_written_and_the_scenario_in_force_stays(bench: Bench, q
 
 
 @pytest.mark.logs(r"live\.bus: The scenario was not saved\.")
-def test_what_was_not_saved_is_told_to_the_editor_and_to_the_wizard(bench: Bench, qtbot: QtBot) -> None:
+def test_a_failed_save_is_reported_to_the_editor_and_the_wizard(bench: Bench, qtbot: QtBot) -> None:
     told: list[object] = []
     bench.state.event_happened.connect(told.append)
     saved = bench.save(qtbot, "Edited", OPEN.path, OPEN.path, "wrong")
@@ -170,7 +170,7 @@ def test_names_that_are_taken_are_asked_about_before_anything_is_done(bench: Ben
     qtbot.waitUntil(lambda: any("/scenarios/replaced/open-1.yaml" in problem.meaning for problem in told))
 
 
-def test_what_was_imported_is_reported_also_where_nothing_was_in_its_way(bench: Bench, qtbot: QtBot) -> None:
+def test_an_import_is_reported_also_without_a_conflict(bench: Bench, qtbot: QtBot) -> None:
     told: list[Problem] = []
     bench.state.event_happened.connect(lambda event: told.append(event) if isinstance(event, Problem) else None)
     bench.service.handlers()[intents.ImportScenario](intents.ImportScenario(Path("/received/open.caris")))

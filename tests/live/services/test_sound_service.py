@@ -208,7 +208,7 @@ def test_out_of_this_computer_it_begins_and_ends_when_it_is_heard(bench: Bench, 
     assert bench.utterances()[-1].state == "finished" and bench.utterances()[-1].stamp_ns == 67_890
 
 
-def test_what_plays_it_here_is_started_once_it_is_known_that_it_will_be_needed(bench: Bench) -> None:
+def test_playback_starts_once_it_will_be_needed(bench: Bench) -> None:
     bench.service.start()
     assert bench.children.started == {}, "which robot it will be is not known"
     bench.state.robot.set(SPEAKING)
@@ -233,7 +233,7 @@ def test_dictation_opens_the_microphone_and_says_nothing(bench: Bench) -> None:
     assert bench.microphones.did == ["open", "mute"]
 
 
-def test_whoever_has_no_microphone_is_reported_so(bench: Bench) -> None:
+def test_a_missing_microphone_is_reported(bench: Bench) -> None:
     bench.microphones.wizards_choice = None
     with pytest.raises(UserFacingError, match="No microphone is selected"):
         bench.do(PushToTalk(on=True))
@@ -241,7 +241,7 @@ def test_whoever_has_no_microphone_is_reported_so(bench: Bench) -> None:
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_what_breaks_off_is_reported_and_ends_the_utterance(bench: Bench) -> None:
+def test_a_failure_is_reported_and_ends_the_utterance(bench: Bench) -> None:
     bench.state.robot.set(SPEAKING)
     bench.do(PushToTalk(on=True))
     bench.wizard_says()

@@ -57,7 +57,7 @@ def desk() -> Desk:
     return Desk()
 
 
-def test_who_faces_the_robot_nearby_is_said_to_have_spoken(desk: Desk) -> None:
+def test_a_person_facing_the_robot_nearby_is_the_speaker(desk: Desk) -> None:
     desk.here(_person("p-luis", facing=True, distance_m=1.0), _person("p-anna", facing=False, distance_m=2.0))
     speaks, utterance_id = desk.said()
     assert speaks == "p-luis"
@@ -67,7 +67,7 @@ def test_who_faces_the_robot_nearby_is_said_to_have_spoken(desk: Desk) -> None:
     assert 0.7 <= told.person_confidence < 1.0
 
 
-def test_who_is_alone_is_said_to_have_spoken_however_far_away(desk: Desk) -> None:
+def test_a_person_alone_is_the_speaker_at_any_distance(desk: Desk) -> None:
     desk.here(_person("p-luis", distance_m=4.5))
     assert desk.said()[0] == "p-luis"
     (told,) = desk.told
@@ -82,13 +82,13 @@ def test_where_it_could_be_two_nobody_is_said_to_until_the_wizard_deals_with_one
     assert desk.said()[0] == "p-luis"
 
 
-def test_who_has_left_does_not_speak(desk: Desk) -> None:
+def test_a_person_who_left_does_not_speak(desk: Desk) -> None:
     desk.here(replace(_person("p-luis", facing=True, distance_m=1.0), here=False))
     assert desk.said()[0] == ""
     assert desk.told == []
 
 
-def test_who_is_known_to_have_spoken_stays(desk: Desk) -> None:
+def test_a_known_speaker_stays(desk: Desk) -> None:
     desk.here(_person("p-luis", facing=True, distance_m=1.0))
     assert desk.said(person_id="p-anna")[0] == "p-anna"
     assert desk.told == []

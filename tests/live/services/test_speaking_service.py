@@ -120,7 +120,7 @@ def test_name_and_place_are_filled_in_and_no_name_is_recorded(desk: Desk) -> Non
     assert desk.events[0].person_id == "p-1"
 
 
-def test_whom_the_wizard_selected_and_where_the_robot_goes_come_first(desk: Desk) -> None:
+def test_the_selected_person_and_the_goal_come_first(desk: Desk) -> None:
     desk.state.persons.set((LUIS, replace(NAMELESS, name="Ana")))
     desk.state.selected_person.set("p-1")
     desk.be_at(7.5)
@@ -161,7 +161,7 @@ def test_a_gap_that_is_left_is_not_said_after_all(desk: Desk) -> None:
     assert desk.events == []
 
 
-def test_who_cannot_be_asked_is_refused(desk: Desk) -> None:
+def test_an_absent_person_is_refused(desk: Desk) -> None:
     with pytest.raises(UserFacingError, match="No person here has a name"):
         desk.say("Hello, {name}!", actor="model")
     assert desk.events == [] and desk.state.speech.value.gap is None
@@ -221,7 +221,7 @@ def test_the_face_changes_with_the_sentence(desk: Desk) -> None:
     assert desk.done == [intents.Nod(), intents.ShowExpression("happy")]
 
 
-def test_what_is_never_said_has_no_gesture(desk: Desk) -> None:
+def test_an_unspoken_text_has_no_gesture(desk: Desk) -> None:
     desk.say("Hello.", face="happy", gesture="nod")
     desk.tell(desk.voice.said[0][0], "failed")
     assert desk.done == []
@@ -235,7 +235,7 @@ def test_each_filler_takes_the_next_one(desk: Desk) -> None:
     assert fillers == ["Hm.", "Well.", "Let me see.", "Hm."]
 
 
-def test_what_was_typed_is_remembered_as_it_was_typed(desk: Desk) -> None:
+def test_typed_text_is_remembered_as_it_was_typed(desk: Desk) -> None:
     desk.state.persons.set((LUIS,))
     desk.say("Hello, {name}!")
     desk.ask(intents.Say("A phrase", "phrase"))

@@ -169,7 +169,7 @@ def test_the_next_one_is_said_once_the_gui_thread_has_heard_of_the_end(bench: Be
     ]
 
 
-def test_what_a_link_reports_that_was_replaced_is_on_no_record(bench: Bench, qtbot: QtBot) -> None:
+def test_reports_of_a_replaced_link_are_not_recorded(bench: Bench, qtbot: QtBot) -> None:
     bench.speech.queue.use_voice("robot")
     before = bench.link
     mute = ChildProcess(ProcessSpec("control", voice), on_message=lambda _value, _raw: None)
@@ -207,7 +207,7 @@ def test_a_failed_voice_does_not_fail_the_utterance_that_it_tries_next(bench: Be
     assert [state for _, state, _ in bench.recorder.told] == ["requested", "started", "finished"]
 
 
-def test_what_may_be_said_next_is_made_ahead_of_time_the_likeliest_first(
+def test_likely_texts_are_synthesised_ahead_the_likeliest_first(
     bench: Bench, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sent: list[Any] = []
@@ -310,7 +310,7 @@ def test_for_a_robot_without_speech_this_computer_speaks_and_reports_it_once(own
 
 
 @pytest.mark.parametrize("link", ["lost", "connected"])
-def test_what_nobody_speaks_is_an_alarm_until_something_is_said(
+def test_failed_speech_is_an_alarm_until_the_next_utterance(
     own_bench: Bench, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, link: LinkState
 ) -> None:
     bench = own_bench

@@ -66,7 +66,7 @@ def test_an_edited_one_is_said_as_edited_and_after_the_conversation_moved_on_as_
     assert len([event for event in desk.of(SuggestionChanged) if event.suggestion_id == first.suggestion_id]) == 2
 
 
-def test_who_speaks_on_ends_question_and_cards(desk: Desk) -> None:
+def test_resumed_speech_ends_question_and_cards(desk: Desk) -> None:
     question = desk.question()
     question.write('{"answer": "It stops at once.",')
     desk.speak_on()
@@ -75,7 +75,7 @@ def test_who_speaks_on_ends_question_and_cards(desk: Desk) -> None:
     assert desk.cards == []
 
 
-def test_what_was_said_before_is_read_while_the_participant_still_speaks(desk: Desk) -> None:
+def test_the_history_is_read_while_the_participant_still_speaks(desk: Desk) -> None:
     desk.model.embedded = True
     desk.question("Where is the kitchen?").answer(REPLIES)
     card = desk.state.suggestions.value.cards[0]
@@ -169,7 +169,7 @@ def test_a_correction_of_the_words_asks_again_and_one_of_the_speaker_not(desk: D
     assert desk.model.of("replies")[-1].over and len(desk.model.of("replies")) == 2
 
 
-def test_what_a_reply_is_made_from_is_reported(desk: Desk) -> None:
+def test_the_sources_of_a_reply_are_reported(desk: Desk) -> None:
     desk.use(places=(Place("Kitchen", Pose2D(1.0, 2.0, 0.0)), Place("Door", Pose2D(9.0, 2.0, 0.0))))
     desk.state.places.set(desk.scenario.places)
     desk.state.add(RobotPose(desk.now_ns, None, Pose2D(1.2, 2.1, 0.0)))
@@ -197,7 +197,7 @@ def test_names_are_shown_and_spoken_and_stay_out_of_the_record(desk: Desk) -> No
     )
 
 
-def test_what_was_said_just_now_is_no_reply(desk: Desk) -> None:
+def test_a_repeated_sentence_is_no_reply(desk: Desk) -> None:
     desk.question("It stops at once!").answer(REPLIES)
     assert desk.cards == ["Shall we go there?", "There is a zone around it."]
 

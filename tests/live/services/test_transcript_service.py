@@ -57,7 +57,7 @@ def desk() -> Iterator[Desk]:
     state.close()
 
 
-def test_what_is_corrected_is_recorded_and_shown(desk: Desk) -> None:
+def test_corrections_are_recorded_and_shown(desk: Desk) -> None:
     desk.say(HEARD)
     desk.correct(text="  Can it hurt\npeople? ", actor="wizard:b")
     (turn,) = desk.state.transcript.value
@@ -78,7 +78,7 @@ def test_a_sentence_whose_end_is_not_known_stays_in_the_conversation(desk: Desk)
     assert [turn.utterance_id for turn in in_order(desk.state.transcript.value)] == ["r"]
 
 
-def test_what_is_of_another_session_is_not_corrected(desk: Desk) -> None:
+def test_turns_of_another_session_are_not_corrected(desk: Desk) -> None:
     desk.say(HEARD)
     desk.say(SessionStarted(0, "next"))
     assert desk.state.transcript.value == ()

@@ -51,7 +51,7 @@ def test_a_network_for_something_else_is_reported() -> None:
     assert "is not a supported detector" in str(refused(OSNET_WEIGHTS))
 
 
-def test_what_is_not_there_is_reported(tmp_path: Path) -> None:
+def test_a_missing_model_is_reported(tmp_path: Path) -> None:
     assert "does not exist" in str(refused(tmp_path / "missing.onnx"))
 
 

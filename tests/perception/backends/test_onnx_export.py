@@ -86,7 +86,7 @@ def test_an_exported_network_computes_the_same_for_pictures_of_any_size(
     assert told.get("undecoded", False) == (name == "yolov8n"), "what decodes places that do not matter is left out"
 
 
-def test_what_is_no_detector_of_boxes_is_not_exported(exported: tuple[Path, dict[str, dict[str, Any]]]) -> None:
+def test_a_model_without_boxes_is_not_exported(exported: tuple[Path, dict[str, dict[str, Any]]]) -> None:
     folder, told = exported
     assert told["yolov8n-cls"]["error"] == "it is not a bounding-box detector"
     assert not (folder / "yolov8n-cls.onnx").exists()

@@ -152,7 +152,7 @@ def test_forms_by_shape() -> None:
     assert form((1, 1000)) is None
 
 
-def test_what_a_file_reports_itself_is_read_and_never_run(tmp_path: Path) -> None:
+def test_metadata_of_a_file_is_read_and_never_run(tmp_path: Path) -> None:
     told = {"task": "pose", "names": "{0: 'person', 2: 'cat'}", "kpt_shape": "[17, 3]"}
     assert facts_of(told) == ModelFacts(("person", "", "cat"), 51, True)
     assert facts_of({"names": ["a", "b"]}) == ModelFacts(("a", "b"))
@@ -186,7 +186,7 @@ def test_pictures_are_fitted_without_a_squeeze() -> None:
     assert same is middle, "nothing to do"
 
 
-def test_what_networks_take() -> None:
+def test_inputs_of_networks() -> None:
     picture = np.array([[[255, 51, 0]]], np.uint8)
     assert planes_rgb(picture).tolist() == [[[[0.0]], [[np.float32(0.2)]], [[1.0]]]]
     assert pixels_rgb(picture).tolist() == [[[[0.0, np.float32(0.2), 1.0]]]]

@@ -53,7 +53,7 @@ def test_it_finds_what_the_other_machine_finds(server: Serving) -> None:
         detector.close()
 
 
-def test_what_is_less_sure_than_requested_is_left_out(server: Serving) -> None:
+def test_detections_below_the_requested_confidence_are_left_out(server: Serving) -> None:
     detector = RemoteDetector(server.address, confidence=0.2)
     assert detector.detect(picture()).classes.tolist() == [1]
     detector.close()

@@ -81,7 +81,7 @@ def test_the_fastest_is_taken_and_said(setup: Setup) -> None:
 
 
 @pytest.mark.parametrize(("torch_ms", "shown"), [(19, "20 ms (torch 19 ms)"), (10, "10 ms (onnxruntime 20 ms)")])
-def test_what_needs_torch_must_be_worth_it(setup: Setup, torch_ms: float, shown: str) -> None:
+def test_torch_must_be_worth_its_start(setup: Setup, torch_ms: float, shown: str) -> None:
     setup.runtimes = {"torch": setup.fake(torch_ms), "onnxruntime": setup.fake(20)}
     assert setup.open() == f"fake, {shown}"
 
@@ -106,7 +106,7 @@ def test_one_that_cannot_be_opened_is_reported_and_the_other_runs(setup: Setup) 
     assert setup.open() == "fake (onnxruntime: it cannot be exported (no room))"
 
 
-def test_what_was_measured_is_remembered_until_something_changes(setup: Setup) -> None:
+def test_a_measurement_is_stored_until_something_changes(setup: Setup) -> None:
     setup.runtimes = {"torch": setup.fake(50), "onnxruntime": setup.fake(20)}
     first = setup.open()
     assert setup.opened == ["torch", "onnxruntime"]

@@ -140,7 +140,7 @@ class ToldCamera:
 GOOD = np.full((48, 64, 3), 77, np.uint8)
 
 
-def test_whatever_a_camera_delivers_is_fitted_or_left_out_with_one_message(start: Start) -> None:
+def test_any_picture_of_a_camera_is_fitted_or_left_out_with_one_message(start: Start) -> None:
     odd: list[Any] = [
         np.full((1, 1, 3), 9, np.uint8),
         np.full((1, 1, 3), 9, np.uint8),

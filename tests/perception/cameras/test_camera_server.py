@@ -144,7 +144,7 @@ def test_pictures_come_one_after_the_other_with_the_time_at_which_they_were_take
     served(test)
 
 
-def test_who_was_slow_gets_the_newest_picture_and_not_what_it_missed() -> None:
+def test_a_slow_client_gets_the_newest_picture_and_not_the_missed_ones() -> None:
     async def test(frames: NewestFrame, new_client: Callable[[], Awaitable[Client]]) -> None:
         client = await new_client()
         _, head, _ = await client.ask("GET", "/video.mjpg")
@@ -192,7 +192,7 @@ def test_with_a_token_nobody_else_is_answered() -> None:
     served(test, token=TOKEN)
 
 
-def test_what_cannot_be_understood_is_refused_and_the_others_continue() -> None:
+def test_a_malformed_request_is_refused_and_the_others_continue() -> None:
     async def test(_frames: NewestFrame, new_client: Callable[[], Awaitable[Client]]) -> None:
         for sent in (
             b"GARBAGE\r\n\r\n",

@@ -31,7 +31,7 @@ class Capture:
     ("pictures", "says", "advises"),
     [(0, "does not deliver any images", "other programs"), (1, "stopped delivering", "cable")],
 )
-def test_who_may_have_it_is_asked_only_where_no_picture_ever_came(
+def test_access_to_a_device_is_checked_only_where_no_picture_came(
     monkeypatch: pytest.MonkeyPatch, pictures: int, says: str, advises: str
 ) -> None:
     monkeypatch.setattr("cv2.VideoCapture", lambda _target: Capture(pictures))
