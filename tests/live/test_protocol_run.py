@@ -133,7 +133,7 @@ def test_an_edited_protocol_leaves_the_wizard_in_their_step(walk: ProtocolRun) -
     assert (walk.status().step_id, walk.status().ended) == ("", False)
 
 
-def test_a_failed_erasure_is_reported() -> None:
+def test_an_impossible_step_is_reported() -> None:
     empty, fresh = ProtocolRun(), ProtocolRun(STEPS)
     for move in (lambda: empty.next(0, WIZARD), lambda: empty.skip(0, WIZARD), lambda: empty.back(0, WIZARD)):
         with pytest.raises(UserFacingError, match="This scenario has no protocol"):

@@ -41,11 +41,11 @@ def test_a_standing_person_stands_at_any_distance(scale: float) -> None:
 
 
 @pytest.mark.parametrize("points", [SITS_BEFORE_THE_CAMERA, SITS_SIDEWAYS], ids=["towards us", "sideways"])
-def test_who_sits_sits(points: Points) -> None:
+def test_a_sitting_person_sits(points: Points) -> None:
     assert posture_of(points) == "sitting"
 
 
-def test_what_could_be_either_stays_what_it_was() -> None:
+def test_an_ambiguous_posture_stays_as_it_was() -> None:
     crouching = body(knee=(88, 125, 112, 125))
     assert [posture_of(crouching, before) for before in ("", "standing", "sitting")] == ["", "standing", "sitting"]
 
@@ -60,7 +60,7 @@ def test_what_could_be_either_stays_what_it_was() -> None:
     ],
     ids=["behind a table", "hips hidden", "lying", "nothing seen"],
 )
-def test_what_cannot_be_seen_is_not_reported(points: Points) -> None:
+def test_an_invisible_joint_is_not_reported(points: Points) -> None:
     assert posture_of(points, "standing") == ""
 
 
@@ -106,7 +106,7 @@ def test_single_bad_pictures_change_nothing() -> None:
     assert {pose.facing for pose in told[9:]} == {True}
 
 
-def test_what_is_not_seen_any_more_is_not_reported_for_long() -> None:
+def test_a_joint_no_longer_visible_is_soon_not_reported() -> None:
     told = _told((1.0, body()), (4.0, body(hidden=("knee", "wrist"))))
     assert told[20].posture == "standing"
     assert told[-1] == Pose("", None, True)

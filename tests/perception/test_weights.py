@@ -158,9 +158,7 @@ def test_models_for_other_purposes_are_not_taken(folders: tuple[Path, Path], mon
         find_weights(folders=folders, allow_download=False)
 
 
-def test_what_is_downloaded_goes_to_the_users_folder(
-    folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_downloads_go_to_the_users_folder(folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     _no_offline_package(monkeypatch)
 
     def download(target: Path) -> None:
@@ -204,9 +202,7 @@ def _sum(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def test_what_a_scenario_names_lies_next_to_it_or_in_a_models_folder(
-    tmp_path: Path, folders: tuple[Path, Path]
-) -> None:
+def test_weights_of_a_scenario_are_next_to_it_or_in_a_models_folder(tmp_path: Path, folders: tuple[Path, Path]) -> None:
     (folders[0] / "other.onnx").write_bytes(b"network")
     choice = DetectorChoice("other.onnx", folder=tmp_path, input_px=640)
     found = find_weights(choice, folders=folders)
@@ -252,7 +248,7 @@ def test_a_pickle_that_a_scenario_names_needs_a_checksum(folders: tuple[Path, Pa
         ("empty", "or an OpenVINO folder"),
     ],
 )
-def test_what_a_scenario_names_wrongly_is_reported(folders: tuple[Path, Path], source: str, words: str) -> None:
+def test_a_wrong_name_in_a_scenario_is_reported(folders: tuple[Path, Path], source: str, words: str) -> None:
     (folders[0] / "notes.txt").touch()
     (folders[0] / "empty").mkdir()
     (folders[0].parent / "other.onnx").touch()

@@ -66,7 +66,7 @@ def test_noise_was_said_by_nobody(session: Path) -> None:
     assert (noise.state, noise.said) == ("failed", False)
 
 
-def test_who_was_no_participant_was_not_answered(session: Path) -> None:
+def test_a_speaker_who_was_no_participant_was_not_answered(session: Path) -> None:
     found = responses(open_session(session))
     assert [(one.turn_id, one.reply_id, round(one.gap_s, 3), one.person_id) for one in found] == [
         ("p1", "r1", 0.5, "p-7")

@@ -21,7 +21,7 @@ def held_back(path: Path) -> DiskFile:
     return file
 
 
-def test_what_is_held_back_changes_the_front_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_delayed_writes_change_the_front_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = held_back(tmp_path / "f")
     assert (tmp_path / "f").read_bytes() == b"front body"
     seen_at_sync: list[bytes] = []
@@ -76,7 +76,7 @@ def test_a_reserve_is_given_back_step_by_step(tmp_path: Path) -> None:
     assert not reserve.release() and not reserve.held
 
 
-def test_what_a_full_disk_does_not_take_whole_is_taken_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_partial_write_on_a_full_disk_is_undone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = DiskFile(tmp_path / "f")
     file.write(b"whole. ")
     write, full = os.write, [True]

@@ -99,7 +99,7 @@ def test_the_methods_sheet_of_a_study_is_one(study: Path, tmp_path: Path, capsys
     assert "Exported 3 of 3 sessions and methods for all" in capsys.readouterr().out
 
 
-def test_what_cannot_be_exported_is_reported_and_the_rest_continues(
+def test_a_failed_export_is_reported_and_the_rest_continues(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (study / "sessions" / "one" / "events.mcap").unlink()
@@ -118,7 +118,7 @@ def test_what_cannot_be_exported_is_reported_and_the_rest_continues(
     assert names(tmp_path / "out" / "two") == ["kept.txt"]
 
 
-def test_what_was_repaired_first_is_reported(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_earlier_repair_is_reported(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copytree(session, tmp_path / "cut")
     header = json.loads((tmp_path / "cut" / "session.json").read_text())
     header["ended_ns"] = header["reason"] = None
@@ -247,7 +247,7 @@ def test_unknown_formats_are_refused(
         (lambda path: (path / "sessions").mkdir(parents=True), "is not a session or a study"),
     ],
 )
-def test_what_is_no_session_is_reported(
+def test_a_folder_that_is_no_session_is_reported(
     tmp_path: Path, make: Callable[[Path], object], expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     make(tmp_path / "x")
@@ -292,7 +292,7 @@ def test_the_process_shows_how_far_it_is_and_what_it_wrote(study: Path, tmp_path
     assert problem.startswith("bad: ")
 
 
-def test_what_a_killed_export_leaves_is_removed_and_nothing_else(study: Path, tmp_path: Path) -> None:
+def test_leftovers_of_a_killed_export_are_removed_and_nothing_else(study: Path, tmp_path: Path) -> None:
     request = ExportRequest(tuple(sorted((study / "sessions").iterdir())) * 4, ("csv",), tmp_path / "out")
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe(duplex=True)
@@ -445,7 +445,7 @@ def test_copies_count_once_where_sessions_are_counted(
     assert capsys.readouterr().out.count("copy of one") == 2
 
 
-def test_what_is_left_of_sessions_is_listed(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_remains_of_sessions_are_listed(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sessions = study / "sessions"
     (sessions / "one" / "session.json").unlink()
     (sessions / "two" / "session.json").unlink()

@@ -125,7 +125,7 @@ def test_nothing_but_a_jpeg_or_png_of_a_size_that_fits_reaches_a_decoder(
 
 
 @pytest.mark.parametrize("ending", [".jpg", ".png"])
-def test_what_is_complete_is_shown_everywhere(ending: str, tmp_path: Path) -> None:
+def test_complete_pictures_are_shown_everywhere(ending: str, tmp_path: Path) -> None:
     content = coded(ending)
     assert decoded(content).shape == (48, 64, 3)
     assert decode_compressed(content).shape == (48, 64, 3)

@@ -41,6 +41,6 @@ def test_texts_of_other_programs_are_read(png: bytes) -> None:
 @pytest.mark.parametrize(
     "spoil", [lambda png: b"", lambda png: png[:40], lambda png: b"GIF" + png, lambda png: png[:-3]]
 )
-def test_what_is_no_photo_is_refused(png: bytes, spoil: object) -> None:
+def test_a_file_that_is_no_photo_is_refused(png: bytes, spoil: object) -> None:
     with pytest.raises(PhotoFileError):
         with_texts(spoil(png), {"Camera": "front"})  # type: ignore[operator]

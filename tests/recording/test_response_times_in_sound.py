@@ -95,7 +95,7 @@ def test_response_times_agree_with_the_sound_files(session: Path) -> None:
     assert min(in_sound) < 0 < max(in_sound), "they speak over each other too"
 
 
-def test_what_was_reported_live_is_what_the_session_says(session: Path) -> None:
+def test_live_reports_equal_those_of_the_session(session: Path) -> None:
     opened = open_session(session)
     live = [value for _, value in opened.values("event/response_timed") if isinstance(value, ResponseTimed)]
     of_session = [(one.turn_id, one.reply_id, one.voice_ended_ns, one.first_sound_ns) for one in responses(opened)]

@@ -198,7 +198,7 @@ def test_values_with_impossible_stamps_are_left_out(tmp_path: Path) -> None:
     export_session(tmp_path / "s", "parquet", tmp_path / "parquet")
 
 
-def test_what_heads_the_session_is_reported_with_its_media(session: Path, tmp_path: Path) -> None:
+def test_the_header_is_reported_with_its_media(session: Path, tmp_path: Path) -> None:
     path = session / "session.json"
     header = json.loads(path.read_text())
     header["videos"] = [{"file_name": "video-front.mp4", "frames": 7}, {"file_name": "video-up.mp4"}]
@@ -235,7 +235,7 @@ def rows(value: Any) -> list[dict[str, Any]]:
     return [dict(zip(names, row, strict=True)) for row in table_.rows(value, times)]
 
 
-def test_what_is_missing_is_empty() -> None:
+def test_missing_values_are_empty() -> None:
     (row,) = rows(PlacesChanged(1, "Kitchen", Pose2D(1.0, 2.0, 3.0)))
     assert list(row.values())[4:] == ["Kitchen", 1.0, 2.0, 3.0, ""]
     (row,) = rows(PlacesChanged(1, "Kitchen", None))

@@ -55,7 +55,7 @@ def test_the_truth_is_within_the_stated_uncertainty_for_a_drifting_clock_behind_
     assert sum(uncertainties[60:]) / len(uncertainties[60:]) < 7.0
 
 
-def test_what_is_stated_grows_with_the_time_since_the_last_good_answer() -> None:
+def test_the_uncertainty_grows_with_the_time_since_the_last_good_answer() -> None:
     clock = ClockOffset()
     at_ns = 0
     for second in range(30):

@@ -219,7 +219,7 @@ def test_where_driving_is_not_permitted_no_control_moves_the_robot() -> None:
 
 
 @pytest.mark.logs("Emergency stop: /stop/set: there is no such service")
-def test_what_the_robot_moves_by_is_held_whatever_a_scenario_claims_and_a_stop_passes() -> None:
+def test_a_motion_interface_is_held_whatever_a_scenario_claims_and_a_stop_passes() -> None:
     stop = EmergencyStopInterface(service="/stop/set")
     robot = RobotProfile(
         "test", "Test", initial_pose="/here", emergency_stop=stop,
@@ -264,7 +264,7 @@ def test_what_the_robot_moves_by_is_held_whatever_a_scenario_claims_and_a_stop_p
     with_link(robot, test)
 
 
-def test_what_the_profile_itself_moves_by_is_motion_in_a_scenario_too() -> None:
+def test_motion_interfaces_of_the_profile_are_motion_in_a_scenario_too() -> None:
     wave = RobotControl("wave", "Wave", "button", CallService("/quiz/next", "std_srvs/Trigger", {}))
     lamp = RobotControl("lamp", "Lamp", "button", PublishMessage("/lamp", "std_msgs/Bool", {"data": True}))
     robot = RobotProfile(
@@ -360,7 +360,7 @@ def test_without_a_link_every_use_fails_and_none_comes_later(monkeypatch: pytest
     with_link(ROBOT, test)
 
 
-def test_what_a_control_began_is_cancelled_after_a_lost_link_and_its_status_shows_how_it_ended() -> None:
+def test_a_goal_of_a_control_is_cancelled_after_a_lost_link_and_reports_its_end() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(use("wave", True, "under way"))
         [goal] = await bench.until(lambda: bench.bridge.published("/play/goal"), "a goal")
@@ -387,7 +387,7 @@ def test_readings_are_reported_together_and_not_too_often() -> None:
     with_link(ROBOT, test)
 
 
-def test_who_has_forgotten_is_notified_again() -> None:
+def test_a_restarted_server_is_notified_again() -> None:
     async def test(bench: LoopBench) -> None:
         await bench.bridge.publish("/volume/state", {"data": 0.5})
         await bench.until(lambda: bench.of(ControlReadings), "a reading")
@@ -409,7 +409,7 @@ def test_stop_cancels_what_a_control_has_begun() -> None:
     with_link(ROBOT, test)
 
 
-def test_what_a_control_has_begun_does_not_outlive_the_console() -> None:
+def test_goals_of_a_control_do_not_outlive_the_console() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(use("wave", True))
         await bench.until(lambda: bench.bridge.published("/play/goal"), "a goal")
@@ -455,7 +455,7 @@ def test_paths_to_fields(text: str, path: tuple[str | int, ...]) -> None:
 
 
 @pytest.mark.parametrize("text", ["", ".", "a.", "a[", "a[-1]", "a[b]", "a b", "__import__('os')", "a[99999999]"])
-def test_what_is_no_path(text: str) -> None:
+def test_invalid_paths(text: str) -> None:
     with pytest.raises(ValueError, match="not a path"):
         parse_path(text)
 

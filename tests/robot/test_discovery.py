@@ -214,7 +214,7 @@ def test_two_services_make_one_emergency_stop() -> None:
     )
 
 
-def test_what_the_robot_hears_is_not_its_voice() -> None:
+def test_the_robots_microphone_is_not_its_voice() -> None:
     topics = ROS1 | {
         "/speech_recognition/result": "std_msgs/String",
         "/tts/status": "std_msgs/String",
@@ -270,7 +270,7 @@ def in_words(detail: str) -> str:
     )
 
 
-def test_what_is_said_of_a_message_can_be_said_in_another_language() -> None:
+def test_descriptions_of_a_message_can_be_translated() -> None:
     sentences = {kind: in_words(describe({**message})) for kind, (describe, message) in DESCRIBED.items()}
     assert sentences == {
         "path": "<{number} points.> number=2",

@@ -184,7 +184,7 @@ def test_a_command_topic_that_nobody_takes_is_reported_and_published_again_to_wh
     with_link(robot(EmergencyStopInterface(command_topic="/e_stop")), test)
 
 
-def test_what_a_robot_lacks_is_reported_again_when_it_has_changed() -> None:
+def test_missing_interfaces_are_reported_again_when_they_change() -> None:
     async def test(bench: LoopBench) -> None:
         def lacking() -> list[str]:
             return [problem.what for problem in bench.of(Problem) if problem.cause == "robot_lacks"]

@@ -170,7 +170,7 @@ def _name_of(effect: ControlEffect) -> str:
 
 
 @pytest.mark.long("pepper", "tiago", "turtlebot4")
-def test_what_the_profile_names_arrives(bench: Bench) -> None:
+def test_named_topics_arrive(bench: Bench) -> None:
     profile = bench.profile
     of_link: dict[type, object] = {LaserScan: profile.scan, Odometry: profile.odometry, RobotPose: profile.pose}
     of_link |= {BatteryState: profile.battery, HeadState: profile.head}

@@ -242,7 +242,7 @@ def test_overridden_it_lets_everything_pass_but_not_fast_without_scans() -> None
     assert guard.on, "each connection begins with it on"
 
 
-def test_what_the_robot_moved_since_the_scan_counts() -> None:
+def test_motion_since_the_scan_counts() -> None:
     guard = ObstacleGuard(PROFILE)
     guard.add_odometry(odometry(T, Pose2D(5.0, 1.0, 0.0), Twist2D(0.5)))
     guard.add_scan(scan(wall_ahead(0.8)))
@@ -329,7 +329,7 @@ def _turned_about(*, wall_m: float) -> tuple[ObstacleGuard, float]:
     return guard, T + 3.0
 
 
-def test_what_went_out_of_view_is_remembered_for_a_while() -> None:
+def test_obstacles_out_of_view_are_remembered_for_a_while() -> None:
     guard, now_s = _turned_about(wall_m=0.4)
     assert guard.limit(BACK, now_s).fraction == 0.0, "the wall behind is remembered"
     free, now_s = _turned_about(wall_m=2.5)
@@ -359,12 +359,12 @@ def test_a_lidar_with_gaps_between_its_sectors_crawls_only_until_it_has_seen_the
     assert states[-1] == "clear"
 
 
-def test_what_went_away_in_view_is_forgotten_at_once() -> None:
+def test_obstacles_that_leave_in_view_are_forgotten_at_once() -> None:
     guard = guard_with(PROFILE, scan(wall_ahead(0.9)), scan(at_s=T + 0.1))
     assert guard.limit(AHEAD, T + 0.1) == GuardLimit(1.0, "clear")
 
 
-def test_what_is_too_near_to_be_measured_is_not_gone() -> None:
+def test_an_obstacle_too_near_to_be_measured_is_not_gone() -> None:
     guard = guard_with(PROFILE, scan(wall_ahead(0.3)), scan(at_s=T + 0.1))
     assert guard.limit(AHEAD, T + 0.1).fraction == 0.0
 

@@ -198,7 +198,7 @@ def test_a_late_timer_does_not_make_the_step_larger() -> None:
     assert late.twist.forward_mps <= 2 * LIMITS.acceleration_mps2 * PERIOD_S + 1e-9
 
 
-def test_what_the_guard_takes_away_is_gone_at_once_and_the_arc_stays() -> None:
+def test_a_limit_of_the_guard_applies_at_once_and_the_arc_stays() -> None:
     bench = Bench()
     bench.drive(Twist2D(0.4, 0.0, 0.8))
     bench.run(1.0)
@@ -208,7 +208,7 @@ def test_what_the_guard_takes_away_is_gone_at_once_and_the_arc_stays() -> None:
     assert {leased.source for _, leased in slowed} == {"keyboard"}
 
 
-def test_what_the_guard_forbids_stops_at_once_and_not_at_the_next_tick() -> None:
+def test_a_stop_of_the_guard_applies_at_once_and_not_at_the_next_tick() -> None:
     bench = Bench()
     bench.drive()
     bench.run(1.0)
@@ -257,7 +257,7 @@ def test_from_standing_before_an_obstacle_another_direction_begins_at_once() -> 
     assert bench.sent[-1][1].twist.turn_radps > 0.0
 
 
-def test_what_is_beyond_the_limits_or_no_number_is_bounded() -> None:
+def test_values_beyond_the_limits_or_no_numbers_are_bounded() -> None:
     assert bounded_twist(Twist2D(9.0, 1.0, -9.0), LIMITS) == Twist2D(0.5, 0.0, -1.0)
     assert bounded_twist(Twist2D(-9.0, 0.0, math.nan), LIMITS) == Twist2D(-0.3, 0.0, 0.0)
 
@@ -269,7 +269,7 @@ whats = st.sampled_from(["drive", "release", "wait", "lapse"])
 
 
 @given(st.lists(st.tuples(speeds, speeds, speeds, whats, st.sampled_from([1.0, 1.0, 0.3, 0.0])), max_size=30))
-def test_whatever_is_asked_and_allowed_the_robot_is_never_sent_beyond_its_limits(
+def test_the_robot_is_never_sent_values_beyond_its_limits(
     asked: list[tuple[float, float, float, str, float]],
 ) -> None:
     limits = MotionLimits(left_mps=0.2)

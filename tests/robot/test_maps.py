@@ -179,7 +179,7 @@ def test_a_map_server_that_answers_with_a_huge_map(result: int, state: str) -> N
     with_link(ROBOT, test, prepare=prepare)
 
 
-def test_what_cannot_be_is_refused_and_nothing_is_sent() -> None:
+def test_impossible_operations_are_refused_and_nothing_is_sent() -> None:
     async def test(bench: LoopBench) -> None:
         await first_mapping(bench)
         bench.send(RequestMap(now_ns(), "a", "load", "../etc/passwd"), RequestMap(now_ns(), "b", "start_mapping"))

@@ -40,7 +40,9 @@ def test_every_shipped_type_explains_itself() -> None:
         ),
     ],
 )
-def test_what_fits_is_sent_as_the_type_wants_it(type_: str, message: dict[str, Any], sent: dict[str, Any]) -> None:
+def test_a_valid_message_is_sent_as_its_type_requires(
+    type_: str, message: dict[str, Any], sent: dict[str, Any]
+) -> None:
     fit = check(type_, message)
     assert fit == sent
     assert [type(value) for value in fit.values()] == [type(value) for value in sent.values()]
@@ -67,7 +69,7 @@ def test_what_fits_is_sent_as_the_type_wants_it(type_: str, message: dict[str, A
         ("std_msgs/Header", {"stamp": {"secs": 1.5}}, "must be a time in whole seconds"),
     ],
 )
-def test_what_does_not_fit_is_explained(type_: str, message: dict[str, Any], sentence: str) -> None:
+def test_an_invalid_message_is_explained(type_: str, message: dict[str, Any], sentence: str) -> None:
     with pytest.raises(MessageMismatchError) as refusal:
         check(type_, message)
     assert sentence in str(refusal.value)
@@ -138,7 +140,7 @@ def test_answers_of_rosapi_that_explain_nothing(typedefs: Any) -> None:
         definition_from_rosapi(typedefs)
 
 
-def test_what_does_not_fit_is_said_in_the_language_of_the_wizard() -> None:
+def test_an_invalid_message_is_explained_in_the_wizards_language() -> None:
     german = {
         "{where} must be text, but it is {value}": "{where} muss ein Text sein, ist aber {value}",
         "the field {field}": "das Feld {field}",

@@ -121,7 +121,7 @@ def test_a_robot_that_moves_though_nothing_here_reports_it_to_is_noticed_at_once
 
 
 @pytest.mark.parametrize("creeps", [Twist2D(0.025), Twist2D(0.0, -0.025), Twist2D(0.0, 0.0, 0.055)])
-def test_what_the_sign_calls_moving_is_not_called_standing_and_is_no_alarm(creeps: Twist2D) -> None:
+def test_motion_in_the_odometry_is_not_called_still_and_is_no_alarm(creeps: Twist2D) -> None:
     base = Base()
     base.run(3.0)
     assert moves(creeps)
@@ -149,7 +149,7 @@ def test_a_goal_and_a_control_move_it_on_behalf_of_this_console() -> None:
     assert base.run(1.0, moves=Twist2D(0.3))[-1] == "uncommanded", "the control was stopped"
 
 
-def test_what_another_person_commands_is_distinguished_from_the_echo_of_what_was_sent() -> None:
+def test_commands_of_others_are_distinguished_from_the_echo_of_ours() -> None:
     base = Base()
     base.run(2.0)
     assert "commanded_elsewhere" not in base.run(2.0, sent=Twist2D(0.123456, 0.0, 0.3), moves=Twist2D(0.12, 0.0, 0.3))
@@ -161,7 +161,7 @@ def test_what_another_person_commands_is_distinguished_from_the_echo_of_what_was
     assert without.run(0.2, others=Twist2D(0.3), odometry=False)[-1] == "commanded_elsewhere"
 
 
-def test_what_a_stopped_rosbridge_obeys_of_the_connection_before_is_not_another_person_s() -> None:
+def test_late_commands_of_a_stopped_rosbridge_are_not_of_others() -> None:
     base = Base()
     base.run(2.0)
     base.run(1.0, sent=Twist2D(0.3), moves=Twist2D(0.3))

@@ -316,7 +316,7 @@ def test_a_password_in_an_address_is_not_repeated() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "just a text", "- a\n- b\n", "version: 1\nros: !!python/object:os.system 1\n"])
-def test_what_is_no_profile_at_all_is_refused(text: str) -> None:
+def test_a_file_that_is_no_profile_is_refused(text: str) -> None:
     assert "robot.yaml" in message_of(text)
 
 
@@ -389,7 +389,7 @@ def test_a_shipped_profile_reads_back_as_it_was_written(name: str, tmp_path: Pat
     assert max(len(line) for line in path.read_text().splitlines()) < 130
 
 
-def test_what_a_file_cannot_say_is_not_written(tmp_path: Path) -> None:
+def test_a_profile_the_file_cannot_hold_is_not_written(tmp_path: Path) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text("before")
     with pytest.raises(ProfileError, match="not saved"):
@@ -727,7 +727,7 @@ def test_an_outline_with_the_centre_on_its_edge_or_twice_the_same_corner_is_none
     assert polygon_mistake([(-1.0, 0.0), (0.0, 0.0), (1.0, 0.0)])
 
 
-def test_what_the_panel_sends_keeps_its_types() -> None:
+def test_values_of_the_panel_keep_their_types() -> None:
     profile = load_profile("tiago")
     torso = next(control for control in profile.controls if control.id == "torso")
     assert isinstance(torso.effect, PublishMessage)

@@ -68,6 +68,6 @@ def test_every_key_says_what_it_means(group: Group) -> None:
         assert meaning, name
 
 
-def test_what_is_in_the_file_alone_is_little() -> None:
+def test_few_keys_are_in_the_file_alone() -> None:
     in_file = {key.name for key in keys_of(ProfileFile)}
     assert in_file - {key.name for key in keys_of(RobotProfile)} == {"version", "namespace", "footprint_radius_m"}

@@ -72,7 +72,7 @@ needs_leave = pytest.mark.skipif(not may_come_first(), reason="this user may not
 
 
 @needs_leave
-def test_who_has_leave_comes_first_until_it_computes_for_long() -> None:
+def test_a_permitted_process_has_priority_until_it_computes_for_long() -> None:
     found, said = tried("privileged")
     assert found == {"first": True, "stayed": True, "after_long": False}
     assert "other programs have their turn again" in said

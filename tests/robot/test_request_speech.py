@@ -315,7 +315,7 @@ def test_over_http_nobody_there_is_reported_and_silence_is_requested(monkeypatch
     with_web(web, nobody, url="http://127.0.0.1:9/", body={"text": "$value"})
 
 
-def test_what_the_robot_says_automatically_is_its_own_and_what_it_was_asked_to_say_is_not() -> None:
+def test_unprompted_speech_is_distinguished_from_requested_speech() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(Say(now_ns(), "u1", "Hello Ada, follow me please!", "wizard:a", recorded="Hello {p-1}"))
         await bench.bridge.publish("/says", {"data": "hello ada follow me please"})

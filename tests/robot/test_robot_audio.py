@@ -27,7 +27,7 @@ async def listening(bench: LoopBench) -> dict[str, Any]:
     return subscribed
 
 
-def test_what_the_robot_hears_arrives_in_either_encoding_while_it_is_listened_to() -> None:
+def test_robot_sound_arrives_in_either_encoding_while_it_is_subscribed() -> None:
     async def test(bench: LoopBench) -> None:
         subscribed = await listening(bench)
         assert subscribed["type"] == "audio_common_msgs/AudioData"
@@ -131,7 +131,7 @@ def test_a_stamp_of_the_robot_is_the_moment_of_the_first_sample() -> None:
     with_link(robot, test, media=True, prepare=prepare)
 
 
-def test_what_the_wizard_says_goes_to_the_robots_loudspeaker_now_or_never() -> None:
+def test_the_wizards_voice_goes_to_the_robots_loudspeaker_now_or_never() -> None:
     async def test(bench: LoopBench) -> None:
         bench.link.process_commands([link_commands.PlayOnRobot(1, TONE[:, None])])
         [message] = await bench.until(lambda: bench.bridge.published("/speaker"), "the sound")

@@ -59,7 +59,7 @@ def test_each_thing_that_is_missing_is_a_sentence_of_its_own() -> None:
     ]
 
 
-def test_what_comes_only_at_times_is_not_missed() -> None:
+def test_occasional_topics_are_not_missing() -> None:
     assert missing_from(TIAGO, without("/move_base/GlobalPlanner/plan", "/amcl_pose", "/initialpose")) == []
 
 
@@ -187,7 +187,7 @@ def test_a_rosbridge_with_one_queue_is_named_with_both_parameters() -> None:
     ],
 )
 @pytest.mark.long
-def test_what_rosapi_says_is_shown(answer: str | None, told: str) -> None:
+def test_a_reply_of_rosapi_is_shown(answer: str | None, told: str) -> None:
     async def ask(bridge: Bridge) -> tuple[list[str], str]:
         await bridge.open()
         bridge.answers = {"/rosapi/topics": lambda _: answer, "/rosapi/services": {"services": []}}

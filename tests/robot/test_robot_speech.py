@@ -109,7 +109,7 @@ def test_a_robot_that_does_not_begin_to_speak(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize(("number", "state"), [(3, "finished"), (4, "failed"), (2, "interrupted")])
-def test_what_became_of_a_sentence_while_the_link_was_lost_is_reported_by_its_status(number: int, state: str) -> None:
+def test_the_fate_of_a_sentence_in_a_lost_link_is_reported_by_its_status(number: int, state: str) -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(Say(now_ns(), "u1", "A long story"), Say(now_ns(), "u2", "again"))
         [first] = await goal_ids(bench, 1)

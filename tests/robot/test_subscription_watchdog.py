@@ -62,7 +62,7 @@ PUBLISHED: dict[str, Answer] = {
         ("nobody_msgs/Knows", False),
     ],
 )
-def test_what_rosbridge_can_send_as_cbor(type_: str, carried: bool) -> None:
+def test_types_that_rosbridge_can_send_as_cbor(type_: str, carried: bool) -> None:
     assert cbor_carries(type_) is carried
 
 

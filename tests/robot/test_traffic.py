@@ -115,7 +115,7 @@ def test_a_link_reports_traffic_round_trip_and_clock_once_a_second(bridge: Bridg
         link.close()
 
 
-def test_what_newer_values_replaced_before_it_was_taken_is_reported(bridge: BridgeDouble) -> None:
+def test_values_replaced_by_newer_ones_are_counted(bridge: BridgeDouble) -> None:
     link = LinkProcess(bridge.address)
     try:
         link.wait_for_state("connected")

@@ -94,7 +94,7 @@ def connected(
     asyncio.run(run())
 
 
-def test_what_is_published_while_disconnected_is_gone_and_what_stands_is_established_on_connection(
+def test_messages_while_disconnected_are_dropped_and_subscriptions_restored(
     bridge: BridgeDouble,
 ) -> None:
     async def run() -> None:

@@ -54,7 +54,7 @@ def test_an_ordinary_wireless_network_is_allowed_no_more() -> None:
     assert sent_until_full(unread, now_s, 0.05) <= MOST_UNREAD
 
 
-def test_what_the_network_usually_takes_is_allowed_on_top() -> None:
+def test_the_usual_latency_of_the_network_is_added() -> None:
     unread, now_s = answering(0.6)
     count = sent_until_full(unread, now_s, 0.05)
     assert MOST_UNREAD + 10 <= count <= MOST_UNREAD + 12

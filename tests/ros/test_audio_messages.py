@@ -57,7 +57,7 @@ def test_the_form_is_reported() -> None:
         {"header": {"stamp": "now"}, "audio": {"data": ""}},
     ],
 )
-def test_what_is_no_sound_is_refused(message: Any) -> None:
+def test_a_message_without_sound_is_refused(message: Any) -> None:
     with pytest.raises(MessageError):
         decode_audio_data(message)
 

@@ -43,6 +43,6 @@ def test_the_zero_time_means_not_stamped() -> None:
 
 
 @pytest.mark.parametrize("value", [None, 3, {}, {"secs": 1.5}, {"sec": "1"}, {"secs": True}, {"secs": 2**70}])
-def test_what_is_no_time_is_refused(value: object) -> None:
+def test_an_invalid_time_is_refused(value: object) -> None:
     with pytest.raises(ValueError, match="a time must be an object"):
         decode_time(value)

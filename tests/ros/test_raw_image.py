@@ -152,7 +152,7 @@ def test_json_carries_the_same_as_text() -> None:
         ({"step": "18"}, "Image.step"),
     ],
 )
-def test_what_is_torn_is_refused(change: dict[str, Any], told: str) -> None:
+def test_a_torn_image_is_refused(change: dict[str, Any], told: str) -> None:
     with pytest.raises(MessageError, match=told):
         decode_image({**message("bgr8", SHOWN.reshape(HEIGHT, -1)), **change})
 

@@ -100,7 +100,7 @@ def test_messages_beyond_the_limit_are_refused_before_they_are_decoded() -> None
         decode_cbor(encode_cbor({"op": "publish"}), max_bytes=10)
 
 
-def test_what_has_no_form_is_refused_when_writing() -> None:
+def test_a_malformed_value_is_refused_when_writing() -> None:
     for encode in (encode_json, encode_cbor):
         with pytest.raises(ProtocolError):
             encode({"op": "x", "a": object()})

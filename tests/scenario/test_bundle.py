@@ -52,7 +52,7 @@ def packed(path: Path, entries: dict[str, str | bytes], *, about: dict[str, str]
     return path
 
 
-def test_what_goes_in_comes_out(tmp_path: Path, folders: dict[PartKind, Path], known: Known) -> None:
+def test_a_bundle_unpacks_as_it_was_packed(tmp_path: Path, folders: dict[PartKind, Path], known: Known) -> None:
     write_bundle(GIVEN, tmp_path / "a.caris")
     write_bundle(GIVEN, tmp_path / "b.caris")
     assert (tmp_path / "a.caris").read_bytes() == (tmp_path / "b.caris").read_bytes(), "its checksum means something"
@@ -101,7 +101,7 @@ def test_no_path_leaves_its_folder(tmp_path: Path, name: str) -> None:
         read_bundle(packed(tmp_path / "a.caris", {"scenario/visit.yaml": SCENARIO, name: "x: 1"}))
 
 
-def test_what_swells_is_refused_before_it_does(tmp_path: Path) -> None:
+def test_a_decompression_bomb_is_refused_before_it_expands(tmp_path: Path) -> None:
     swelling = packed(tmp_path / "a.caris", {"scenario/visit.yaml": b"#" * (20 * MAX_FILE_BYTES)})
     assert swelling.stat().st_size < MAX_FILE_BYTES
     with pytest.raises(BundleError, match="too large"):
@@ -125,7 +125,7 @@ def test_what_swells_is_refused_before_it_does(tmp_path: Path) -> None:
         ({"scenario/a.yaml": b"\xff\xfe"}, ABOUT, "damaged"),
     ],
 )  # fmt: skip
-def test_what_it_says_is_checked(
+def test_the_contents_are_checked(
     tmp_path: Path, entries: dict[str, str | bytes], about: dict[str, str], said: str
 ) -> None:
     with pytest.raises(BundleError, match=said):
@@ -149,7 +149,7 @@ def test_a_damaged_file_is_refused_or_means_the_same(tmp_path: Path) -> None:
     assert refused > 100
 
 
-def test_what_was_put_aside_comes_back_where_the_rest_cannot_be_written(
+def test_replaced_files_come_back_where_the_rest_cannot_be_written(
     tmp_path: Path, folders: dict[PartKind, Path], known: Known
 ) -> None:
     mine = folders["robot"] / "lab.yaml"

@@ -102,7 +102,7 @@ def test_a_text_with_more_along_becomes_a_group_and_a_text_again() -> None:
     assert edit.data["phrases"][0] == "Good morning"
 
 
-def test_what_is_set_back_to_its_default_leaves_the_file_as_it_was() -> None:
+def test_a_value_set_to_its_default_leaves_the_file_as_it_was() -> None:
     edit = document()
     edit.set(("recording", "lsl"), True)
     assert edit.text != SMALL
@@ -113,7 +113,7 @@ def test_what_is_set_back_to_its_default_leaves_the_file_as_it_was() -> None:
     assert "  photos: true   # no consent\n" in edit.text
 
 
-def test_what_is_typed_at_one_place_is_one_step() -> None:
+def test_typing_in_one_place_is_one_step() -> None:
     edit = document()
     for text in ("S", "Sm", "Sma"):
         edit.set(("title",), text)

@@ -117,7 +117,7 @@ def test_our_own_table_reads_back(tmp_path: Path) -> None:
         ("tier,start_s,end_s,value\nA,1:2:3:4,9,x\n", "“1:2:3:4” is not a valid time"),
     ],
 )
-def test_what_cannot_be_read_names_the_line(tmp_path: Path, content: str | bytes, told: str) -> None:
+def test_an_unreadable_value_is_reported_with_its_line(tmp_path: Path, content: str | bytes, told: str) -> None:
     with pytest.raises(AnnotationError, match=told) as refusal:
         read(tmp_path, content)
     assert str(refusal.value).startswith("x.csv cannot be imported.")
@@ -188,7 +188,7 @@ def test_tables_of_boris_are_read_and_what_is_skipped_is_counted(
     assert skipped == left_out
 
 
-def test_what_has_no_length_is_a_moment(tmp_path: Path) -> None:
+def test_an_annotation_without_length_is_a_moment(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     path.write_text("tier,start_ms,end_ms,value\nGaze,100,100,blink\nGaze,150,400,robot\nGaze,900,900,blink\n", "utf-8")
     document = read_csv(path, coder="C1")

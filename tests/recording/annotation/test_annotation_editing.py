@@ -89,7 +89,7 @@ def test_a_vocabulary_limits_the_values_of_its_tiers() -> None:
     annotation_editing.check_document(changed)
 
 
-def test_what_was_recorded_is_read_only() -> None:
+def test_recorded_tiers_are_read_only() -> None:
     document = coded((0, 10))
     tried: list[Any] = [
         lambda: annotation_editing.add_annotation(document, "record-motion", 600, 700, "x"),

@@ -73,7 +73,7 @@ def vocabulary(document: AnnotationDocument, name: str) -> list[str]:
     return [entry.value for entry in annotation_editing.vocabulary_of(document, name).entries]
 
 
-def test_what_was_said_becomes_tiers_by_speaker(tmp_path: Path) -> None:
+def test_utterances_become_tiers_by_speaker(tmp_path: Path) -> None:
     values = [
         *heard(1, 2.0, 3.5, "Hi there"),
         # Overlapping speech of two people.
@@ -374,7 +374,7 @@ def test_a_whole_tour_keeps_the_rules(tmp_path: Path) -> None:
     assert {"Participant speech", "Robot speech", "Wizard marks", "Motion", "Navigation goals", "Pauses"} <= set(found)
 
 
-def test_whoever_does_not_want_to_wait_ends_it(tmp_path: Path) -> None:
+def test_a_running_import_can_be_cancelled(tmp_path: Path) -> None:
     class CancelledError(Exception):
         pass
 

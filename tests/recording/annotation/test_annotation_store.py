@@ -28,7 +28,7 @@ def coded(coder: str, value: str = "robot", *, at_ms: int = 0) -> AnnotationDocu
     return annotation_editing.add_annotation(document, document.tiers[1].tier_id, 7, 9, 'ü\n"\U0001f916 <&')
 
 
-def test_what_was_saved_comes_back_identical(tmp_path: Path) -> None:
+def test_a_saved_document_comes_back_identical(tmp_path: Path) -> None:
     document = coded("anna")
     path = save_coder(tmp_path, document, "anna")
     assert path == tmp_path / "annotations" / "anna.json"

@@ -80,7 +80,7 @@ def write(folder: Path, document: AnnotationDocument) -> Path:
     return path
 
 
-def test_what_is_exported_reads_back_identical(tmp_path: Path, elan_schema: xmlschema.XMLSchema) -> None:
+def test_an_export_reads_back_identical(tmp_path: Path, elan_schema: xmlschema.XMLSchema) -> None:
     document = coded("anna", "ben", "zoë <m>")
     path = write(tmp_path, document)
     elan_schema.validate(str(path))
@@ -118,7 +118,7 @@ _NAMES = st.text(st.sampled_from(string.printable + "äß李\x00\u202e"), min_si
     st.lists(st.tuples(st.integers(0, 3), st.integers(0, 5000), st.integers(1, 300), _TEXTS), max_size=12),
     st.lists(st.tuples(_TEXTS, _TEXTS), max_size=4),
 )
-def test_whatever_coders_type_reads_back_identical(
+def test_any_text_of_a_coder_reads_back_identical(
     tiers: list[tuple[str, str, bool]], spans: list[tuple[int, int, int, str]], entries: list[tuple[str, str]]
 ) -> None:
     """The edit functions replace control characters by U+FFFD and single line ends by line feeds."""
@@ -432,7 +432,7 @@ _BOMB = '<!DOCTYPE a [<!ENTITY b "bbbb"><!ENTITY c "&b;&b;">]><ANNOTATION_DOCUME
         (FOREIGN.replace(">one<", f">{'x' * 20_000}<"), "has 20000 characters"),
     ],
 )
-def test_what_cannot_be_read_is_reported(tmp_path: Path, content: str, told: str) -> None:
+def test_an_unreadable_file_is_reported(tmp_path: Path, content: str, told: str) -> None:
     path = tmp_path / "x.eaf"
     path.write_text(content)
     with pytest.raises(AnnotationError, match=told):

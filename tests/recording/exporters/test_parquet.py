@@ -82,7 +82,7 @@ def test_values_are_those_that_were_recorded(out: Path) -> None:
     assert first["stamp_ns"] + 10 * S // 10 == odometry[10]["stamp_ns"]
 
 
-def test_what_the_robot_measured_is_on_the_session_clock(out: Path) -> None:
+def test_measurements_of_the_robot_are_on_the_session_clock(out: Path) -> None:
     for row in rows(out / "one" / "odometry.parquet"):
         measured_s, expected_s = row["measured_session_s"], row["pose_in_odom_x_m"] * 10
         assert abs(measured_s - expected_s) < 0.001, "the 30 ms on the way are taken out"

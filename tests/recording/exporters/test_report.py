@@ -220,7 +220,7 @@ def test_an_empty_session_and_a_cut_one_have_a_report(tmp_path: Path) -> None:
 # Methods sheet
 
 
-def test_who_had_the_robot_speak_is_notified_of_all(tmp_path: Path) -> None:
+def test_speakers_through_the_robot_are_all_reported(tmp_path: Path) -> None:
     def decided(name: str, *actors: str) -> str:
         values = [
             replace(event, actor=actor)

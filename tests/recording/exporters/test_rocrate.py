@@ -78,7 +78,7 @@ def test_the_crate_describes_every_file_truly(made: RecordedSession, out: Path) 
     assert {part.id for part in crate.root_dataset["hasPart"]} >= {"FORMAT.md", "data_dictionary.csv"}
 
 
-def test_what_an_archive_asks_for(made: RecordedSession, out: Path) -> None:
+def test_requirements_of_an_archive(made: RecordedSession, out: Path) -> None:
     crate = ROCrate(out)
     root, session = crate.root_dataset, open_session(made.folder)
     assert root["license"].id == "https://creativecommons.org/licenses/by/4.0/"
@@ -118,14 +118,14 @@ def test_the_session_inside_is_the_session(made: RecordedSession, out: Path) -> 
     assert sum(1 for _ in session.values()) == sum(1 for _ in open_session(made.folder).values())
 
 
-def test_whoever_edits_the_crate_does_not_edit_the_recording(made: RecordedSession, out: Path) -> None:
+def test_editing_the_crate_does_not_edit_the_recording(made: RecordedSession, out: Path) -> None:
     for copy in (out / made.folder.name).rglob("*"):
         if copy.is_file():
             original = made.folder / copy.relative_to(out / made.folder.name)
             assert not copy.samefile(original), copy
 
 
-def test_who_the_wizard_was_is_nowhere_in_the_crate(made: RecordedSession, out: Path) -> None:
+def test_the_wizards_name_is_nowhere_in_the_crate(made: RecordedSession, out: Path) -> None:
     for path in out.rglob("*"):
         if path.is_file():
             assert b"Wilma" not in path.read_bytes(), path
@@ -187,7 +187,7 @@ def test_with_names_the_crate_is_the_session_as_it_was_recorded(made: RecordedSe
 
 
 @pytest.mark.logs(r"recording\.session_export: ")
-def test_what_headed_the_session_before_a_repair_names_nobody_either(made: RecordedSession, tmp_path: Path) -> None:
+def test_a_header_before_a_repair_names_nobody_either(made: RecordedSession, tmp_path: Path) -> None:
     folder = shutil.copytree(made.folder, tmp_path / "s", symlinks=True)
     (folder / "recovered").mkdir()
     shutil.copy(folder / "session.json", folder / "recovered" / "session.json.original")
@@ -245,7 +245,7 @@ def test_the_page_for_people_is_escaped_and_says_what_is_there(out: Path) -> Non
     assert "%C3%BC/events.mcap" in page
 
 
-def test_who_the_wizard_was_is_not_in_the_metadata(out: Path) -> None:
+def test_the_wizards_name_is_not_in_the_metadata(out: Path) -> None:
     for name in ("ro-crate-metadata.json", "ro-crate-preview.html", "FORMAT.md"):
         assert "Wilma" not in (out / name).read_text()
 

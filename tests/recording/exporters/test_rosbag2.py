@@ -240,7 +240,7 @@ def test_frames_of_which_the_record_does_not_tell_are_there_too(tmp_path: Path) 
     assert stamps_ns == sorted(stamps_ns)
 
 
-def test_whatever_has_no_standard_message_is_there_as_json(made: RecordedSession, bag: dict[str, list[Read]]) -> None:
+def test_values_without_a_standard_message_are_there_as_json(made: RecordedSession, bag: dict[str, list[Read]]) -> None:
     told = [json.loads(message.data) for _, message in bag["/caris/event/utterance_changed"]]
     recorded = [to_jsonable(value) for _, value in made.values if type(value).__name__ == "UtteranceChanged"]
     assert told == recorded

@@ -27,7 +27,7 @@ def exported(session: Path, out: Path) -> Path:
     return out
 
 
-def test_what_was_said_is_captioned_with_who_said_it(tmp_path: Path) -> None:
+def test_utterances_are_captioned_with_their_speaker(tmp_path: Path) -> None:
     make_session(tmp_path / "s", everything)
     out = exported(tmp_path / "s", tmp_path / "out")
     assert captions(out / "captions.vtt") == [

@@ -338,9 +338,7 @@ def exported(made: RecordedSession, tmp_path_factory: pytest.TempPathFactory) ->
 
 @pytest.mark.parametrize("name", ["ros2", "session.bag"])
 @pytest.mark.long("ros2")
-def test_what_this_program_exported_comes_back(
-    made: RecordedSession, exported: Path, name: str, tmp_path: Path
-) -> None:
+def test_an_export_of_this_program_comes_back(made: RecordedSession, exported: Path, name: str, tmp_path: Path) -> None:
     import_bag(exported / name, tmp_path / "again")
     session, original = open_session(tmp_path / "again"), open_session(made.folder)
     assert session.trial == original.trial
@@ -544,7 +542,7 @@ BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
 
 
 @pytest.mark.parametrize("kind", BAD)
-def test_what_is_no_use_is_reported_and_leaves_nothing(kind: str, tmp_path: Path) -> None:
+def test_a_useless_file_is_reported_and_leaves_nothing(kind: str, tmp_path: Path) -> None:
     write, match = BAD[kind]
     nothing_remains(tmp_path, write(tmp_path), match=match)
 

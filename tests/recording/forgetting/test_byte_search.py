@@ -136,7 +136,7 @@ def _zstd(path: Path) -> None:
 
 
 @pytest.mark.parametrize("make", [_packed_zip, _mcap, _sqlite, _parquet, _png, _zstd])
-def test_what_is_packed_is_unpacked(search: ByteSearch, tmp_path: Path, make: Callable[[Path], None]) -> None:
+def test_packed_data_is_unpacked(search: ByteSearch, tmp_path: Path, make: Callable[[Path], None]) -> None:
     path = tmp_path / "file"
     make(path)
     found = search.file(path)
@@ -156,7 +156,7 @@ def test_a_name_across_two_blocks_is_found_once_and_half_a_word_is_none(
         assert not short.data(b"." * begin + b"Annual" + b"." * 3000).hits
 
 
-def test_what_cannot_be_unpacked_is_reported(search: ByteSearch, tmp_path: Path) -> None:
+def test_unreadable_archives_are_reported(search: ByteSearch, tmp_path: Path) -> None:
     path = tmp_path / "torn.zip"
     _packed_zip(path)
     path.write_bytes(path.read_bytes()[:60])

@@ -49,7 +49,7 @@ def test_over_a_longer_pause_both_places_are_covered() -> None:
     assert covers(seen.areas_at("front", 2 * SECOND_NS), 0.1, 0.2, 0.7, 0.7)
 
 
-def test_who_came_and_left_is_covered_a_little_before_and_after_and_no_longer() -> None:
+def test_a_person_is_blurred_from_a_little_before_to_a_little_after() -> None:
     seen = sightings({10.0: (0.4, 0.2)}, [at / 5 for at in range(200)])
     for at_s, covered in ((9.0, True), (11.0, True), (8.0, False), (12.0, False)):
         assert bool(seen.areas_at("front", round(at_s * SECOND_NS))) == covered
@@ -92,11 +92,11 @@ def test_before_a_track_was_anybodys_it_was_theirs() -> None:
         ([(True, "p-1", "p-9")], {"p-1"}),
     ],
 )
-def test_who_turned_out_to_be_them_is_them(links: list[tuple[bool, str, str]], expected: set[str]) -> None:
+def test_an_identified_person_is_the_same_person(links: list[tuple[bool, str, str]], expected: set[str]) -> None:
     assert everyone_who_is(["p-1"], links) == expected
 
 
-def test_who_was_taken_for_whom_is_read_from_the_record(tmp_path: Path) -> None:
+def test_mistaken_identities_are_read_from_the_record(tmp_path: Path) -> None:
     happened = (
         PersonIdentified(1, "p-3", "p-1", "wizard", 0.9),
         PersonIdentified(2, "p-4", "p-1", "console", 0.9),

@@ -209,7 +209,7 @@ def test_media_that_nothing_looked_at_are_listed_and_wait(study: Path) -> None:
     assert (study / "interviews" / "first.MP3").exists()
 
 
-def test_what_a_person_decided_to_remove_goes(study: Path) -> None:
+def test_texts_marked_for_removal_are_removed(study: Path) -> None:
     (study / "first.wav").write_bytes(b"RIFF")
     outcome = forget(study)
     assert outcome.unexamined == ("first.wav",)

@@ -108,7 +108,7 @@ def test_voice_and_words_of_who_was_alone_there_are_gone(alone: Path) -> None:
     assert "utterances by this person" in receipt_words(alone / "forgotten" / "RECEIPT.json")
 
 
-def test_what_nobody_is_known_to_have_said_waits_for_a_decision(two: Path) -> None:
+def test_an_utterance_of_unknown_speaker_waits_for_a_decision(two: Path) -> None:
     (folder,) = sessions_of(two)
     before = samples(folder)
     outcome = forget(two)
@@ -130,7 +130,7 @@ def test_what_nobody_is_known_to_have_said_waits_for_a_decision(two: Path) -> No
 
 
 @pytest.mark.long
-def test_what_another_person_said_stays(two: Path) -> None:
+def test_speech_of_others_stays(two: Path) -> None:
     (folder,) = sessions_of(two)
     outcome = forget(two)
     before = texts_in(folder)

@@ -222,7 +222,7 @@ def test_film_and_photos_are_removed_where_asked(study: Path) -> None:
     assert hits_in(study) == {}
 
 
-def test_what_does_not_concern_them_is_byte_for_byte_as_it_was(study: Path) -> None:
+def test_unrelated_files_stay_byte_for_byte(study: Path) -> None:
     stranger = sessions_of(study)[1]
     # A session in which the person was neither seen nor named.
     shutil.rmtree(stranger)

@@ -33,7 +33,7 @@ def samples_of(path: Path) -> NDArray[np.int16]:
         return np.frombuffer(data, dtype="<i2").reshape(-1, file.getnchannels())
 
 
-def test_what_was_sent_is_in_the_file_and_the_blocks_say_where(tmp_path: Path) -> None:
+def test_received_sound_is_in_the_file_with_the_position_of_its_blocks(tmp_path: Path) -> None:
     writer = AudioWriter(tmp_path, on_full=lambda: False)
     sound = tone(RATE_HZ, channels=2)
     blocks = []
@@ -54,7 +54,7 @@ def test_what_was_sent_is_in_the_file_and_the_blocks_say_where(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("gap_s", [0.1, 3600.0])
-def test_what_is_missing_is_silence_and_what_overlaps_is_cut(tmp_path: Path, gap_s: float) -> None:
+def test_missing_sound_is_silence_and_overlaps_are_cut(tmp_path: Path, gap_s: float) -> None:
     writer = AudioWriter(tmp_path, on_full=lambda: False)
     loud = np.full((1600, 1), 1000, np.int16)
     writer.write(chunk(0.0, loud))

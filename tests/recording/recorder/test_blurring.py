@@ -199,7 +199,7 @@ def share_the_same(one: NDArray[np.uint8], other: NDArray[np.uint8], box: Person
     return float((one[part] == other[part]).all(axis=2).mean())
 
 
-def test_who_agreed_is_shown_and_who_did_not_is_not() -> None:
+def test_a_consenting_person_is_shown_and_others_are_not() -> None:
     blurring = Blurring(blur)
     blurring.use_demand(BlurDemand("without_consent"))
     blurring.use_consents(UseConsents(video=frozenset({"p-ada"})))
@@ -213,7 +213,7 @@ def test_who_agreed_is_shown_and_who_did_not_is_not() -> None:
     assert share_the_same(done[0], image, BEN) < SURELY_THE_SAME
 
 
-def test_who_was_not_known_in_one_of_the_looks_is_covered() -> None:
+def test_a_person_unknown_in_one_detection_is_blurred() -> None:
     """The track of a person with consent may have switched to another person."""
     blurring = Blurring(blur)
     blurring.use_demand(BlurDemand("without_consent"))
@@ -227,7 +227,7 @@ def test_who_was_not_known_in_one_of_the_looks_is_covered() -> None:
     assert share_the_same(done[0], image, ADA) < SURELY_THE_SAME
 
 
-def test_who_is_followed_by_nobody_yet_is_covered_but_not_who_agreed_and_was_found_twice() -> None:
+def test_untracked_people_are_blurred_but_not_consenting_ones_found_twice() -> None:
     blurring = Blurring(blur)
     blurring.use_demand(BlurDemand("without_consent"))
     blurring.use_consents(UseConsents(video=frozenset({"p-ada"})))
@@ -244,7 +244,7 @@ def test_who_is_followed_by_nobody_yet_is_covered_but_not_who_agreed_and_was_fou
 
 
 @pytest.mark.long
-def test_what_waits_is_bounded_and_continues_covered() -> None:
+def test_the_queue_is_bounded_and_frames_are_then_blurred_fully() -> None:
     blurring = Blurring(blur)
     blurring.use_demand(BlurDemand("everybody"))
     blurring.add_detections(look(0, ADA), SECOND_NS)

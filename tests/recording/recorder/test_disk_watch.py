@@ -33,7 +33,7 @@ def test_the_forecast_warns_long_before_the_bytes_do() -> None:
     assert run(watch, range(10, 20), free_at=(5 * GB - 100 * MB, -10 * MB), grows=10 * MB).stage == "scarce"
 
 
-def test_what_others_write_counts_for_the_forecast_and_not_for_the_rate() -> None:
+def test_writes_of_others_count_for_the_forecast_and_not_for_the_rate() -> None:
     state = run(DiskWatch(DiskLimits()), range(30), free_at=(5 * GB, -20 * MB), grows=MB)
     assert (state.stage, state.bytes_per_s) == ("scarce", MB)
     assert state.room_s is not None

@@ -250,7 +250,7 @@ def test_a_log_reports_each_utterance_once_and_every_problem(made: RecordedSessi
     assert (corrected.content["level"], corrected.content["message"]) == (2, "corrected: Hello robot.")
 
 
-def test_what_is_for_others_only_is_nothing_to_our_reader(
+def test_topics_for_other_programs_are_ignored_by_our_reader(
     made: RecordedSession, caplog: pytest.LogCaptureFixture
 ) -> None:
     kept = [(arrived_ns, type(value)) for arrived_ns, value in made.values]

@@ -221,7 +221,7 @@ def test_a_stream_that_is_added_to_the_table_is_recorded_and_read(
     assert read[3].angle_rad == pytest.approx(0.3)
 
 
-def test_what_cannot_be_recorded_is_counted_and_written_down(tmp_path: Path, ring: FrameRing) -> None:
+def test_unrecordable_values_are_counted_and_written_down(tmp_path: Path, ring: FrameRing) -> None:
     refs = [
         ring.write(picture(number), stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front")
         for number in range(SLOT_COUNT + 6)
@@ -243,7 +243,7 @@ def test_what_cannot_be_recorded_is_counted_and_written_down(tmp_path: Path, rin
     assert sum(len(video_times_s(path)[0]) for path in (tmp_path / "s").glob("video-front*.mp4")) == SLOT_COUNT
 
 
-def test_what_the_scenario_forbids_is_not_recorded(tmp_path: Path, ring: FrameRing) -> None:
+def test_forbidden_streams_are_not_recorded(tmp_path: Path, ring: FrameRing) -> None:
     recorder = RecorderUnderTest(ring)
     recorder.send(start(tmp_path / "s", video=False, photos=False))
     ref = ring.write(picture(1), stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front")

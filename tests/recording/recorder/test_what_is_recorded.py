@@ -297,7 +297,7 @@ def test_sound_of_a_pause_that_comes_after_it_is_cut_off(tmp_path: Path) -> None
     assert private > 0
 
 
-def test_what_was_said_before_a_pause_is_recorded_in_it_and_a_session_ends_when_that_was_requested(
+def test_speech_before_a_pause_is_recorded_in_it(
     tmp_path: Path,
 ) -> None:
     recorder = RecorderUnderTest(in_thread=True)

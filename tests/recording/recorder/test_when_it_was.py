@@ -58,7 +58,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     yield folder
 
 
-def test_what_the_robot_stamped_is_published_when_it_was_measured(session: Path) -> None:
+def test_robot_stamps_are_published_with_the_time_of_measurement(session: Path) -> None:
     header = json.loads((session / "session.json").read_text())
     anchor = clock.ClockAnchor(header["clock"]["monotonic_ns"], header["clock"]["utc_ns"])
     messages = mcap_messages(session)
@@ -94,7 +94,7 @@ def test_captions_and_elan_fit_what_is_seen(session: Path, tmp_path: Path) -> No
     assert "accurate to 1.5 ms" in (tmp_path / "elan" / "media.txt").read_text()
 
 
-def test_what_a_recorder_that_is_behind_writes_next_to_sound_keeps_its_moment(tmp_path: Path) -> None:
+def test_a_late_recorder_keeps_the_time_of_values_next_to_sound(tmp_path: Path) -> None:
     """A replay shows each value from its arrival on, and never before earlier values of the recording."""
     recorder = RecorderUnderTest(in_thread=True)
     begun_ns = clock.now_ns() - 4000 * MS

@@ -153,9 +153,7 @@ def test_a_round_in_progress_counts_as_long_as_it_takes_already(
 
 
 @pytest.mark.logs(r"recorder\.session_recorder: ")
-def test_what_the_disk_refuses_is_remembered_and_the_rest_is_synced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_error_is_remembered_and_the_rest_is_synced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     synced: list[str] = []
 
     def refuse_bad(descriptor: int) -> None:

@@ -63,7 +63,7 @@ def test_the_state_of_any_moment_is_what_was_newest_then(
     assert {value.name for value in late if isinstance(value, StatusShown)} == {"link", "speech", "drive"}
 
 
-def test_what_stands_for_long_is_made_once(timeline: SessionTimeline) -> None:
+def test_long_lasting_states_are_built_once(timeline: SessionTimeline) -> None:
     grids = [
         next(value for value in timeline.state_at(at_ns) if isinstance(value, OccupancyGrid))
         for at_ns in (timeline.start_ns + 10**9, timeline.end_ns)

@@ -128,7 +128,7 @@ def test_a_killed_session_is_seen_without_repair_too(killed_session: RecordedSes
 
 
 @pytest.mark.logs(r"replay\.video_reader: ")
-def test_what_is_missing_or_damaged_is_reported(folder: Path, tmp_path: Path) -> None:
+def test_missing_and_damaged_videos_are_reported(folder: Path, tmp_path: Path) -> None:
     (folder / "video-front.mp4").write_bytes(b"no video" * 100)
     with VideoReader(open_session(folder)) as videos:
         assert videos.frame("front", 3) is None

@@ -38,13 +38,13 @@ def corrected(**changes: object) -> UtteranceCorrected:
         ((), "", None),
     ],
 )
-def test_who_was_alone_there_said_it(visits: tuple[Visit, ...], who: str, confidence: float | None) -> None:
+def test_a_person_alone_is_the_speaker(visits: tuple[Visit, ...], who: str, confidence: float | None) -> None:
     utterance = said(*visits)
     assert (utterance.person_id, utterance.person_confidence) == (who, confidence)
     assert utterance.person_by == ("record" if who else "")
 
 
-def test_what_the_console_or_a_wizard_decided_stays() -> None:
+def test_decisions_of_console_and_wizard_stay() -> None:
     by_console = corrected(person_id="p-ben", actor=CONSOLE, person_confidence=0.83)
     utterance = said(ANA, events=(*SAID, by_console))
     assert (utterance.person_id, utterance.person_by, utterance.person_confidence) == ("p-ben", CONSOLE, 0.83)

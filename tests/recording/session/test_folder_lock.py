@@ -46,7 +46,7 @@ def test_a_killed_holder_holds_nothing(tmp_path: Path) -> None:
     assert not any(tmp_path.iterdir())
 
 
-def test_whoever_only_looks_does_not_keep_a_recording_from_starting(tmp_path: Path) -> None:
+def test_a_reader_does_not_keep_a_recording_from_starting(tmp_path: Path) -> None:
     ended = threading.Event()
 
     def look() -> None:

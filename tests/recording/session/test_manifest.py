@@ -37,7 +37,7 @@ def test_an_untouched_session_has_no_problems(folder: Path) -> None:
         subprocess.run(["sha256sum", "--strict", "--quiet", "-c", MANIFEST_NAME], cwd=folder, check=True)
 
 
-def test_what_changed_is_reported(folder: Path) -> None:
+def test_changes_are_reported(folder: Path) -> None:
     write_manifest(folder)
     (folder / "annotations" / "another.json").write_text("{}")
     assert verify_manifest(folder) == []

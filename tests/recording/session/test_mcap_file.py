@@ -112,7 +112,7 @@ class NarrowDisk(DiskFile):
         return super().write(data)
 
 
-def test_what_a_full_disk_did_not_take_is_there_once_it_has_room_again(tmp_path: Path) -> None:
+def test_data_refused_by_a_full_disk_is_written_once_it_has_room(tmp_path: Path) -> None:
     file = NarrowDisk(tmp_path / "f.mcap")
     writer = McapFile(file, library="test")
     channel = writer.add_channel("/a", "json", writer.add_schema("thing", "jsonschema", b"{}"))

@@ -291,7 +291,7 @@ def test_a_repair_of_a_finished_record_that_was_cut_off_itself_still_reports(
     assert "recorded values are missing" in open_session(finished).losses[0]
 
 
-def test_what_the_recorder_had_counted_shows_what_a_cut_recording_lacks(folder: Path) -> None:
+def test_counts_of_the_recorder_reveal_the_gaps_of_a_cut_recording(folder: Path) -> None:
     whole = Counter(spec.name for spec, _ in open_session(folder, repair=False).values())
     store_counts(folder, whole)
     path = folder / "events.mcap"
@@ -315,7 +315,7 @@ def test_a_recorder_counts_what_it_has_written(tmp_path: Path) -> None:
     assert not needs_repair(tmp_path / "s")
 
 
-def test_whoever_takes_the_last_room_leaves_that_of_the_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_using_the_last_room_leaves_that_of_the_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorder = SessionRecorder(
         start(tmp_path / "s"), frames=FrameRings(()), report=lambda _: None, limits=DiskLimits(reserve_bytes=4096)
     )
@@ -400,7 +400,7 @@ def test_media_that_are_gone_or_cut_are_reported_each_time(finished: Path) -> No
         assert len(videos.frame_times_ns("rear")) == left
 
 
-def test_what_is_retained_of_losses_is_found_again_for_another_language() -> None:
+def test_recorded_losses_are_found_again_for_another_language() -> None:
     values = {"file": "a.mp4", "camera": "front, rear", "count": 9, "recorded": 8, "bytes": 7, "seconds": "6.5"}
     for text in LOSSES:
         sentence = localized(text, **values, left="0.1", all=3, values=2)
@@ -428,7 +428,7 @@ def test_damaged_values_are_counted_when_they_are_read(finished: Path) -> None:
 @pytest.mark.logs(r"session\.(session_reader|mcap_chunks|recovery): ")
 @pytest.mark.parametrize("size", [1, 100, 5000])
 @pytest.mark.parametrize("tenths", range(1, 10))
-def test_whatever_is_overwritten_the_values_that_are_gone_are_counted(finished: Path, size: int, tenths: int) -> None:
+def test_overwritten_values_are_counted(finished: Path, size: int, tenths: int) -> None:
     head = json.loads((finished / "session.json").read_text("utf-8"))
     path = finished / "events.mcap"
     content = bytearray(path.read_bytes())

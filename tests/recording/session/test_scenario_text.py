@@ -29,7 +29,7 @@ def test_references_that_unfold_to_billions_are_not_followed() -> None:
     ["a: !!int x", "a: !!timestamp x", "a: !!bool x", "a: !!python/object/apply:os.getcwd []", "[" * 5000, "- a\n- b",
      "? {}\n: 1", "\x00", "a: *b", "places: 5\nassistant: []\nphrases: x\npermissions: {a: 1}", "x" * 1_000_000],
 )  # fmt: skip
-def test_what_is_no_scenario_says_nothing(content: str) -> None:
+def test_an_invalid_scenario_gives_no_text(content: str) -> None:
     assert read(content) == ScenarioText("A", "a.yaml", "")
 
 

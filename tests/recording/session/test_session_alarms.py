@@ -29,7 +29,7 @@ HAPPENED = [
 QUESTION = "What went wrong during the sessions?"
 
 
-def test_what_came_back_is_one_alarm_and_what_nobody_ended_stood_to_the_end() -> None:
+def test_a_returning_alarm_is_one_and_an_open_one_lasts_to_the_end() -> None:
     found = {one.cause: one for one in alarms_of(HAPPENED, ended_ns=at(60.0))}
     assert {cause: (one.stood_s, one.times, one.seen_to_by) for cause, one in found.items()} == {
         "link": (4.5, 2, ""), "disk": (4.0, 1, "wizard:Ada"), "battery": (10.0, 1, ""),
@@ -37,7 +37,7 @@ def test_what_came_back_is_one_alarm_and_what_nobody_ended_stood_to_the_end() ->
     assert [one.end_ns for one in found.values()] == [at(21.5), at(34.0), None]
 
 
-def test_what_was_over_while_it_was_paused_did_not_stand_on() -> None:
+def test_an_alarm_that_ended_in_a_pause_did_not_last() -> None:
     """Alarms that persist are raised again after the pause, and count once."""
     pauses = [(at(10.0), at(40.0))]
     both = [alarm(5.0, "link", "raised"), alarm(6.0, "disk", "raised"), alarm(40.1, "disk", "raised")]

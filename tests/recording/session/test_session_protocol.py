@@ -41,7 +41,7 @@ def test_each_interval_shows_how_it_was_entered_and_left_and_how_late_it_was() -
     ]  # fmt: skip
 
 
-def test_who_comes_back_after_a_slip_begins_nothing_again() -> None:
+def test_a_step_resumed_after_a_slip_begins_nothing_again() -> None:
     moves = stepped(
         (0, "greet", "started"), (8, "ask", "next"), (9, "greet", "back"), (13, "ask", "next"), (15, "greet", "chosen")
     )

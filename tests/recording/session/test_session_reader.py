@@ -111,7 +111,7 @@ def test_damage_inside_costs_what_comes_after_it_and_nothing_else(tmp_path: Path
         ("events.mcap", None, "does not contain events.mcap"),
     ],
 )
-def test_what_is_no_session_is_reported(tmp_path: Path, name: str, content: str | None, expected: str) -> None:
+def test_a_folder_that_is_no_session_is_reported(tmp_path: Path, name: str, content: str | None, expected: str) -> None:
     record(tmp_path / "s", [])
     if content is None:
         (tmp_path / "s" / name).unlink()
@@ -200,9 +200,7 @@ def test_deep_nesting_is_reported_too(tmp_path: Path) -> None:
     assert "session.json was damaged" in open_session(tmp_path / "s").losses[0]
 
 
-def test_whatever_file_is_missing_the_rest_opens_or_it_is_reported(
-    whole_session: RecordedSession, tmp_path: Path
-) -> None:
+def test_any_missing_file_is_reported_or_the_rest_opens(whole_session: RecordedSession, tmp_path: Path) -> None:
     names = [path.relative_to(whole_session.folder) for path in whole_session.folder.rglob("*") if path.is_file()]
     assert len(names) > 10
     for name in names:

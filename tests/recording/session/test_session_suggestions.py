@@ -30,14 +30,14 @@ def test_each_fate_is_read_as_it_was_reported() -> None:
     assert (replies[1].edit_distance, replies[1].latency_ms, replies[1].actor) == (3, 420.0, "wizard")
 
 
-def test_what_the_recording_has_not_seen_displayed_is_none_of_it_and_a_second_fate_none() -> None:
+def test_undisplayed_suggestions_and_second_fates_are_left_out() -> None:
     taken = replace(SHOWN, state="taken", stamp_ns=20)
     assert replies_of([taken], ends_ns=(1000,)) == ()
     replies = replies_of([SHOWN, taken, replace(taken, state="expired")], ends_ns=(1000,))
     assert [reply.fate for reply in replies] == ["taken"]
 
 
-def test_what_stood_as_the_recording_paused_or_ended_has_expired_and_it_is_known_that_nobody_told() -> None:
+def test_open_suggestions_expire_at_a_pause_or_the_end_as_unreported() -> None:
     later = replace(SHOWN, suggestion_id="s-2", stamp_ns=600)
     replies = replies_of([SHOWN, later], ends_ns=(500, 1000))
     assert [(reply.fate, reply.ended_ns, reply.told) for reply in replies] == [

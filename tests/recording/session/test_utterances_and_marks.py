@@ -55,7 +55,7 @@ def test_times_that_nobody_told_are_marked_as_estimated() -> None:
     assert [one.estimated for one in spoken_utterances(events, ended_ns=1000)] == [True, False]
 
 
-def test_what_was_never_said_has_no_times() -> None:
+def test_an_unspoken_utterance_has_no_times() -> None:
     events = [
         said(10, "dropped", "requested"),
         said(11, "failed", "requested"),
@@ -80,7 +80,7 @@ def test_an_end_that_was_not_recorded_is_when_the_record_breaks_off_or_the_speak
     assert times([*last, utterance])[0] == ("a", None, 10, 1000, "started")
 
 
-def test_what_was_heard_may_come_in_one_piece() -> None:
+def test_an_utterance_may_arrive_in_one_piece() -> None:
     utterance = said(30, "h", "finished", speaker="participant", origin="heard")
     assert times([utterance]) == [("h", None, 30, 30, "finished")]
 

@@ -167,7 +167,7 @@ def odometry(session_s: float, x_m: float, forward_mps: float) -> Odometry:
     return Odometry(at(session_s), None, Pose2D(x_m, 0.0, 0.0), Twist2D(forward_mps=forward_mps))
 
 
-def test_what_nobody_heard_was_not_used(tmp_path: Path) -> None:
+def test_an_unspoken_suggestion_was_not_used(tmp_path: Path) -> None:
     answer = "About three kilograms."
     values = [
         # By its id; other edited text does not count for it.

@@ -40,7 +40,7 @@ def _told(sentences: list[str]) -> list[tuple[str, ...]]:
 
 
 @pytest.mark.logs(r"session\.(session_reader|mcap_blocks): ", "export")
-def test_what_is_gone_is_reported_alike_wherever_a_session_is_read(damaged: Path, tmp_path: Path) -> None:
+def test_missing_data_is_reported_alike_wherever_a_session_is_read(damaged: Path, tmp_path: Path) -> None:
     recorded = sum(json.loads((damaged / "session.json").read_text("utf-8"))["counts"].values())
     session = open_session(damaged)
     gone = recorded - sum(1 for _ in session.values())

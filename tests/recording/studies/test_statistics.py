@@ -299,7 +299,7 @@ def test_each_step_is_reported_planned_against_actual_over_the_sessions_that_cou
     } == {row.measure: row.mean for row in made.summary if row.condition is None}  # fmt: skip
 
 
-def test_what_went_wrong_is_reported_by_its_cause_over_the_sessions_that_count(made: StudyStatistics) -> None:
+def test_failures_are_reported_by_their_cause_over_the_sessions_that_count(made: StudyStatistics) -> None:
     with (made.out / "alarms.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     study = {row["cause"]: row for row in rows if row["of"] == "study"}

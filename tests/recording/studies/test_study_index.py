@@ -329,7 +329,7 @@ def test_a_read_only_study_is_searched_all_the_same(study: Path, *, indexed: boo
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_what_a_session_lacks_can_be_reported_in_another_language(study: Path) -> None:
+def test_gaps_of_a_session_can_be_reported_in_another_language(study: Path) -> None:
     """Header and index contain plain English."""
     folder = study / "sessions" / "a"
     head = folder / "session.json"
@@ -418,7 +418,7 @@ def test_one_tampered_session_is_the_trouble_of_that_session_alone(study: Path) 
 
 
 @pytest.mark.logs(r"studies\.study_index: ")
-def test_whatever_a_reader_raises_the_rest_of_the_study_is_found(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_any_error_of_a_reader_leaves_the_rest_of_the_study(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def read(folder: Path, *, repair: bool) -> Any:
         if folder.name == "b":
             raise AttributeError("no such thing \ud800")
