@@ -138,7 +138,7 @@ def test_the_wizard_reads_of_connections_and_not_of_links(trees: dict[Path, ast.
         "UserFacingError(what, meaning, advice='', severity='warning')",
     ],
 )
-def test_what_has_no_advice_is_seen(call: str) -> None:
+def test_missing_advice_is_found(call: str) -> None:
     (found,) = [told(node, {"UserFacingError"}) for node in ast.walk(ast.parse(call)) if reported_here(node)]
     assert found is not None and found[0] != "info" and may_be_empty(found[1])
 

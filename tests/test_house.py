@@ -140,7 +140,7 @@ def excused(name: str, function: str) -> set[str]:
     return {each for each in READ_ASIDE if each == name or each in within}
 
 
-def test_what_the_gui_thread_runs_reads_no_file_itself() -> None:
+def test_code_in_the_gui_thread_reads_no_file() -> None:
     """A disk may be on the network. Reads in another thread or without effect on driving are listed above."""
     read, used = list[str](), set[str]()
     for name, text in files().items():
@@ -178,11 +178,11 @@ def test_no_file_is_too_long() -> None:
 
 
 @pytest.mark.parametrize(("name", "lines"), LIMITS.items())
-def test_what_everything_goes_through_is_short(name: str, lines: int) -> None:
+def test_central_files_are_short(name: str, lines: int) -> None:
     assert files()[name].count("\n") <= lines
 
 
-def test_what_the_gui_thread_runs_writes_no_file_itself() -> None:
+def test_code_in_the_gui_thread_writes_no_file() -> None:
     """``live/background_worker.py`` or a process writes instead: a disk may take too long for driving."""
     written = {name: files_written(text) for name, text in files().items() if name.startswith(IN_GUI_THREAD)}
     assert len(written) > 20

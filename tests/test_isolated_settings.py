@@ -8,9 +8,7 @@ from pytestqt.qtbot import QtBot
 
 
 @pytest.mark.parametrize("turn", ["first", "second"])
-def test_what_a_file_dialog_remembers_lies_in_the_home_of_its_own_test(
-    qtbot: QtBot, isolated_settings: Path, turn: str
-) -> None:
+def test_a_file_dialog_remembers_within_the_home_of_its_test(qtbot: QtBot, isolated_settings: Path, turn: str) -> None:
     dialog = QFileDialog(None, turn, str(isolated_settings))
     dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
     del dialog  # its destructor writes

@@ -107,7 +107,7 @@ def test_the_tests_of_a_file_that_shares_nothing_are_done_by_all(tmp_path: Path)
 
 
 @pytest.mark.long
-def test_what_hangs_is_named_when_the_run_is_stopped(tmp_path: Path) -> None:
+def test_hanging_tests_are_named_when_the_run_is_stopped(tmp_path: Path) -> None:
     run = start(tmp_path, {"test_short.py": _SHORT, "test_long.py": _HANGING})
     try:
         while not (tmp_path / "hangs").exists():

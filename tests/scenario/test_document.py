@@ -151,7 +151,7 @@ layout: {panel: video}
 """
 
 
-def test_whatever_refers_to_a_name_goes_along_when_it_changes() -> None:
+def test_references_follow_a_renamed_name() -> None:
     edit = document(TWO_STEPS)
     for name in ("Goodby", "", "Ask", "End", "Farewell"):  # while typing
         edit.set(("protocol", "steps", 1, "title"), name)
@@ -176,7 +176,7 @@ def test_whatever_refers_to_a_name_goes_along_when_it_changes() -> None:
     assert edit.text == TWO_STEPS.replace("title: Person", "title: Colleague")
 
 
-def test_what_it_meant_last_is_known_while_there_is_a_mistake_in_it() -> None:
+def test_the_last_valid_meaning_is_known_while_there_is_a_mistake() -> None:
     edit = document()
     assert edit.mistakes == ()
     edit.set(("phrases", 1, "key"), "B")
@@ -226,7 +226,7 @@ def test_text_that_no_form_can_show_keeps_the_form_as_it_was() -> None:
         ("", 1, "the file is empty"),
     ],
 )
-def test_what_is_built_otherwise_is_reported_with_its_line(text: str, line: int, message: str) -> None:
+def test_a_different_structure_is_reported_with_its_line(text: str, line: int, message: str) -> None:
     edit = document()
     edit.set_text(text)
     assert edit.unreadable is not None
@@ -234,7 +234,7 @@ def test_what_is_built_otherwise_is_reported_with_its_line(text: str, line: int,
     assert edit.unreadable.message.startswith(message)
 
 
-def test_what_another_person_wrote_meanwhile_stays_next_to_what_was_changed_here() -> None:
+def test_changes_of_another_writer_stay_next_to_changes_here() -> None:
     edit = document()
     edit.set(("title",), "Mine")
     edit.set(("phrases", 0), "Good morning")
@@ -273,7 +273,7 @@ def test_a_saved_text_is_what_counts_from_then_on() -> None:
     assert edit.data["title"] == "Later"
 
 
-def test_what_is_typed_while_it_is_saved_is_still_to_be_saved() -> None:
+def test_typing_while_it_is_saved_is_still_to_be_saved() -> None:
     edit = document()
     edit.set(("title",), "Sent")
     sent = edit.text

@@ -168,7 +168,7 @@ def test_a_file_that_says_only_what_it_must_takes_the_defaults(tmp_path: Path) -
         ("filler: Let me think...", "filler: &a x\nvoice2: *a", "*a", "references (*name) are not allowed"),
     ],
 )
-def test_what_is_wrong_is_reported_with_its_line_and_what_is_allowed(
+def test_an_error_is_reported_with_its_line_and_what_is_allowed(
     tmp_path: Path, old: str, new: str, line_of: str, expected: str
 ) -> None:
     assert old in TOUR
@@ -294,7 +294,7 @@ def assert_same(loaded: Scenario, expected: Scenario) -> None:
 
 @given(scenario=scenarios(), other=scenarios())
 @settings(max_examples=examples(30), deadline=None)
-def test_what_is_saved_loads_again(
+def test_a_saved_scenario_loads_again(
     tmp_path_factory: pytest.TempPathFactory, scenario: Scenario, other: Scenario
 ) -> None:
     path = tmp_path_factory.mktemp("saved") / "s.yaml"
@@ -535,7 +535,7 @@ def test_controls_of_a_scenario_are_read_and_checked(tmp_path: Path) -> None:
         load_scenario(path)
 
 
-def test_what_goes_into_a_recording_names_no_folder_of_this_computer(tmp_path: Path) -> None:
+def test_the_recorded_scenario_names_no_folder_of_this_computer(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     save_scenario(load_scenario(layouts_dir() / "tour-guide.yaml"), path)
     assert schema_path().as_uri() in path.read_text()

@@ -101,7 +101,7 @@ def changed_layout(path: Path, layout: LayoutNode) -> list[str]:
     return changes(WRITTEN, path.read_text(encoding="utf-8"))
 
 
-def test_what_does_not_change_is_not_touched(path: Path) -> None:
+def test_unchanged_text_is_not_touched(path: Path) -> None:
     scenario = load_scenario(path)
     save_scenario(scenario, path)
     assert changed_places(path, DOOR, WINDOW) == []
@@ -226,7 +226,7 @@ def test_a_shipped_scenario_is_copied_with_its_comments(shipped: Path, tmp_path:
     assert shipped.read_text(encoding="utf-8") == before
 
 
-def test_what_was_written_by_hand_since_the_scenario_was_opened_stays(path: Path) -> None:
+def test_text_written_by_hand_since_the_scenario_was_opened_stays(path: Path) -> None:
     opened = load_scenario(path)
     path.write_text(WRITTEN.replace("Good bye!", "See you!"), encoding="utf-8")
     save_layout(dataclasses.replace(opened, layout=PanelLeaf("map")), path)
@@ -287,7 +287,7 @@ placed = st.builds(
     places=st.lists(st.lists(placed, max_size=4, unique_by=lambda place: place.name.casefold()), min_size=1, max_size=2)
 )
 @settings(max_examples=examples(30), deadline=None)
-def test_whatever_is_saved_no_comment_outside_is_lost(
+def test_any_save_keeps_the_comments_outside(
     tmp_path_factory: pytest.TempPathFactory, places: list[list[Place]]
 ) -> None:
     path = tmp_path_factory.mktemp("edited") / "mine.yaml"

@@ -86,7 +86,7 @@ def _embeddings(crops: list[NDArray[np.uint8]]) -> NDArray[np.float32]:
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
-def test_who_visits_comes_in_order_turns_about_before_the_robot_and_leaves() -> None:
+def test_visitors_come_in_order_turn_before_the_robot_and_leave() -> None:
     visits = [Visit(7, 1.0, 12.0), Visit(3, 30.0, 4.0, clothes=1)]
     crowd = Crowd(1, visits)
     assert crowd.seen == ()

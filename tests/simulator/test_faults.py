@@ -90,7 +90,7 @@ def test_a_dropped_link_refuses_for_a_while_and_comes_back(robot: SimulatedRobot
 
 
 @pytest.mark.parametrize("command", ["", "explode", "latency", "latency:-1", "latency:nan", "drop_link:x", "clear:3"])
-def test_what_is_no_fault_is_refused_with_a_list(command: str) -> None:
+def test_an_unknown_fault_is_refused_with_a_list(command: str) -> None:
     with pytest.raises(ValueError, match=r"; available: |requires a number"):
         inject(Faults(), command)
 

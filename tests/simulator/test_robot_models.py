@@ -192,7 +192,7 @@ def test_a_namespace_is_put_before_relative_names_only() -> None:
     assert robot_model_named("pepper", namespace="naoqi_driver").absolute("odom") == "/naoqi_driver/odom"
 
 
-def test_what_is_no_dress_is_refused_with_a_list() -> None:
+def test_an_unknown_robot_model_is_refused_with_a_list() -> None:
     with pytest.raises(
         UnknownRobotModel, match="generic, nao, pepper, tiago, tiago-base, turtlebot3, turtlebot3-humble, turtlebot4"
     ):
@@ -240,7 +240,7 @@ def test_every_definition_can_be_resolved_to_the_last_field() -> None:
     assert set(robot_model_names()) == {"generic", "tiago-base", "turtlebot3-humble", *PUBLISHED}
 
 
-def test_what_cannot_be_written_as_cbor_is_known_by_its_definition_and_its_content() -> None:
+def test_types_without_cbor_are_known_by_their_definition_and_content() -> None:
     def refused(dialect: Dialect, type_: str, message: dict[str, Any]) -> bool:
         return typedefs.cbor_refusal(dialect, type_, message) is not None
 

@@ -169,7 +169,7 @@ def test_a_client_can_offer_a_service_to_others(robot: SimulatedRobot, client: R
         '{"op": "cancel_action_goal", "action": "/nothing"}',
     ],
 )
-def test_what_is_refused_gets_no_word_and_nothing_happens(client: RosbridgeClient, text: str) -> None:
+def test_a_refused_client_gets_no_reply_and_nothing_happens(client: RosbridgeClient, text: str) -> None:
     before = client.call("/simulator/state")
     client.send_text(text)
     after = client.call("/simulator/state")
@@ -179,7 +179,7 @@ def test_what_is_refused_gets_no_word_and_nothing_happens(client: RosbridgeClien
 
 
 @pytest.mark.parametrize("topic", ["/odom", "/amcl_pose", "/joint_states"])
-def test_what_rosbridge_cannot_write_as_cbor_is_not_sent(client: RosbridgeClient, topic: str) -> None:
+def test_messages_without_cbor_are_not_sent(client: RosbridgeClient, topic: str) -> None:
     client.subscribe(topic, compression="cbor")
     client.subscribe("/scan", compression="cbor")
     wait_for(lambda: any(topic in refusal for refusal in client.call("/simulator/state")["refusals"]), "it failed")

@@ -115,7 +115,7 @@ def test_sound_of_another_rate_keeps_its_length_and_pitch() -> None:
     assert np.argmax(np.abs(np.fft.rfft(heard[:RATE_HZ]))) == pytest.approx(440, abs=3)
 
 
-def test_what_a_participant_says_is_read_from_a_file(tmp_path: Path) -> None:
+def test_speech_of_a_participant_is_read_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "visitor.txt"
     path.write_text("# A visitor\nHello there.\n\n  Where is the kitchen?\n")
     assert read_sentences(path) == ["Hello there.", "Where is the kitchen?"]

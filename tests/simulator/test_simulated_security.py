@@ -70,7 +70,7 @@ def test_only_who_knows_the_secret_is_let_in(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.long
-def test_what_cannot_be_secured_is_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_impossible_security_is_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "belong together" in refused("--tls-cert", "cert.pem")
     (tmp_path / "cert.pem").write_text("no certificate")
     cert = str(tmp_path / "cert.pem")

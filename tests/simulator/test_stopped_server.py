@@ -30,7 +30,7 @@ def turns(log: Path) -> list[float]:
     return [line["message"]["angular"]["z"] for line in lines if line.get("topic") == "/cmd_vel"]
 
 
-def test_who_stays_is_obeyed_to_the_last_word(robot: SimulatedRobot, log: Path) -> None:
+def test_a_connected_client_is_obeyed_to_the_last_message(robot: SimulatedRobot, log: Path) -> None:
     before = len(turns(log))
     with RosbridgeClient(robot.address) as client:
         client.subscribe("/odom")
@@ -43,7 +43,9 @@ def test_who_stays_is_obeyed_to_the_last_word(robot: SimulatedRobot, log: Path) 
 
 
 @pytest.mark.parametrize("attempt", range(5))
-def test_who_has_left_is_obeyed_but_perhaps_not_to_the_end(robot: SimulatedRobot, log: Path, attempt: int) -> None:
+def test_a_client_that_left_is_obeyed_but_perhaps_not_to_the_end(
+    robot: SimulatedRobot, log: Path, attempt: int
+) -> None:
     before = len(turns(log))
     with RosbridgeClient(robot.address) as client:
         client.subscribe("/odom")

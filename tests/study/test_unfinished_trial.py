@@ -26,7 +26,7 @@ def _trial(study: Path) -> UnfinishedTrial:
     return UnfinishedTrial(study / "sessions" / "one", "tour.yaml", "pepper", ("p-1", "p-2"), "p-2", "ask")
 
 
-def test_what_a_crash_left_is_reported_once(folder: Path, study: Path) -> None:
+def test_a_crashed_trial_is_reported_once(folder: Path, study: Path) -> None:
     save_unfinished(folder, _trial(study))
     assign_to_ended_process(folder)
     assert take_newest(folder, study) == _trial(study)
@@ -80,7 +80,7 @@ def test_a_broken_file_goes(folder: Path, study: Path, text: str, caplog: pytest
     caplog.clear()
 
 
-def test_what_an_older_program_left_has_no_step(folder: Path, study: Path) -> None:
+def test_a_trial_of_an_older_program_has_no_step(folder: Path, study: Path) -> None:
     save_unfinished(folder, _trial(study))
     assign_to_ended_process(folder)
     (path,) = folder.iterdir()

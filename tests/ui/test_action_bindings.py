@@ -207,7 +207,7 @@ def test_a_row_needs_what_its_intent_needs(window: MainWindow) -> None:
             assert set(spec.permissions) >= set(INTENTS[type(intent)].permissions), action_id
 
 
-def test_what_a_row_may_request_is_known_beforehand_and_so_is_what_it_needs() -> None:
+def test_the_intents_of_a_row_and_their_needs_are_declared() -> None:
     rows = {spec.id: spec for spec in (*ACTIONS, *REPLAY_ACTIONS, *TIMELINE_ACTIONS)}
     for spec in rows.values():
         assert bool(spec.kinds) == (spec.intent is not None), spec.id
@@ -237,7 +237,7 @@ def test_a_row_gives_nothing_else_than_it_says(window: MainWindow) -> None:
         window.actions_table.intent_of(dataclasses.replace(marks, intent=deceives))
 
 
-def test_what_is_no_intent_is_a_method_of_whoever_answers_for_it() -> None:
+def test_rows_without_an_intent_are_methods_of_their_owner() -> None:
     table = {ACTIONS: MainWindow, REPLAY_ACTIONS: ReplayBar, TIMELINE_ACTIONS: TimelineCommands}
     own = {"Alarms": AlarmList, "Marks": Marking, "Protocol": ProtocolStrip, QUEUE_GROUP: QueueList}
     own |= dict.fromkeys(("Places", "Scenario", "People"), QuickChoices)
@@ -249,7 +249,7 @@ def test_what_is_no_intent_is_a_method_of_whoever_answers_for_it() -> None:
                 assert callable(getattr(answering, spec.callback)), spec.id
 
 
-def test_whoever_listens_hears_of_an_intent_before_it_is_requested(window: MainWindow, console: FakeConsole) -> None:
+def test_listeners_get_an_intent_before_it_is_requested(window: MainWindow, console: FakeConsole) -> None:
     asked_intents: list[tuple[Intent, int]] = []
     window.actions_table.asking.connect(lambda intent: asked_intents.append((intent, len(console.calls))))
     window.actions_table.run("silence")

@@ -106,7 +106,7 @@ def test_the_emergency_stop_is_said_and_its_release(window: MainWindow, console:
     assert announced(window)[-1] == "Emergency stop released"
 
 
-def test_what_is_asked_is_said(window: MainWindow) -> None:
+def test_a_question_is_announced(window: MainWindow) -> None:
     band = window._question
     band.ask("Close the window?", "Close", lambda: None)
     band.ask("Leave the robot?", "Leave", lambda: None)

@@ -13,7 +13,7 @@ from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
 
 
-def test_what_was_read_last_is_there_at_once_and_is_read_again() -> None:
+def test_the_last_reading_is_there_at_once_and_is_read_again() -> None:
     console, on_disk, told = FakeConsole(samples.TOUR), ["one"], list[bool]()
     owner = QObject()
     remembered = Remembered(console, lambda: tuple(on_disk), owner)
@@ -30,7 +30,7 @@ def test_what_was_read_last_is_there_at_once_and_is_read_again() -> None:
     assert told == [True, True], "nothing else is there"
 
 
-def test_what_cannot_be_read_leaves_what_was_known() -> None:
+def test_a_failed_reading_leaves_the_last_one() -> None:
     console, owner = FakeConsole(samples.TOUR), QObject()
     answers = [("one",), UserFacingError("The disk is gone.", "", ""), ("two",)]
 

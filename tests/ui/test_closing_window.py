@@ -32,7 +32,7 @@ def test_it_says_what_takes_long_and_is_gone_afterwards(qtbot: QtBot, theme: The
     assert not closing.isVisible()
 
 
-def test_what_is_done_at_once_shows_nothing_and_what_fails_is_reported(qtbot: QtBot, theme: Theme) -> None:
+def test_quick_work_shows_nothing_and_a_failure_is_reported(qtbot: QtBot, theme: Theme) -> None:
     closing = ClosingWindow(theme)
     qtbot.addWidget(closing)
     done: list[int] = []

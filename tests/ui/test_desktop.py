@@ -230,7 +230,7 @@ def test_keys_are_known_by_their_place_on_the_keyboard(desktop: Desktop) -> None
     desktop.expect("CAP Alt W")
 
 
-def test_what_altgr_types_is_on_no_key_cap(desktop: Desktop) -> None:
+def test_characters_of_altgr_are_on_no_key_cap(desktop: Desktop) -> None:
     desktop.use_layout("pl")
     try:
         desktop.do("key", "Return")
@@ -599,7 +599,7 @@ def test_escape_while_dragging_leaves_the_panel_where_it_was_and_stops_the_robot
     assert sum(line.startswith("LAYOUT") for line in desktop.since()) <= 1, "only the second drag did anything"
 
 
-def test_what_is_locked_cannot_be_dragged(desktop: Desktop) -> None:
+def test_locked_panels_cannot_be_dragged(desktop: Desktop) -> None:
     desktop.send_command("lock on")
     desktop.expect("LOCKED on")
     desktop.drag(desktop.place("title", "map"), desktop.place("where", "video_view"))

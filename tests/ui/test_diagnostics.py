@@ -93,9 +93,7 @@ def test_pictures_that_are_not_compressed_come_with_what_to_do(
     assert advice in panel._summary.toolTip()
 
 
-def test_what_both_links_tell_is_one_look_at_the_table(
-    qtbot: QtBot, panel: DiagnosticsPanel, console: FakeConsole
-) -> None:
+def test_the_table_shows_both_links_at_a_glance(qtbot: QtBot, panel: DiagnosticsPanel, console: FakeConsole) -> None:
     measure(console, topic("/scan", 10.0))
     looks: list[object] = []
     panel.model.dataChanged.connect(lambda *_: looks.append(None))

@@ -323,7 +323,7 @@ def test_escape_stops_before_a_dialog_and_a_popup_see_it(
     assert not menu.isVisible()
 
 
-def test_what_the_link_ended_needs_a_new_press(view: QWidget, console: FakeConsole) -> None:
+def test_a_drive_that_the_link_ended_needs_a_new_press(view: QWidget, console: FakeConsole) -> None:
     QTest.keyPress(view, Qt.Key.Key_W)
     console.state.add(DriveEnded(clock.now_ns(), "The console stopped responding for a moment"))
     console.calls.clear()
@@ -577,7 +577,9 @@ def test_a_stick_that_was_ended_has_to_come_to_rest(window: MainWindow, view: QW
         push(TeleopCommand())
 
 
-def test_who_has_the_keys_is_on_show(window: MainWindow, view: QWidget, console: FakeConsole, qtbot: QtBot) -> None:
+def test_the_holder_of_the_keys_is_displayed(
+    window: MainWindow, view: QWidget, console: FakeConsole, qtbot: QtBot
+) -> None:
     chip, reason = find(window, "key_owner"), find(window, "drive_reason")
     console.cancel_goal()
     assert (chip.property("text") or chip.accessibleName()) == "Keys drive"

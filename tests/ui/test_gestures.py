@@ -122,7 +122,7 @@ def test_a_key_that_two_would_have_is_refused_with_its_line(lines: str, told: st
     assert keys == ["Ctrl+4", "Ctrl+Shift+W"]
 
 
-def test_who_is_spoken_to_is_looked_at(gestured: MainWindow, console: FakeConsole) -> None:
+def test_the_addressee_is_looked_at(gestured: MainWindow, console: FakeConsole) -> None:
     state = console.state
     asked = [perform_nth_gesture(console.scenario, state, number) for number in (1, 2, 3, 4)]
     whom = addressee(state)
@@ -132,9 +132,7 @@ def test_who_is_spoken_to_is_looked_at(gestured: MainWindow, console: FakeConsol
     assert perform_nth_gesture(console.scenario, state, 3) == intents.LookAt(0.0, 0.0), "ahead, where nobody is"
 
 
-def test_what_this_robot_cannot_do_or_the_scenario_does_not_allow_is_not_there(
-    gestured: MainWindow, console: FakeConsole
-) -> None:
+def test_impossible_and_forbidden_gestures_are_not_there(gestured: MainWindow, console: FakeConsole) -> None:
     console.state.controls.set(())
     assert shown(gestured) == ["Gesture: Nod", "Gesture: Look at them"]
     console.state.robot.set(dataclasses.replace(load_profile("simulated"), head=None))

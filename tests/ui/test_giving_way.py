@@ -19,7 +19,7 @@ def _wide(window: MainWindow, width_px: int) -> None:
     window.status_bar.refresh()
 
 
-def test_what_the_status_bar_leaves_out_is_in_its_tip(window: MainWindow) -> None:
+def test_items_left_out_of_the_status_bar_are_in_its_tip(window: MainWindow) -> None:
     items = window.status_bar.items
     _wide(window, 1366)
     disk, recording = items["disk"].text, items["recording"].text

@@ -76,7 +76,7 @@ def names_in(text: str) -> Iterator[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 @pytest.mark.long("CHANGELOG.md", "README.md")
-def test_what_a_page_names_is_in_the_window(page: Path) -> None:
+def test_names_on_a_page_are_in_the_window(page: Path) -> None:
     names = dict.fromkeys(names_in(page.read_text("utf-8")))
     gone = [name for name in names if not is_there(name) and name not in EMPHASISED.get(page.name, ())]
     assert gone == [], "The window has nothing that is called so: name it as it is called there."
@@ -98,7 +98,7 @@ def test_each_exception_still_stands_on_its_page() -> None:
         ("```\n**Not code**\n```\n", []),
     ],
 )  # fmt: skip
-def test_what_is_taken_for_a_name(text: str, names: list[str]) -> None:
+def test_recognised_names(text: str, names: list[str]) -> None:
     assert list(names_in(text)) == names
 
 
@@ -114,5 +114,5 @@ def test_what_is_taken_for_a_name(text: str, names: list[str]) -> None:
         ("Save this panel layout", False),
     ],
 )
-def test_what_is_in_the_window(name: str, there: bool) -> None:
+def test_names_in_the_window(name: str, there: bool) -> None:
     assert is_there(name) is there

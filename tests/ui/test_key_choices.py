@@ -92,7 +92,7 @@ def test_a_drive_key_keeps_its_arrow_and_gets_its_chord() -> None:
     assert without(BY_ID["photo"], "P") == Keys(("Ctrl+P",), ())
 
 
-def test_whose_key_it_is_is_known_in_both_columns() -> None:
+def test_the_owner_of_a_key_is_known_in_both_columns() -> None:
     keys = changed(BY_ID["photo"], "keys", "Ctrl+M")
     assert [(key, row.id) for key, row in owners(ACTIONS, BY_ID["photo"], keys)] == [("Ctrl+M", "mark")]
     keys = changed(BY_ID["drive_forward"], "driving_keys", "P")
@@ -127,7 +127,7 @@ def test_a_choice_goes_before_the_key_of_a_phrase_and_the_phrase_is_reported() -
         ({"drive_forward": Keys(("Alt+F5",), ("F5",))}, "a single letter or digit"),
     ],
 )
-def test_what_cannot_be_used_falls_back_and_is_reported(choices: dict[str, Keys], told: str) -> None:
+def test_unusable_keys_fall_back_and_are_reported(choices: dict[str, Keys], told: str) -> None:
     settled = settle(ACTIONS, choices)
     (sentence,) = settled.fallen_back
     assert told in sentence
@@ -145,7 +145,7 @@ _SOME_KEYS = st.lists(st.sampled_from([*_NAMES.split(), ""]), max_size=3).map(tu
 
 
 @given(st.dictionaries(st.sampled_from([spec.id for spec in ACTIONS]), st.builds(Keys, _SOME_KEYS, _SOME_KEYS)))
-def test_whatever_is_saved_no_key_does_two_things_and_the_robot_can_be_stopped(choices: dict[str, Keys]) -> None:
+def test_no_saved_key_does_two_things_and_the_robot_can_be_stopped(choices: dict[str, Keys]) -> None:
     rows = settle(ACTIONS, from_text(as_text(choices))).rows
     assert conflicts(rows) == []
     assert [spec for spec in rows if spec.kind == "safety"] == [spec for spec in ACTIONS if spec.kind == "safety"]

@@ -47,7 +47,7 @@ def test_a_translation_next_to_the_program_is_spoken(
 
 
 @pytest.mark.logs(r"there is no translation into 'xx'")
-def test_what_is_not_there_is_english(spoken: Language) -> None:
+def test_missing_translations_are_english(spoken: Language) -> None:
     spoken.use("xx")
     assert tr("Stop") == "Stop"
 
@@ -70,6 +70,6 @@ def test_everything_that_is_translated_can_be_reported_by_its_brackets(spoken: L
     assert tr("%n steps", "", 3).startswith("[3 ")
 
 
-def test_what_was_translated_already_stays(spoken: Language) -> None:
+def test_translated_text_stays(spoken: Language) -> None:
     spoken.use(TRIAL)
     assert tr(tr("Stop")) == tr("Stop")

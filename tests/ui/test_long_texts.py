@@ -107,7 +107,7 @@ def test_the_red_button_and_the_recording_never_give_way(
         whole(window, find(window, "emergency_release"))
 
 
-def test_what_was_cut_short_is_in_the_tip(window: MainWindow, console: FakeConsole) -> None:
+def test_elided_text_is_in_the_tip(window: MainWindow, console: FakeConsole) -> None:
     bar = window.findChild(TopBar)
     assert bar is not None
     bar.show_details(TrialDetails("Study", f"P07 {SENTENCE}", "<b>B</b>", "2", "Kim"))

@@ -80,7 +80,7 @@ def test_paused_it_stands_still(qtbot: QtBot, panel: MotionPanel, console: FakeC
     assert panel.shown(0, "measured")[0].tolist() != before
 
 
-def test_what_limits_the_motion_is_said_and_marked(panel: MotionPanel, console: FakeConsole) -> None:
+def test_the_limit_of_the_motion_is_named_and_marked(panel: MotionPanel, console: FakeConsole) -> None:
     feed(console, seconds=1.0)
     panel._draw()
     assert panel.fact[0].startswith("0.30 m/s")

@@ -96,7 +96,7 @@ def test_another_scenario_takes_away_what_it_forbids(window: MainWindow, console
 
 
 @pytest.mark.long
-def test_what_happened_before_is_still_reported_with_another_scenario(window: MainWindow, console: FakeConsole) -> None:
+def test_earlier_events_are_still_listed_with_another_scenario(window: MainWindow, console: FakeConsole) -> None:
     observer = _opened(window, console, "everything")
     console.state.event_happened.emit(Problem(1, "warning", "The robot waved.", "", ""))
     console.scenario = samples.MENTAL
@@ -187,9 +187,7 @@ def test_after_a_kill_it_is_there_again_too(qtbot: QtBot, console: FakeConsole, 
 
 @pytest.mark.parametrize("kept", ["the participant", None, 7, ["everything"]])
 @pytest.mark.long
-def test_what_no_observer_window_ever_kept_opens_none(
-    qtbot: QtBot, console: FakeConsole, theme: Theme, kept: object
-) -> None:
+def test_unknown_observer_settings_open_none(qtbot: QtBot, console: FakeConsole, theme: Theme, kept: object) -> None:
     settings = MemorySettings()
     settings.values.update({"observer/sees": kept, "observer/geometry": "nowhere"})
     window = open_window(qtbot, console, settings, theme)

@@ -130,9 +130,7 @@ def test_the_wizard_changes_them_until_the_next_scenario(
     assert seen(window, console) == OF_SET
 
 
-def test_what_was_left_out_of_a_question_comes_back_with_a_panel_that_is_made_again(
-    window: MainWindow, console: FakeConsole
-) -> None:
+def test_removed_context_comes_back_with_a_rebuilt_panel(window: MainWindow, console: FakeConsole) -> None:
     assistant = panel(window, "assistant")
     assistant.along.restore(("conversation",), ())
     assistant.field.setText("What")

@@ -53,7 +53,7 @@ def test_the_window_brings_no_panel_and_no_dialog_along() -> None:
 
 
 @pytest.mark.long
-def test_what_editors_check_files_with_is_not_what_the_console_checks_them_with() -> None:
+def test_editors_and_console_check_files_alike_but_apart() -> None:
     """JSON Schema takes a fifth of a second to import, before the first window is shown."""
     reads_both = (
         "import caris_desktop.app.composition, caris_desktop.ui.main_window\n"

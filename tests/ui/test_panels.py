@@ -494,7 +494,7 @@ def test_people_are_named_with_the_keyboard(window: MainWindow, console: FakeCon
 
 
 @pytest.mark.panels("people", "video")
-def test_what_nobody_could_see_draws_no_row_again(window: MainWindow, console: FakeConsole) -> None:
+def test_invisible_changes_draw_no_row_again(window: MainWindow, console: FakeConsole) -> None:
     panel = people(window)
     changed: list[int] = []
     panel.model.dataChanged.connect(lambda first, _last: changed.append(first.row()))
@@ -561,7 +561,7 @@ def test_a_phrase_is_one_click_and_keeps_the_cursor(qtbot: QtBot, window: MainWi
 
 
 @pytest.mark.panels("speak")
-def test_what_is_said_and_what_waits_is_shown(window: MainWindow, console: FakeConsole) -> None:
+def test_current_and_waiting_utterances_are_shown(window: MainWindow, console: FakeConsole) -> None:
     assert window.panels["speak"].fact[0].startswith("now saying “Over there")
     queue = find(window, "speak_queue")
     assert isinstance(queue, QueueList)

@@ -204,7 +204,7 @@ def forbidden(asked: Iterable[Intent], off: Collection[Permission]) -> list[str]
 
 
 @pytest.mark.long
-def test_what_is_switched_off_cannot_be_pressed_anywhere(desk: Desk, request: pytest.FixtureRequest) -> None:
+def test_disabled_functions_cannot_be_pressed_anywhere(desk: Desk, request: pytest.FixtureRequest) -> None:
     """With --long each permission alone; otherwise a few at a time, as a window with all panels takes seconds."""
     desk.show(FULL)
     found = {permission for asked in desk.pressed() for permission in needed(asked)}
@@ -220,7 +220,7 @@ def test_what_is_switched_off_cannot_be_pressed_anywhere(desk: Desk, request: py
 
 
 @pytest.mark.long
-def test_what_alone_is_switched_off_is_by_no_key_in_no_bar_and_no_menu_of_the_window(desk: Desk) -> None:
+def test_a_disabled_function_is_on_no_key_bar_or_menu(desk: Desk) -> None:
     desk.show(FULL)
     desk.console.state.persons.set(())  # each has palette entries that open a card
     everything = desk.pressed_outside_panels()
@@ -234,7 +234,7 @@ def test_what_alone_is_switched_off_is_by_no_key_in_no_bar_and_no_menu_of_the_wi
 
 
 @pytest.mark.long
-def test_what_is_never_done_without_being_requested_has_no_row_no_level_and_no_card(desk: Desk) -> None:
+def test_actions_never_proposed_have_no_row_level_or_card(desk: Desk) -> None:
     """With suggestions and a proposal still in the state."""
     two = replace(FULL, panels_off=tuple(set(PANELS) - {"speak", "conversation"}))
     desk.show(two)

@@ -134,7 +134,7 @@ def test_no_menu_of_the_window_shows_html(windows: EveryWindow) -> None:
     assert shown > 0
 
 
-def test_what_qt_itself_puts_up_is_plain(theme: Theme, mark: str, qapp: QApplication) -> None:
+def test_texts_of_qt_itself_are_plain(theme: Theme, mark: str, qapp: QApplication) -> None:
     theme.set_choice("dark")
     box = QMessageBox(QMessageBox.Icon.Warning, "title", f"{mark}text")
     box.setInformativeText(f"{mark}more")

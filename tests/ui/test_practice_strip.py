@@ -42,7 +42,7 @@ def test_it_leads_from_step_to_step_with_the_key_that_does_it(
     assert console.calls[-2][0] == "SkipPracticeStep" and console.calls[-1][0] == "EndPractice"
 
 
-def test_what_comes_back_is_on_the_button(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+def test_the_return_is_on_the_button(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     ended = replace(status_at(10), state="ended", done=10, score=99, minutes=2.1, back_to="Reception")
     console.state.practice.set(ended)
     assert find(window, "practice_end").accessibleName() == "Back to Reception"

@@ -90,7 +90,7 @@ def choose_all(window: MainWindow, console: FakeConsole) -> None:
     panel(window, SessionPanel).show_category("Problems")
 
 
-def test_what_was_chosen_is_there_again(qtbot: QtBot, start: Start, settings: MemorySettings) -> None:
+def test_choices_are_restored(qtbot: QtBot, start: Start, settings: MemorySettings) -> None:
     window, console = start()
     before = chosen(window, console)
     choose_all(window, console)
@@ -189,7 +189,7 @@ def test_a_camera_and_a_model_are_waited_for(qtbot: QtBot, start: Start, setting
     "unfit", ["", "{", "[]", "{}", "null", "true", "-3", "7", '"gone"', "[1, 2]", '["computer", "gone", "", 1.0, 1.0]']
 )
 @pytest.mark.long("-3", "true", "null", '"gone"', "[[]]", "{}")
-def test_what_is_gone_or_unfit_is_left_out_without_a_word(start: Start, settings: MemorySettings, unfit: str) -> None:
+def test_missing_and_unfit_choices_are_left_out_silently(start: Start, settings: MemorySettings, unfit: str) -> None:
     window, console = start()
     names = ["speed", "voice", "model", "role", "style", "levels", "phrases", "camera", "robot"]
     before = {**chosen(window, console), "robot": ""}
@@ -221,7 +221,7 @@ def edited(scenario: samples.Scenario) -> samples.Scenario:
     )
 
 
-def test_what_the_file_says_again_counts_and_what_it_leaves_alone_stays_chosen(
+def test_choices_of_the_file_count_and_others_stay(
     qtbot: QtBot, start: Start, settings: MemorySettings, theme: Theme
 ) -> None:
     window, console = start()

@@ -193,7 +193,7 @@ def test_escape_stops_the_robot_and_puts_the_branches_away(desk: Desk) -> None:
     assert desk.console.named("stop") and not desk.shows("branches_card") and desk.asked == []
 
 
-def test_what_belongs_to_the_step_is_said_and_gone_to_by_one_key_each(desk: Desk) -> None:
+def test_texts_and_goals_of_the_step_have_one_key_each(desk: Desk) -> None:
     desk.begin("greet")
     field = desk.focus("speak_field")
     QTest.keyClick(field, Qt.Key.Key_F11)
@@ -273,7 +273,7 @@ def test_the_list_that_a_key_opens_takes_a_digit_and_a_press_next_to_it_closes_i
     assert not desk.shows("steps_card")
 
 
-def test_what_is_ticked_off_is_a_box_in_the_line_or_in_the_list(desk: Desk) -> None:
+def test_a_ticked_item_is_a_box_in_the_line_or_in_the_list(desk: Desk) -> None:
     desk.begin("greet")
     box = find(desk.strip, "strip_tick_2")
     assert isinstance(box, CheckBox) and box.text() == "Coat off"

@@ -146,7 +146,9 @@ def test_escape_stops_the_robot_while_the_question_is_open(window: MainWindow, c
     assert window.isVisible()
 
 
-def test_what_began_after_the_question_is_asked_too(qtbot: QtBot, quiet: MainWindow, console: FakeConsole) -> None:
+def test_work_begun_after_the_question_is_asked_about_too(
+    qtbot: QtBot, quiet: MainWindow, console: FakeConsole
+) -> None:
     console.go_to_place("Kitchen")
     assert not ask_to_close(quiet)
     console.state.recording.set(RecordingStatus("recording"))

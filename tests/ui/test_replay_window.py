@@ -109,7 +109,7 @@ def test_keys_and_the_red_button_reach_the_live_robot(
     assert stops == ["stop", "emergency_stop"], "the sheet of shortcuts tells of them"
 
 
-def test_what_was_latched_then_is_not_latched_now(window: MainWindow, replay: FakeReplay, console: FakeConsole) -> None:
+def test_a_past_emergency_stop_is_not_latched_now(window: MainWindow, replay: FakeReplay, console: FakeConsole) -> None:
     replay.live_robots.set(LiveRobotsStatus(("Simulated robot",)))
     console.emergency_stop()  # as in the recording
     assert red_button(window).text() == "Stop Simulated robot (live)"

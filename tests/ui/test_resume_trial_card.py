@@ -104,7 +104,7 @@ def test_the_rows_of_people_say_it_until_each_is_confirmed(
     assert "not confirmed" not in told(1)
 
 
-def test_what_is_recorded_is_shown_as_it_is_set_now(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+def test_recorded_streams_are_shown_as_they_are_set_now(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     console.state.going_on.set(replace(OFFERED, state="unconfirmed", unconfirmed=("permissions", "consent")))
     card = find(window, "going_on_card")
     box = find(card, "going_on_permissions")

@@ -81,7 +81,7 @@ def test_a_button_is_used_with_one_click_and_its_panel_gets_the_keys(
     assert panel.fact == ("Wave: requested", "blue")
 
 
-def test_what_failed_is_said_in_words_next_to_it(panel: RobotPanel, console: FakeConsole) -> None:
+def test_a_failure_is_described_next_to_it(panel: RobotPanel, console: FakeConsole) -> None:
     answer(console, "wave", ControlStatus("failed", True, "the service did not answer"))
     assert entry(panel, "wave").note_text == "Wave failed: the service did not answer"
     assert entry(panel, "wave").note.isVisible()

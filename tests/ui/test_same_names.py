@@ -54,9 +54,7 @@ def test_both_are_saved_under_a_name_that_is_shown_and_can_be_changed(
     assert imported(console) == [ImportScenario(FILE, decided)]
 
 
-def test_what_is_ones_own_can_be_replaced_and_what_comes_with_the_program_cannot(
-    qtbot: QtBot, dialog: QWidget, console: FakeConsole
-) -> None:
+def test_own_files_can_be_replaced_and_shipped_ones_cannot(qtbot: QtBot, dialog: QWidget, console: FakeConsole) -> None:
     of_robot, of_scenario = (find(dialog, f"same_name_choice_{kind}") for kind in ("robot", "scenario"))
     assert isinstance(of_robot, QComboBox) and isinstance(of_scenario, QComboBox)
     assert (of_robot.count(), of_scenario.count()) == (1, 2)
@@ -85,7 +83,7 @@ def test_cancel_changes_nothing(qtbot: QtBot, dialog: QWidget, console: FakeCons
     assert imported(console) == []
 
 
-def test_what_differs_is_shown_in_words_and_line_by_line(qtbot: QtBot, dialog: QWidget) -> None:
+def test_differences_are_shown_in_words_and_line_by_line(qtbot: QtBot, dialog: QWidget) -> None:
     click(qtbot, find(dialog, "what_differs_scenario"))
     shown = find(dialog, "differences_scenario")
     assert isinstance(shown, QPlainTextEdit)

@@ -202,7 +202,7 @@ def test_labels_mark_from_the_panel(qtbot: QtBot, settings: MemorySettings, them
 # Start dialog
 
 
-def test_what_will_be_saved_and_for_how_long(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+def test_the_retention_is_stated(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     console.scenario = dataclasses.replace(
         console.scenario, permissions=Permissions(photos=False, audio_recording=True)
     )
@@ -326,9 +326,7 @@ def test_it_opens_before_the_disk_responds_and_keeps_what_is_typed_meanwhile(
     dialog.close()
 
 
-def test_who_starts_before_the_disk_responds_starts_with_what_it_reports(
-    qtbot: QtBot, window: MainWindow, console: FakeConsole
-) -> None:
+def test_an_early_start_uses_the_result_of_the_disk(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     console.suggested = TrialDetails("Lab visit", "P07", "B", "3", "Kim")
     console.disk_is_slow = True
     console.stop_session()
@@ -398,7 +396,7 @@ def test_the_list_is_sorted_and_filtered(sessions: SessionsWindow, library: Fake
     assert find(sessions, "sessions_status").property("text") == "4 sessions"
 
 
-def test_what_was_said_is_found_and_replayed(qtbot: QtBot, sessions: SessionsWindow, library: FakeLibrary) -> None:
+def test_utterances_are_found_and_replayed(qtbot: QtBot, sessions: SessionsWindow, library: FakeLibrary) -> None:
     assert not sessions.hit_list.isVisible()
     QTest.keyClicks(sessions.search, "robot")
     qtbot.waitUntil(lambda: sessions.hits.rowCount() == 4, timeout=2000)
@@ -445,7 +443,7 @@ def test_a_session_that_is_being_recorded_waits(sessions: SessionsWindow, librar
     assert find(sessions, "sessions_replay").isEnabled()
 
 
-def test_what_a_session_lacks_and_a_copy_are_reported(sessions: SessionsWindow, library: FakeLibrary) -> None:
+def test_gaps_of_a_session_and_copies_are_reported(sessions: SessionsWindow, library: FakeLibrary) -> None:
     lost = "4671 of the 4673 recorded values are missing from events.mcap."
     cut, copy = entry(5, losses=(lost,)), entry(6, copy_of="s1")
     library.found.set(LibraryStatus(sessions=(entry(1), cut, copy), total=3))
@@ -461,7 +459,7 @@ def test_what_a_session_lacks_and_a_copy_are_reported(sessions: SessionsWindow, 
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_what_a_session_lacks_is_reported_in_the_wizards_language() -> None:
+def test_gaps_of_a_session_are_reported_in_the_wizards_language() -> None:
     told = read_loss("audio.wav is missing: 3.0 s of audio.")
     assert lacks_words(entry(5, losses=(told,))).startswith("[audio.wav îš mîššîñğ: 3.0 š")
 
@@ -696,7 +694,7 @@ def hit_lines(sessions: SessionsWindow) -> list[str]:
     return [str(index.data(Qt.ItemDataRole.AccessibleTextRole)) for index in rows]
 
 
-def test_what_is_found_is_grouped_by_session_under_headings_that_the_keys_skip(
+def test_hits_are_grouped_by_session_under_headings_that_the_keys_skip(
     qtbot: QtBot, sessions: SessionsWindow, library: FakeLibrary
 ) -> None:
     first, second = HITS

@@ -86,7 +86,7 @@ def test_there_is_an_icon_of_it(name: str) -> None:
     assert name in icon_names()
 
 
-def test_who_holds_the_key_is_heard_while_typing_and_driving(console: FakeConsole, field: SpeakField) -> None:
+def test_holding_the_key_transmits_while_typing_and_driving(console: FakeConsole, field: SpeakField) -> None:
     QTest.keyPress(field, Qt.Key.Key_W, ALT)
     console.calls.clear()
     QTest.keyPress(field, Qt.Key.Key_Space, CTRL | ALT)

@@ -81,7 +81,7 @@ def switch(console: FakeConsole, scenario: samples.Scenario) -> None:
     console.state.scenario.reset_value(scenario)
 
 
-def test_what_the_next_scenario_forbids_is_gone_before_its_first_panel_stands(
+def test_forbidden_panels_are_gone_before_the_first_of_the_next_scenario(
     window: MainWindow, console: FakeConsole
 ) -> None:
     switch(console, STRICT)
@@ -128,9 +128,7 @@ def test_other_things_have_their_turn_between_two_panels_that_are_not_quickly_ma
 
 
 @pytest.mark.long
-def test_what_is_seen_stands_before_what_lies_behind_other_tabs(
-    alone: tuple[MainWindow, FakeConsole], qtbot: QtBot
-) -> None:
+def test_visible_panels_come_before_hidden_tabs(alone: tuple[MainWindow, FakeConsole], qtbot: QtBot) -> None:
     window, console = alone
     tabs_of = TabNode(("people", "assistant", "session"), "people")
     tabbed = dataclasses.replace(samples.MENTAL, layout=SplitNode("horizontal", (PanelLeaf("video"), tabs_of), (1, 1)))
@@ -196,9 +194,7 @@ def test_nothing_turns_any_more_once_all_stand(window: MainWindow, console: Fake
 
 
 @pytest.mark.long
-def test_what_lies_behind_other_tabs_gets_its_room_when_it_comes(
-    qtbot: QtBot, settings: MemorySettings, theme: Theme
-) -> None:
+def test_hidden_tabs_get_their_room_when_they_are_opened(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
     tabs = TabNode(("people", "drive"), "people")
     tabbed = dataclasses.replace(
         ALONE, layout=SplitNode("vertical", (PanelLeaf("map"), tabs), (0.8, 0.2)), path=Path("/layouts/low.yaml")
@@ -216,7 +212,7 @@ def test_what_lies_behind_other_tabs_gets_its_room_when_it_comes(
 
 
 @pytest.mark.long
-def test_who_requests_a_panel_meanwhile_gets_it(window: MainWindow, console: FakeConsole) -> None:
+def test_a_panel_requested_meanwhile_opens(window: MainWindow, console: FakeConsole) -> None:
     switch(console, samples.MENTAL)
     window.open_panel("diagnostics")
     assert window.board.is_open("diagnostics")
@@ -258,7 +254,7 @@ def test_a_panel_without_a_place_is_not_seen_and_comes_back_as_a_new_one_would(
     assert sorted(chip.text() for chip in labels if not chip.isHidden()) == ["Laughs", "Leaves"]
 
 
-def test_what_is_not_permitted_is_not_put_aside(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+def test_forbidden_panels_are_not_put_aside(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     switch(console, ALONE)
     qtbot.waitUntil(lambda: window.board.whole, timeout=60_000)
     assert {"speak", "drive"} <= set(window.board._aside)
@@ -302,7 +298,7 @@ def test_a_panel_that_continues_says_what_a_new_one_would(qtbot: QtBot, settings
     assert went_on >= {"video", "map", "people", "drive", "conversation", "speak", "assistant", "session", "notes"}
 
 
-def test_who_has_a_name_has_none_at_once_where_nobody_is_named(window: MainWindow, console: FakeConsole) -> None:
+def test_names_disappear_at_once_where_nobody_is_named(window: MainWindow, console: FakeConsole) -> None:
     samples.fill_console(console)
     samples.converse(console)
     samples.refresh_people_in_map(console)
@@ -458,7 +454,7 @@ def test_another_layout_before_all_are_made_leaves_out_what_lies_behind_in_it_to
     assert behind_in(window) == set(), "what is asked for now is made now"
 
 
-def test_who_requests_a_panel_before_it_is_made_gets_it_as_it_was_left(
+def test_a_panel_requested_early_opens_as_it_was_left(
     at_the_start: tuple[MainWindow, FakeConsole],
 ) -> None:
     window, _console = at_the_start

@@ -201,7 +201,7 @@ def test_a_session_says_what_it_was_for() -> None:
     assert purpose_title("pilot study") == "pilot study", "as it was written"
 
 
-def test_what_a_child_process_gives_as_the_reason_is_said_in_the_wizards_language() -> None:
+def test_the_reason_of_a_process_is_in_the_wizards_language() -> None:
     why = localized("The server at {place} does not respond.", place="front door")
     lost, ended = (CameraState(0, "front", state, why) for state in ("lost", "ended"))
     link = LinkStatus("lost", "Robot", "ws://there", why)

@@ -197,7 +197,7 @@ def test_an_annotation_goes_to_another_tier_of_its_coder_only(coder: Coder) -> N
     assert coder.document == before, "what Ana saw does not become Ben's"
 
 
-def test_what_would_overlap_is_refused_in_words_next_to_it(coder: Coder) -> None:
+def test_an_overlap_is_refused_in_words_next_to_it(coder: Coder) -> None:
     before, first = coder.document, coder.values(ANA)[0]
     middle = coder.point(ANA, (first[0] + first[1]) / 2)
     coder.drag(middle, middle + QPoint(40, 0))
@@ -434,7 +434,7 @@ def test_the_view_follows_the_playhead_over_its_edge_and_to_a_jump(coder: Coder)
     assert 0 < coder.canvas.scale.to_px(80_000) < coder.canvas.room_px
 
 
-def test_who_drags_over_the_edge_sees_on(coder: Coder) -> None:
+def test_dragging_over_the_edge_scrolls(coder: Coder) -> None:
     coder.show(90_000, 100_000)
     start = coder.point(ANA, 95_000)
     began_ms = coder.ms_at(start)

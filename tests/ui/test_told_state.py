@@ -73,7 +73,7 @@ def test_many_changes_are_reported_at_once_and_then_once_more_for_the_last(qtbot
 
 
 @pytest.mark.usefixtures("screen_reader")
-def test_whoever_goes_there_hears_what_is_shown_now(qtbot: QtBot) -> None:
+def test_entering_a_region_announces_its_current_state(qtbot: QtBot) -> None:
     widget, written = QWidget(), Written()
     qtbot.addWidget(widget)
     state = ThrottledAccessibleDescription(widget, written.words, every_ms=60_000)

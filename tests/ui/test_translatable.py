@@ -79,7 +79,7 @@ def test_nothing_is_translated_before_the_language_is_known() -> None:
     assert early == []
 
 
-def test_what_is_filled_in_has_a_name_and_is_given() -> None:
+def test_placeholders_have_names_and_values() -> None:
     wrong = []
     for path, tree in _sources():
         formatted = {id(node.func.value): node for node in ast.walk(tree) if _is_format(node)}
@@ -107,13 +107,13 @@ def test_every_text_of_the_window_can_be_translated() -> None:
     )
 
 
-def test_what_any_room_reports_the_wizard_can_be_translated() -> None:
+def test_reports_of_every_package_can_be_translated() -> None:
     """In child processes too: texts in QT_TR_NOOP, with their values, translated by the console."""
     told = [f"{found.file}:{found.line}: {found.text!r}" for found in untranslated.untranslated_errors()]
     assert told == []
 
 
-def test_what_is_left_as_it_is_is_still_said() -> None:
+def test_excepted_texts_are_still_used() -> None:
     assert untranslated.unused_exemptions() == []
 
 
@@ -140,7 +140,7 @@ def test_what_is_left_as_it_is_is_still_said() -> None:
         ('say(words if words else "no answer")', ["no answer"]),
     ],
 )  # fmt: skip
-def test_what_reads_as_a_text(source: str, texts: list[str]) -> None:
+def test_text_that_counts_as_one(source: str, texts: list[str]) -> None:
     assert [found.text for found in untranslated.texts_in(source)] == texts
 
 
@@ -153,7 +153,7 @@ def test_what_reads_as_a_text(source: str, texts: list[str]) -> None:
         ('def shown():\n    return tr("Stop")\n\n\nlater = lambda: tr("Go")\nTABLE = {1: QT_TR_NOOP("Go")}', 0),
     ],
 )
-def test_what_is_translated_too_early_is_found(source: str, early: int) -> None:
+def test_early_translation_is_found(source: str, early: int) -> None:
     assert len(list(_at_import(ast.parse(source)))) == early
 
 
@@ -170,7 +170,7 @@ def test_what_is_translated_too_early_is_found(source: str, early: int) -> None:
         ('QT_TR_NOOP("People", "", count)', 1),
     ],
 )
-def test_what_is_filled_in_wrongly_is_found(source: str, flaws: int) -> None:
+def test_wrong_placeholders_are_found(source: str, flaws: int) -> None:
     tree = ast.parse(source)
     formatted = next((node for node in ast.walk(tree) if _is_format(node)), None)
     assert len([flaw for call in _marked(tree) for flaw in _flaws(call, formatted)]) == flaws

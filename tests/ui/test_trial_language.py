@@ -255,7 +255,7 @@ def test_the_lines_of_every_menu_of_a_replay_bear_them_too(theme: Theme) -> None
         scene.deleteLater()
 
 
-def test_what_is_not_translated_is_seen(spoken: Spoken) -> None:
+def test_untranslated_text_is_visible(spoken: Spoken) -> None:
     holder = QWidget(spoken.window)
     said, told, named = QLabel("Left as it was", holder), QLabel(tr("Stop"), holder), QLabel("Lab visit · P07", holder)
     filled = QLabel(tr("Go to {place}").format(place="Lab visit"), holder)
@@ -282,7 +282,7 @@ def test_what_is_not_translated_is_seen(spoken: Spoken) -> None:
         ("ws://127.0.0.1:9090", False),
     ],
 )
-def test_what_reads_as_untranslated(text: str, plain: bool) -> None:
+def test_text_that_counts_as_untranslated(text: str, plain: bool) -> None:
     assert is_unmarked(text, StudyTexts("P07")) is plain
 
 

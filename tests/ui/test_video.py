@@ -116,7 +116,7 @@ def test_the_point_asked_about_stays_on_the_floor(panel: VideoPanel, console: Fa
     ("share_y", "age_s", "words"),
     [(0.02, 0.0, "That is not on the floor"), (0.9, 0.9, "The picture is too old to choose a target")],
 )
-def test_what_cannot_be_aimed_at_is_refused_with_the_reason(
+def test_an_impossible_aim_is_refused_with_the_reason(
     panel: VideoPanel, console: FakeConsole, share_y: float, age_s: float, words: str
 ) -> None:
     show_frame(console, age_s=age_s)
@@ -167,7 +167,7 @@ def test_a_camera_on_the_head_looks_where_the_head_looks(panel: VideoPanel, cons
         (DriveStatus(True, "", 0.5, "the picture is late"), "the picture is late"),
     ],
 )
-def test_what_limits_the_robot_is_said_in_the_video(
+def test_the_limit_of_the_robot_is_named_in_the_video(
     panel: VideoPanel, console: FakeConsole, qtbot: QtBot, drive: DriveStatus, words: str
 ) -> None:
     console.state.drive.set(drive)
@@ -242,7 +242,7 @@ def test_boxes_and_words_cost_no_more_than_the_picture_under_them(panel: VideoPa
     assert ratio < 2.0
 
 
-def test_who_has_a_name_has_a_solid_box_and_who_has_none_a_dashed_one(panel: VideoPanel, console: FakeConsole) -> None:
+def test_named_people_have_a_solid_box_and_others_a_dashed_one(panel: VideoPanel, console: FakeConsole) -> None:
     show_frame(console)
     view, frame = panel.view, console.state.frame.value
     boxes = (PersonBox(1, "p1", 60, 120, 120, 300, 0.9), PersonBox(2, "p2", 400, 120, 120, 300, 0.9))

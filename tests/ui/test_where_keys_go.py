@@ -487,7 +487,7 @@ IN_VAIN = {
 @pytest.mark.panels("video", "speak", "people", "assistant")
 @pytest.mark.parametrize("begun_in", BEGUN_IN[:2])
 @pytest.mark.parametrize("case", IN_VAIN)
-def test_what_cannot_be_done_says_so_and_takes_what_is_typed_nowhere(
+def test_a_refused_key_is_reported_and_types_nowhere(
     window: MainWindow, console: FakeConsole, case: str, begun_in: str
 ) -> None:
     happens, key, modifiers, hint = IN_VAIN[case]

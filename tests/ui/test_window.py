@@ -293,7 +293,7 @@ def test_a_problem_that_is_over_goes_away_automatically(window: MainWindow, cons
         ("recording", "recording", {"state": "starting"}),
     ],
 )
-def test_what_came_back_takes_its_problem_away(
+def test_a_restored_service_removes_its_problem(
     window: MainWindow, console: FakeConsole, until: ProblemEnd, value_of: str, over: dict[str, Any]
 ) -> None:
     value = getattr(console.state, value_of)
@@ -477,7 +477,7 @@ def test_an_added_panel_has_its_keys(qtbot: QtBot, window: MainWindow, console: 
     assert "map" not in window.panels
 
 
-def test_what_is_switched_off_cannot_be_added(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
+def test_disabled_panels_cannot_be_added(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
     permissions = Permissions(driving=False, assistant=False, robot_controls=False)
     window = open_window(
         qtbot, FakeConsole(dataclasses.replace(samples.TOUR, permissions=permissions)), settings, theme

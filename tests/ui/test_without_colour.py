@@ -119,7 +119,7 @@ def test_how_grave_an_alarm_is(qtbot: QtBot, shown_theme: Theme, console: FakeCo
     assert_words_differ(names)
 
 
-def test_who_said_it_and_whether_that_is_sure(shown_theme: Theme) -> None:
+def test_speakers_and_their_certainty(shown_theme: Theme) -> None:
     assert_words_differ({speaker: who_spoke(speaker, "", {}) for speaker in ("robot", "wizard", "participant", "")})
     heard_row = TranscriptRow("u", 0, "10:00:01", "Participant", "participant", "Where is the kitchen")
     rows = {
@@ -159,7 +159,7 @@ def test_who_said_it_and_whether_that_is_sure(shown_theme: Theme) -> None:
 
 
 @pytest.mark.panels("people")
-def test_who_is_named_suggested_unconfirmed_and_gone(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+def test_named_suggested_unconfirmed_and_former_people(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     panel = window.findChild(PeoplePanel)
     assert panel is not None
     now_ns = clock.now_ns()

@@ -61,7 +61,7 @@ def test_the_words_at_the_lower_edge_open_it_and_it_empties_automatically(
     assert window.focusWidget() is typing
 
 
-def test_who_opened_it_while_driving_does_not_drive_again_automatically(
+def test_opening_it_while_driving_does_not_resume_the_drive(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, alarms: AlarmList
 ) -> None:
     wrong(console, "Classes unknown to the detector: cake.")
@@ -110,7 +110,7 @@ def test_an_alarm_that_was_dismissed_comes_back_with_what_it_stands_in_the_way_o
     assert len(console.state.alarms.value) == 1
 
 
-def test_what_needs_nothing_done_is_a_line_of_the_log_alone(window: MainWindow, console: FakeConsole) -> None:
+def test_notes_are_lines_of_the_log_alone(window: MainWindow, console: FakeConsole) -> None:
     console.state.add(Problem(1, "info", "The camera sends its pictures uncompressed.", "", ""))
     assert window.problems.cards == ()
     assert console.state.alarms.value == ()

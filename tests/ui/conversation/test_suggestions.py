@@ -75,7 +75,7 @@ def test_one_is_edited_in_the_speak_field_and_enter_says_it(
     assert console.named("say") == []
 
 
-def test_what_has_only_just_come_up_is_not_said(
+def test_a_new_suggestion_is_not_spoken_at_once(
     cards: SuggestionCards, window: MainWindow, console: FakeConsole
 ) -> None:
     late = tuple(replace(card, from_ns=clock.now_ns() + 10**12) for card in SHOWN.cards)

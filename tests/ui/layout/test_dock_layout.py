@@ -94,7 +94,7 @@ def test_a_panel_goes_between_the_tabs_where_it_is_dropped() -> None:
     assert TabNode(("assistant", "map", "session"), "map") in _leaves(moved.tree)
 
 
-def test_what_floats_or_is_hidden_comes_back_where_it_was() -> None:
+def test_floating_and_hidden_panels_come_back_where_they_were() -> None:
     for panel in TOUR.panels:
         floating = edits.float_panel(TOUR, panel, PLACE)
         assert panel not in floating.docked
@@ -146,7 +146,7 @@ def test_windows_of_a_screen_that_is_not_there_come_onto_one_that_is() -> None:
         {"tree": {"panel": "map"}, "floating": [{"tree": {"panel": "map"}, "place": [1e99, 0, 5, 9]}]},
     ],
 )  # fmt: skip
-def test_what_is_no_layout_is_refused(data: Any) -> None:
+def test_an_invalid_layout_is_refused(data: Any) -> None:
     with pytest.raises(ValueError, match=r"panel|window|layout"):
         arrangement_from(data)
 

@@ -84,7 +84,7 @@ def test_another_scenario_is_made_of_the_layout_by_the_menu_and_its_title(
     assert len(console.named("SaveLayout")) == 1
 
 
-def test_what_the_wizard_arranges_is_hers_until_she_saves_it(
+def test_changes_of_the_layout_are_temporary_until_saved(
     qtbot: QtBot, window: MainWindow, settings: MemorySettings, theme: Theme
 ) -> None:
     keeper, host = window.layout_keeper, window.dock_host
@@ -195,7 +195,7 @@ def test_locked_nothing_is_moved_closed_or_floated_and_it_is_said(
         '{"tour_guide.yaml": []}',
     ],
 )
-def test_what_is_broken_is_put_aside_and_the_files_layout_shown(
+def test_a_broken_layout_is_put_aside_and_the_one_of_the_file_shown(
     qtbot: QtBot, theme: Theme, settings: MemorySettings, kept: str
 ) -> None:
     kept = kept.replace("OF", json.dumps(layout_data(tidy(samples.TOUR_LAYOUT))))

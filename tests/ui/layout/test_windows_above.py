@@ -51,7 +51,7 @@ def test_the_program_can_end_and_finds_the_panels_there_again(wide: MainWindow, 
     assert wide.dock_host.docks["map"].window() is wide, "its own cross puts it back"
 
 
-def test_what_a_key_requests_gets_the_keys(wide: MainWindow, qtbot: QtBot) -> None:
+def test_a_window_opened_by_a_key_gets_the_keys(wide: MainWindow, qtbot: QtBot) -> None:
     floating = float_at(wide, qtbot, "map", Rect(1000, 300, 400, 300))
     for ask in (wide.focus_speak, wide.focus_driving, wide.marking.card.write_note, wide.show_command_palette):
         floating.activateWindow()
@@ -69,7 +69,7 @@ def test_what_a_key_requests_gets_the_keys(wide: MainWindow, qtbot: QtBot) -> No
     qtbot.waitUntil(lambda: QApplication.activeWindow() is speaking)
 
 
-def test_what_was_opened_lies_clear_and_the_keys_go_back(wide: MainWindow, qtbot: QtBot) -> None:
+def test_an_opened_window_covers_nothing_and_the_keys_go_back(wide: MainWindow, qtbot: QtBot) -> None:
     floating = float_at(wide, qtbot, "map", Rect(980, 300, 600, 400))
     wide.show_command_palette()
     card = wide._palette_overlay.card
@@ -79,7 +79,7 @@ def test_what_was_opened_lies_clear_and_the_keys_go_back(wide: MainWindow, qtbot
     qtbot.waitUntil(lambda: QApplication.activeWindow() is floating)
 
 
-def test_what_would_cover_it_steps_back_and_returns_to_its_place(wide: MainWindow, qtbot: QtBot) -> None:
+def test_a_covering_window_moves_away_and_returns(wide: MainWindow, qtbot: QtBot) -> None:
     wide.resize(780, 760)
     floating = float_at(wide, qtbot, "map", Rect(60, 60, 680, 600))
     place, before = floating.geometry(), wide.dock_host.arrangement
@@ -117,7 +117,7 @@ def test_problems_and_notes_are_not_reported_below_a_window(wide: MainWindow, qt
     assert wide.marking.card.isVisible()
 
 
-def test_whoever_types_quit_finds_how_it_is_closed(wide: MainWindow, qtbot: QtBot) -> None:
+def test_typing_quit_finds_how_it_is_closed(wide: MainWindow, qtbot: QtBot) -> None:
     for word in ("quit", "exit", "close the"):
         wide.show_command_palette()
         palette = wide._palette_overlay
@@ -130,7 +130,7 @@ def test_whoever_types_quit_finds_how_it_is_closed(wide: MainWindow, qtbot: QtBo
     assert wide.isVisible(), "not by one Enter too many"
 
 
-def test_what_is_closed_by_words_asks_first_as_the_cross_does(wide: MainWindow, console: FakeConsole) -> None:
+def test_closing_by_the_palette_asks_first_as_the_cross_does(wide: MainWindow, console: FakeConsole) -> None:
     console.state.recording.set(RecordingStatus(state="recording"))
     console.state.goal.set(None)
     wide.closing.close_window()

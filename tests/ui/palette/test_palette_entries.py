@@ -56,7 +56,7 @@ def test_a_guess_never_speaks_or_moves(window: MainWindow, console: FakeConsole,
 
 
 @pytest.mark.long
-def test_whatever_speaks_or_moves_is_found_by_its_own_words_only(window: MainWindow, console: FakeConsole) -> None:
+def test_speech_and_motion_are_found_by_their_own_words_only(window: MainWindow, console: FakeConsole) -> None:
     call = CallService("/do", "std_srvs/Trigger", {})
     console.state.controls.set((RobotControl("wave", "Wave", "button", call),))
     acting = {entry.text for entry in window.palette_entries() if entry.acts}
@@ -88,9 +88,7 @@ def test_other_things_are_still_found_where_they_are_misspelt(window: MainWindow
     ],
 )  # fmt: skip
 @pytest.mark.long
-def test_what_other_people_call_it_and_a_slip_in_a_word_that_is_not_ended_find_it(
-    window: MainWindow, typed: str, found: str
-) -> None:
+def test_synonyms_and_a_misspelt_unfinished_word_find_it(window: MainWindow, typed: str, found: str) -> None:
     assert found in texts(palette_of(window, typed))
 
 
@@ -208,7 +206,7 @@ def test_the_palette_lies_below_the_red_button(window: MainWindow, console: Fake
     assert isinstance(palette, QWidget)
 
 
-def test_what_was_used_stands_first_but_a_quick_enter_neither_speaks_nor_moves(
+def test_recent_entries_come_first_but_a_quick_enter_neither_speaks_nor_moves(
     window: MainWindow, console: FakeConsole
 ) -> None:
     palette = palette_of(window, "silence")
@@ -231,7 +229,7 @@ def test_what_was_used_stands_first_but_a_quick_enter_neither_speaks_nor_moves(
     assert texts(palette_of(window))[0] == "Go to Kitchen", "whoever gives her name goes on from there"
 
 
-def test_what_is_remembered_of_a_person_does_not_name_them(
+def test_remembered_entries_of_a_person_do_not_name_them(
     window: MainWindow, console: FakeConsole, settings: MemorySettings
 ) -> None:
     named = {entry.text: entry for entry in window.palette_entries() if entry.kind in ("Select", "Person")}
@@ -407,7 +405,7 @@ def leaves(menu: QMenu) -> list[QAction]:
     return found
 
 
-def test_whatever_a_menu_of_the_window_offers_is_found_too(window: MainWindow, console: FakeConsole) -> None:
+def test_entries_of_every_menu_are_found_too(window: MainWindow, console: FakeConsole) -> None:
     permissions = dataclasses.replace(console.scenario.permissions, own_voice=True)
     sound = dataclasses.replace(console.scenario.sound, hear=True)
     console.scenario = dataclasses.replace(console.scenario, permissions=permissions, sound=sound)

@@ -32,7 +32,7 @@ ENTRIES = [
 ]  # fmt: skip
 
 
-def test_what_is_called_so_comes_first_then_recent_ones_common_ones_the_rest_and_what_is_like_it() -> None:
+def test_exact_names_come_first_then_recent_common_other_and_similar_ones() -> None:
     finder = Finder(ENTRIES, Used(recent=("Do: Stop mapping", "Do: gone meanwhile", "Do: Mark the map")))
     assert texts(finder.order) == [
         "Release", "Stop mapping", "Mark the map", "Photo", "Save the map", "Map", "Mop the floor", "Mapp",
@@ -43,7 +43,7 @@ def test_what_is_called_so_comes_first_then_recent_ones_common_ones_the_rest_and
     assert texts(finder.matching("mapp")) == ["Mapp", "Stop mapping", "Mark the map", "Save the map", "Map"]
 
 
-def test_what_is_called_so_comes_before_what_was_used_last_and_only_has_the_word_among_others() -> None:
+def test_exact_names_come_before_recent_ones_that_contain_the_word() -> None:
     entries = [
         entry("Layout: Save as", also="reset revert"),
         entry("Layout: Reset"),
@@ -65,7 +65,7 @@ def test_a_slip_in_the_beginning_of_a_word_finds_it_behind_what_is_spelt_so() ->
     assert texts(finder.matching("xecord")) == [], "its first letter is right, or it is another word"
 
 
-def test_what_is_often_used_takes_the_place_of_what_is_commonly_used() -> None:
+def test_frequent_entries_replace_common_ones() -> None:
     finder = Finder(ENTRIES, Used(often=("Do: Mop the floor", "Do: Map")))
     assert texts(finder.order)[:3] == ["Release", "Mop the floor", "Map"]
 

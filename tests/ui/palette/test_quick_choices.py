@@ -32,7 +32,7 @@ def row(person_id: str, **more: object) -> PersonRow:
         ([row("later", since_ns=8), row("longest")], "", "longest"),
     ],
 )
-def test_who_is_in_front(persons: list[PersonRow], selected: str, expected: str | None) -> None:
+def test_the_nearest_person(persons: list[PersonRow], selected: str, expected: str | None) -> None:
     person = nearest_person(persons, selected=selected)
     assert (None if person is None else person.person_id) == expected
 

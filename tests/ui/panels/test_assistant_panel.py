@@ -57,7 +57,7 @@ def asked(console: FakeConsole, *exchanges: ExchangeStatus) -> None:
 
 
 @pytest.mark.panels()
-def test_what_goes_along_is_seen_with_its_size_and_taken_out_before_sending(
+def test_context_is_listed_with_its_size_and_removed_before_sending(
     panel: AssistantPanel, console: FakeConsole
 ) -> None:
     assert not panel.along.isVisible(), "the last answer has the room until something is written"

@@ -125,9 +125,7 @@ def test_the_title_says_how_long_a_person_has_been_waiting(panel: ConversationPa
     assert panel.fact[0].endswith(" until the answer")
 
 
-def test_what_is_late_is_what_the_scenario_says_where_it_has_a_bound(
-    panel: ConversationPanel, console: FakeConsole
-) -> None:
+def test_the_scenario_sets_the_bound_of_a_late_answer(panel: ConversationPanel, console: FakeConsole) -> None:
     patient = replace(console.scenario.assistance, fillers="suggest", filler_after_s=9.0)
     console.scenario = replace(console.scenario, assistance=patient)
     panel.update_view()
@@ -166,7 +164,7 @@ def test_it_stays_at_the_newest_unless_scrolled_back(
 
 @pytest.mark.parametrize("words", ["Hello! Welcome to our lab.", "word " * 60], ids=["short", "long"])
 @pytest.mark.parametrize("width_px", [300, 470, 640])
-def test_what_is_shorter_than_its_room_comes_to_rest(qtbot: QtBot, theme: Theme, words: str, width_px: int) -> None:
+def test_a_short_transcript_comes_to_rest(qtbot: QtBot, theme: Theme, words: str, width_px: int) -> None:
     """A scroll bar that appeared with the estimated height and disappeared with the real one caused endless layouts."""
     room = QWidget()
     qtbot.addWidget(room)
@@ -236,7 +234,7 @@ def test_words_are_corrected_in_place_by_keyboard_alone(
     assert panel.view.hasFocus(), "and nothing that is typed next goes elsewhere"
 
 
-def test_what_the_robot_was_told_to_say_is_not_corrected(qtbot: QtBot, panel: ConversationPanel) -> None:
+def test_robot_utterances_are_not_corrected(qtbot: QtBot, panel: ConversationPanel) -> None:
     go_to(panel, "t4")
     press(qtbot, panel, Qt.Key.Key_Return)
     assert not panel.view.writing

@@ -63,7 +63,7 @@ def test_a_note_is_written_while_driving_and_is_of_the_moment_at_which_it_began(
     assert (panel.field.text(), panel.fact[0]) == ("", "1 note")
 
 
-def test_what_was_changed_or_removed_can_be_brought_back(panel: NotesPanel, console: FakeConsole) -> None:
+def test_changed_and_removed_notes_can_be_restored(panel: NotesPanel, console: FakeConsole) -> None:
     write(panel, "Asks twise")
     write(panel, "Laughs")
     assert panel.field.hasFocus()
@@ -110,7 +110,7 @@ def test_a_click_in_a_replay_goes_to_the_moment(qtbot: QtBot, panel: NotesPanel,
     assert wanted.args == [5_000_000_000]
 
 
-def test_what_the_scenario_has_for_the_wizard_folds_away(window: MainWindow, console: FakeConsole) -> None:
+def test_notes_of_the_scenario_fold_away(window: MainWindow, console: FakeConsole) -> None:
     console.scenario = replace(console.scenario, notes="Hand over at once when somebody asks for a person.")
     window.show_scenario(console.scenario)
     window.open_panel("notes")

@@ -107,7 +107,9 @@ def unfold(panel: PeoplePanel) -> None:
 # Displayed rows
 
 
-def test_who_left_without_a_name_is_counted_and_shown_when_requested(panel: PeoplePanel, console: FakeConsole) -> None:
+def test_people_who_left_without_a_name_are_counted_and_shown_on_request(
+    panel: PeoplePanel, console: FakeConsole
+) -> None:
     left = [row for row in console.state.everybody.value if row.person_id == "p-5"]
     many = [dataclasses.replace(left[0], person_id=f"p-left-{n}", name=f"Person {n}", number=n) for n in range(40, 70)]
     named = dataclasses.replace(left[0], person_id="p-eva", name="Eva")
@@ -375,7 +377,7 @@ def test_one_suggestion_is_asked_at_a_time_and_it_stays() -> None:
     assert next_asked((gone,), asked, selected="", now_ns=100, ended_ns=-TO_READ_NS) is None
 
 
-def test_whom_the_wizard_selected_is_asked_about_first() -> None:
+def test_the_selected_person_is_asked_about_first() -> None:
     first, second = row("p-1", 10, "ada"), row("p-2", 20, "bo")
     asked = next_asked((first, second), None, selected="p-2", now_ns=100, ended_ns=-TO_READ_NS)
     assert asked == IdentityQuestion("p-2", "bo")
@@ -482,9 +484,7 @@ def test_a_question_comes_into_view_once(panel: PeoplePanel, console: FakeConsol
     assert not viewport.rect().contains(panel.list.row_rect(asked)), "where the wizard scrolled it stays"
 
 
-def test_whoever_was_recognised_can_be_another_person_after_all(
-    qtbot: QtBot, panel: PeoplePanel, console: FakeConsole
-) -> None:
+def test_a_recognised_person_can_be_another_after_all(qtbot: QtBot, panel: PeoplePanel, console: FakeConsole) -> None:
     press(qtbot, panel, "p-luis", "not")
     assert console.calls == [("reject_person", ("p-luis", "p-luis"))]
     named_by_hand = panel.model.row_of("p-ana")
@@ -546,7 +546,7 @@ def test_every_word_has_to_be_there() -> None:
     assert found(mara, "")
 
 
-def test_what_the_wizard_decided_can_be_taken_back(
+def test_a_decision_of_the_wizard_can_be_undone(
     qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
     bar = panel.findChild(UndoBar)
@@ -562,9 +562,7 @@ def test_what_the_wizard_decided_can_be_taken_back(
     assert console.named("undo_people") == [None, None]
 
 
-def test_what_was_decided_is_reported_with_the_name_that_follows_from_it(
-    panel: PeoplePanel, console: FakeConsole
-) -> None:
+def test_a_decision_is_reported_with_the_resulting_name(panel: PeoplePanel, console: FakeConsole) -> None:
     console.state.add(PersonRenamed(clock.now_ns(), "p-4", "wizard"))
     bar = panel.findChild(UndoBar)
     assert bar.text.text() == "Named Person 4"
@@ -573,7 +571,7 @@ def test_what_was_decided_is_reported_with_the_name_that_follows_from_it(
     assert bar.text.text() == "Named Eva"
 
 
-def test_what_the_console_decided_offers_no_undo(panel: PeoplePanel, console: FakeConsole) -> None:
+def test_a_decision_of_the_console_offers_no_undo(panel: PeoplePanel, console: FakeConsole) -> None:
     console.state.add(PersonIdentified(clock.now_ns(), "p-4", "p-ana", "console", 0.97, actor="console"))
     assert panel.findChild(UndoBar).isHidden()
 
@@ -672,6 +670,6 @@ def test_people_are_found_in_the_palette(window: MainWindow, panel: PeoplePanel,
     assert panel.card.person_id == "p-luis"
 
 
-def test_what_is_seen_of_a_person_begins_with_what_matters() -> None:
+def test_the_description_of_a_person_begins_with_the_important() -> None:
     luis = people_samples.people_of_a_tour(10**12)[0]
     assert what_is_seen(luis, 10**12)[:2] == ["speaking", "1.9 m, left"]

@@ -112,7 +112,7 @@ def test_the_card_grows_old_with_the_person(
     qtbot.waitUntil(lambda: "here for 63 min" in str(find(window, "person_card_seen").property("text")))
 
 
-def test_what_cannot_be_promised_is_said() -> None:
+def test_an_uncertain_promise_is_stated() -> None:
     luis, ana, third, *_ = people_samples.people_of_a_tour(10**12)
     agreed = dataclasses.replace(ana, consents=("face",))
     clothing, both = ("clothing",), ("clothing", "face")
@@ -127,9 +127,7 @@ def test_what_cannot_be_promised_is_said() -> None:
 
 
 @pytest.mark.panels()
-def test_what_is_written_down_is_saved_when_the_field_is_left(
-    window: MainWindow, panel: PeoplePanel, console: FakeConsole
-) -> None:
+def test_a_note_is_saved_when_the_field_is_left(window: MainWindow, panel: PeoplePanel, console: FakeConsole) -> None:
     opened(panel, console, "p-4")
     name = field(window, "person_card_name_field")
     name.setFocus()
@@ -169,9 +167,7 @@ def test_esc_stops_the_robot_and_leaves_what_was_not_finished(
     assert field(window, "person_group").text() == "Group 1"
 
 
-def test_what_comes_meanwhile_takes_nothing_that_is_being_typed(
-    window: MainWindow, panel: PeoplePanel, console: FakeConsole
-) -> None:
+def test_updates_take_nothing_that_is_being_typed(window: MainWindow, panel: PeoplePanel, console: FakeConsole) -> None:
     opened(panel, console, "p-luis")
     tags = field(window, "person_tags")
     tags.setFocus()
@@ -217,7 +213,7 @@ def test_both_who_are_likeliest_can_be_chosen(
     assert find(window, "person_card_name").property("text") == "Guest 003", "the card stays with who stands there"
 
 
-def test_who_was_recognised_wrongly_and_two_who_were_taken_for_one(
+def test_a_wrong_recognition_and_two_merged_people_are_corrected(
     qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
     opened(panel, console, "p-luis")
@@ -281,7 +277,7 @@ def test_two_are_merged_after_both_were_seen_side_by_side(
     assert card.page == "about"
 
 
-def test_who_is_suggested_is_offered_first_to_merge_with(
+def test_the_suggested_person_is_offered_first_to_merge_with(
     qtbot: QtBot, window: MainWindow, panel: PeoplePanel, console: FakeConsole
 ) -> None:
     opened(panel, console, "p-3")

@@ -85,7 +85,7 @@ def queue_of(window: MainWindow) -> QueueList:
 # Field
 
 
-def test_what_is_refused_stays_in_the_field(field: SpeakField, console: FakeConsole) -> None:
+def test_a_refused_text_stays_in_the_field(field: SpeakField, console: FakeConsole) -> None:
     console.refuses_speech = True
     QTest.keyClicks(field, "Over there.")
     QTest.keyClick(field, Qt.Key.Key_Return)
@@ -113,9 +113,7 @@ def test_the_voice_gets_ready_for_what_is_typed_at_its_end_and_in_a_pause(
     assert field.toPlainText() == "" and len(drafts()) == 2, "it is asked for already"
 
 
-def test_what_could_not_be_said_comes_back_unless_something_else_was_begun(
-    field: SpeakField, console: FakeConsole
-) -> None:
+def test_a_failed_text_comes_back_unless_another_was_begun(field: SpeakField, console: FakeConsole) -> None:
     failed = UtteranceChanged(1, "u-9", "robot", "Over there.", "typed", "failed", actor="wizard")
     QTest.keyClicks(field, "Over {place}.")
     QTest.keyClick(field, Qt.Key.Key_Return)
@@ -146,7 +144,7 @@ def test_only_what_is_dictated_is_written_down(field: SpeakField, console: FakeC
     assert console.named("say") == [("please follow me, slowly.", "dictated"), ("Typed", "typed")]
 
 
-def test_what_was_written_is_saved_when_something_is_brought_to_be_edited(
+def test_typed_text_is_saved_when_another_is_brought_to_be_edited(
     field: SpeakField, window: MainWindow, console: FakeConsole
 ) -> None:
     panel = window.panels["speak"]
@@ -283,9 +281,7 @@ def test_the_queue_is_changed_by_keys_alone_while_driving(window: MainWindow, co
     assert view.hasFocus()
 
 
-def test_what_was_written_for_something_that_is_said_already_goes_into_the_field(
-    window: MainWindow, console: FakeConsole
-) -> None:
+def test_a_correction_of_a_text_already_spoken_goes_into_the_field(window: MainWindow, console: FakeConsole) -> None:
     console.state.speech.set(waiting("One."))
     queue = queue_of(window)
     queue.setFocus()
@@ -366,7 +362,7 @@ def test_escape_leaves_it_unsaid_and_what_was_typed_comes_back(
 
 
 @pytest.mark.panels()
-def test_whoever_drives_by_bare_keys_continues_driving(window: MainWindow, console: FakeConsole) -> None:
+def test_driving_by_bare_keys_continues(window: MainWindow, console: FakeConsole) -> None:
     view = find(window, "video_view")
     view.setFocus()
     QTest.keyPress(view, Qt.Key.Key_W)

@@ -169,7 +169,7 @@ def dialog(qtbot: QtBot, theme: Theme, window: QWidget, console: FakeConsole) ->
     return Dialog(qtbot, theme, window, console)
 
 
-def test_what_is_not_ready_is_asked_about_once(dialog: Dialog) -> None:
+def test_failed_checks_are_asked_about_once(dialog: Dialog) -> None:
     dialog.start()
     assert dialog.begun == []
     asked = find(dialog.dialog, "start_asked")
@@ -218,7 +218,7 @@ def test_the_log_has_ticks_and_what_was_open() -> None:
     assert state_words(replace(ticked, actor="wizard:b"), ClockAnchor(0, 0)).startswith("Ticked by another wizard at")
 
 
-def test_what_is_to_be_ticked_is_read_to_its_end(qtbot: QtBot, theme: Theme, console: FakeConsole) -> None:
+def test_items_to_tick_are_read_to_their_end(qtbot: QtBot, theme: Theme, console: FakeConsole) -> None:
     title = "The participant knows that they can stop at any time, and who sees and hears what is recorded of them"
     console.state.preflight.set((*CHECKS, replace(FORM, id="by hand: stop", title=title)))
     parent = QWidget()

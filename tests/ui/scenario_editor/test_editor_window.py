@@ -91,7 +91,7 @@ def wrong(editor: ScenarioEditor) -> list[str]:
     return [label.text() for label in editor.findChildren(QLabel, "mistake") if label.isVisible()]
 
 
-def test_what_is_typed_is_in_the_file_in_the_title_and_in_the_preview_at_once(editor: ScenarioEditor) -> None:
+def test_typing_is_in_the_file_the_title_and_the_preview_at_once(editor: ScenarioEditor) -> None:
     type_over(editor, "Large", "title")
     assert editor.document.text == TEXT.replace("title: Small", "title: Large")
     assert editor.windowTitle().startswith("Large")
@@ -172,9 +172,7 @@ def test_more_along_with_a_phrase_is_entered_by_pressing_its_key(editor: Scenari
     assert editor.document.text == TEXT
 
 
-def test_what_there_is_to_name_is_offered_and_what_is_not_there_is_reported(
-    editor: ScenarioEditor, console: FakeConsole
-) -> None:
+def test_known_names_are_offered_and_missing_ones_reported(editor: ScenarioEditor, console: FakeConsole) -> None:
     console.state.link.set(LinkStatus("connected", "Simulated robot"))
     console.state.controls.set((RobotControl("volume", "Volume", "slider"), RobotControl("wave", "Wave", "button")))
     gesture = field(editor, "phrases", 0, "gesture")
@@ -204,7 +202,7 @@ def test_a_place_is_where_the_robot_is_now(editor: ScenarioEditor, console: Fake
     assert editor.document.data["places"] == [{"name": "Door", "x_m": 3.46, "y_m": -1, "heading_deg": 90}]
 
 
-def test_what_is_switched_off_is_reported_with_all_that_disappears(editor: ScenarioEditor) -> None:
+def test_switching_off_is_reported_with_all_that_disappears(editor: ScenarioEditor) -> None:
     field(editor, "permissions", "photos").enter(False)
     told = editor.preview.toPlainText()
     assert "Photos is now off. This disappears:" in told
@@ -373,7 +371,7 @@ def test_saving_is_reported_and_what_was_not_saved_stays(
     assert console.named("save_scenario")[-1][3] == hashlib.sha256(TEXT.replace("Small", "Large").encode()).hexdigest()
 
 
-def test_what_is_typed_while_it_is_written_stays(editor: ScenarioEditor, console: FakeConsole) -> None:
+def test_typing_during_a_save_stays(editor: ScenarioEditor, console: FakeConsole) -> None:
     type_over(editor, "Large", "title")
     editor.save_button.click()
     type_over(editor, "Larger", "title")
@@ -422,7 +420,7 @@ def test_a_copy_gets_a_title_of_its_own(editor: ScenarioEditor, console: FakeCon
     assert QApplication.focusWidget() is editor.nav
 
 
-def test_what_another_person_wrote_unseen_is_read_before_it_is_saved(
+def test_unseen_changes_of_another_writer_are_read_before_saving(
     editor: ScenarioEditor, console: FakeConsole, path: Path
 ) -> None:
     type_over(editor, "Large", "title")
@@ -453,7 +451,7 @@ def test_a_file_that_another_person_broke_is_written_over_only_when_asked(
     assert (text, replaces) == (editor.document.text, opened_file(path).sha256)
 
 
-def test_what_is_compared_with_is_what_was_saved_last(editor: ScenarioEditor, console: FakeConsole) -> None:
+def test_the_comparison_is_with_the_last_save(editor: ScenarioEditor, console: FakeConsole) -> None:
     type_over(editor, "Large", "title")
     editor.show_page(editor.compare_page)
     assert len(editor.compare_page.rows) == 1
@@ -463,7 +461,7 @@ def test_what_is_compared_with_is_what_was_saved_last(editor: ScenarioEditor, co
     assert editor.compare_page.summary.text() == "Both are identical."
 
 
-def test_what_is_not_saved_is_asked_about_before_it_goes(
+def test_unsaved_changes_are_asked_about_before_closing(
     editor: ScenarioEditor, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(QCloseEvent, "spontaneous", lambda _event: True)

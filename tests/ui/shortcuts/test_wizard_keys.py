@@ -86,7 +86,7 @@ def test_a_row_that_loses_its_key_has_none_and_gets_it_back(bench: Bench) -> Non
         (as_text({"photo": Keys(("Ctrl+M",))}), "“Photo”: Ctrl+M is already assigned to “Mark”."),
     ],
 )
-def test_what_is_saved_and_cannot_be_used_falls_back_and_is_reported_once(
+def test_unusable_saved_keys_fall_back_and_are_reported_once(
     bench: Bench, settings: MemorySettings, kept: str, told: str
 ) -> None:
     settings.setValue(KEPT_AT, kept)

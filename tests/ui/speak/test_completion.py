@@ -36,7 +36,7 @@ def test_it_continues_as_something_that_was_said_before(written: str, rest: str)
     assert completion(written, KNOWN) == rest
 
 
-def test_what_comes_first_counts() -> None:
+def test_the_first_match_counts() -> None:
     assert completion("Go", ("Go left.", "Go right.")) == " left."
     assert completion("Go", ("Go", "Go right.")) == " right."
 

@@ -112,7 +112,7 @@ def test_lines_that_are_pasted_become_one_text_of_bounded_length(field: SpeakFie
     assert field.toPlainText().startswith("One two x") and len(field.toPlainText()) == LONGEST
 
 
-def test_what_is_dictated_goes_to_the_cursor_and_committed_words_stay(field: SpeakField) -> None:
+def test_dictation_goes_to_the_cursor_and_committed_words_stay(field: SpeakField) -> None:
     QTest.keyClicks(field, "Well, then.")
     for _ in range(6):
         QTest.keyClick(field, Qt.Key.Key_Left)
