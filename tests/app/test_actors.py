@@ -480,7 +480,7 @@ def test_each_suggestion_that_was_displayed_has_one_fate_in_the_file(story: Stor
     assert {"taken", "edited", "dismissed"} <= {reply.fate for reply in replies}
 
 
-def test_tables_and_tiers_tell_who_it_was_by_name_only_where_names_are_wanted(story: Story, tmp_path: Path) -> None:
+def test_tables_and_tiers_name_the_actor_only_where_names_are_requested(story: Story, tmp_path: Path) -> None:
     export_session(story.folder, "csv", tmp_path / "named", ExportContext(with_names=True))
     export_session(story.folder, "csv", tmp_path / "csv")
     export_session(story.folder, "eaf", tmp_path / "eaf", ExportContext(with_names=True))

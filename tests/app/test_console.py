@@ -110,7 +110,7 @@ def test_no_actor_starts_a_recording_without_the_required_checks(qtbot: QtBot, a
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_the_model_is_told_what_the_cameras_see_next_to_people_and_nothing_twice(qtbot: QtBot, asked: Asked) -> None:
+def test_the_model_gets_the_objects_of_the_cameras_once(qtbot: QtBot, asked: Asked) -> None:
     now_ns = clock.now_ns()
     for camera, labels in (("front", ("chair", "chair")), ("desk", ("chair", "dog"))):
         things = tuple(ThingBox(label, 0.0, 0.0, 5.0, 5.0, 0.9) for label in labels)
@@ -219,7 +219,7 @@ def _robot(camera: str) -> RobotConnection:
     return RobotConnection(camera, "ws://127.0.0.1:9", profile, control, media)
 
 
-def test_another_robots_camera_is_shown_whatever_the_one_before_still_sent(qtbot: QtBot, tmp_path: Path) -> None:
+def test_the_camera_of_another_robot_is_shown_despite_late_frames(qtbot: QtBot, tmp_path: Path) -> None:
     scenario = composition.find_scenario("tour-guide")
     parts = composition.parts(study=composition.open_study(tmp_path / "study"))
     console = Console(replace(parts, people=replace(parts.people, inference=None)), scenario)

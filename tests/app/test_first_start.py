@@ -60,7 +60,7 @@ def test_the_page_comes_and_its_first_choice_starts_the_simulated_robot(
     assert settings.value(SET_UP_KEY) == "skipped"
 
 
-def test_no_page_stands_in_the_way_of_a_demonstration(start: Start) -> None:
+def test_no_page_blocks_a_demonstration(start: Start) -> None:
     run = start(demo=True)
     assert run.window.findChild(SetUpPage) is None
     assert run.window.first_use.hint.isVisible()

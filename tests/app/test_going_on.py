@@ -126,7 +126,7 @@ def screen() -> Iterator[tuple["subprocess.Popen[bytes]", dict[str, str]]]:
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="needs Xvfb")
 @pytest.mark.parametrize("told_to_end", [False, pytest.param(True, marks=pytest.mark.long)])
 @pytest.mark.long
-def test_without_its_screen_the_program_ends_at_once_and_a_trial_continues_unless_it_was_told_to_end(
+def test_losing_the_screen_ends_the_program_and_a_trial_is_resumed_unless_terminated(
     start: Callable[..., ConsoleProcess],
     screen: tuple["subprocess.Popen[bytes]", dict[str, str]],
     told_to_end: bool,
@@ -152,7 +152,7 @@ def test_without_its_screen_the_program_ends_at_once_and_a_trial_continues_unles
 
 @pytest.mark.parametrize("told", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.long)])
 @pytest.mark.long
-def test_a_program_that_is_told_to_end_saves_its_recording_and_offers_nothing(
+def test_a_terminated_program_saves_its_recording_and_offers_nothing(
     start: Callable[..., ConsoleProcess], told: signal.Signals
 ) -> None:
     """Termination while driving, without closing a window."""

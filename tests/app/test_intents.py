@@ -234,7 +234,7 @@ def test_without_its_permission_it_is_refused(bench: Bench, asked: Intent) -> No
 
 
 @pytest.mark.logs(r"live\.bus: ")
-def test_to_dictate_is_to_turn_speech_into_text_to_be_said_and_the_end_of_either_is_never_refused(bench: Bench) -> None:
+def test_dictation_becomes_text_and_its_end_is_never_refused(bench: Bench) -> None:
     dictate = intents.PushToTalk(on=True, to="dictation")
     bench.permit(own_voice=False)
     assert bench.console.do(dictate) == ""

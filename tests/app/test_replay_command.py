@@ -223,7 +223,7 @@ class Ends:
     close = stop = finish = shutdown
 
 
-def test_the_robot_is_stopped_first_and_whatever_fails_the_rest_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_robot_is_stopped_first_and_any_failure_lets_the_rest_end(monkeypatch: pytest.MonkeyPatch) -> None:
     ended: list[str] = []
     monkeypatch.setattr(console_command, "ClosingWindow", lambda _theme: Ends("closing window", ended))
     run = ConsoleRun.__new__(ConsoleRun)

@@ -42,7 +42,7 @@ Stop halts motion and cancels goals, always:
     test_escape_stops_also_before_a_modal_dialog; keys: escape_stops_from_anywhere;
     test_the_keys_of_a_replay_in_front_stop_the_live_robot
 The emergency stop latches, refuses commands, needs an explicit reset, and calls the robot's own service:
-    test_the_emergency_stop_is_told_to_the_robot_refuses_and_clears_only_by_asking;
+    test_the_emergency_stop_is_sent_refuses_and_clears_on_request_only;
     link: the_emergency_stop_latches_and_clears_only_by_asking,
     an_emergency_stop_without_a_robot_is_told_to_it_when_it_is_back
 Driving is capped when video or LIDAR is stale:
@@ -242,7 +242,7 @@ def test_escape_stops_also_before_a_modal_dialog(console: ConsoleProcess, wire: 
 
 
 @pytest.mark.parametrize("how", ["key Pause", "click emergency_stop"])
-def test_the_emergency_stop_is_told_to_the_robot_refuses_and_clears_only_by_asking(
+def test_the_emergency_stop_is_sent_refuses_and_clears_on_request_only(
     console: ConsoleProcess, robot: SimulatedRobot, wire: TwistListener, how: str
 ) -> None:
     _drive(console, wire)

@@ -87,7 +87,7 @@ def test_unreadable_settings_are_saved_as_a_copy_and_reported(file: Path, conten
 
 
 @pytest.mark.logs(r"app\.user_settings: ")
-def test_two_broken_ones_within_a_second_are_both_kept(file: Path) -> None:
+def test_two_broken_settings_within_a_second_are_both_saved(file: Path) -> None:
     for content in (b"one\n", b"two\n"):
         file.write_bytes(content)
         assert user_settings.bring_up_to_date(opened(file)) is not None

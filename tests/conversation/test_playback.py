@@ -101,7 +101,7 @@ def test_playback_starts_when_reported_and_is_reported_completely(sound: SoundSe
     assert abs(last_ns - out.stamp_ns) < 150_000_000
 
 
-def test_without_an_output_it_is_said_and_nothing_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_output_is_reported_and_nothing_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PULSE_SERVER", "unix:/nonexistent/no-sound-server")
     playback = Body(run_playback)
     try:

@@ -41,7 +41,7 @@ def test_the_model_learns_what_is_in_view_and_what_was_noted() -> None:
     assert [role for role, _ in asked("What is there?", system_prompt="", things=[])] == ["user"]
 
 
-def test_the_model_learns_who_is_here_and_what_was_said() -> None:
+def test_the_prompt_has_the_people_present_and_the_utterances() -> None:
     turns = [
         event("u1", "requested", "Hello."),
         event("u1", "started", "Hello, {p-9f}.", at_ns=1),
@@ -130,7 +130,7 @@ def test_no_name_note_thing_or_sentence_ends_its_quotation(hostile: str) -> None
     assert "\n" not in robots
 
 
-def test_a_model_is_told_what_was_corrected() -> None:
+def test_the_prompt_has_corrections() -> None:
     utterance = UtteranceChanged(1, "p", "participant", "Hello robber.", "heard", "finished")
     own = UtteranceChanged(2, "q", "participant", "Hello.", "heard", "finished")
     corrected = (UtteranceCorrected(3, "p", text="Hello robot."), UtteranceCorrected(4, "q", speaker="robot"))
@@ -157,6 +157,6 @@ def test_turns_carry_their_times_and_do_not_go_back() -> None:
     )
 
 
-def test_an_utterance_silenced_before_it_began_was_not_said() -> None:
+def test_an_utterance_silenced_before_it_began_was_not_spoken() -> None:
     (turn,) = turns_of([event("u1", "requested"), event("u1", "interrupted", at_ns=2)])
     assert not turn.said

@@ -12,7 +12,7 @@ from caris_desktop.domain.camera_projection import CameraModel
 CAMERA = CameraModel.from_field_of_view(width_px=640, height_px=480, horizontal_rad=math.radians(60))
 
 
-def test_the_middle_of_a_level_camera_looks_at_the_horizon() -> None:
+def test_the_centre_of_a_level_camera_is_on_the_horizon() -> None:
     assert CAMERA.floor_point(320, 240) is None
     assert CAMERA.floor_point(320, 100) is None
 

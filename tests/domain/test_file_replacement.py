@@ -95,7 +95,7 @@ def test_nobody_else_can_read_what_is_being_written_of_a_private_file(path: Path
     assert seen == [0o600, 0o600]
 
 
-def test_a_new_file_is_for_whoever_may_read_the_folder(tmp_path: Path) -> None:
+def test_a_new_file_has_the_permissions_of_the_folder(tmp_path: Path) -> None:
     replace_file(tmp_path / "new", b"", durable=False)
     (tmp_path / "usual").touch(mode=0o644)
     assert (tmp_path / "new").stat().st_mode == (tmp_path / "usual").stat().st_mode
@@ -119,7 +119,7 @@ def test_content_then_name_are_brought_to_the_disk_where_the_caller_asks(
     assert synced == ([("a file beside it", b"old"), ("the folder", b"new")] if durable else [])
 
 
-def test_a_full_disk_is_asked_for_room_and_the_write_continues(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_frees_its_reserve_and_the_write_continues(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write = os.write
     room = [3]
 

@@ -46,7 +46,7 @@ def broke_off(camera: str) -> LocalizedText:
 
 
 @pytest.mark.usefixtures("german")
-def test_it_is_english_and_can_be_said_again_after_it_came_from_another_process() -> None:
+def test_a_text_of_another_process_is_english_and_can_be_translated() -> None:
     text = pickle.loads(pickle.dumps(localized("The disk is slow: it took {delay} s.", delay=2.5)))  # noqa: S301
     assert text == "The disk is slow: it took 2.5 s."
     assert tr(text) == "2.5 s hat die Festplatte gebraucht."

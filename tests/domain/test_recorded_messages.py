@@ -28,7 +28,7 @@ def test_in_english_it_stays_what_it_is() -> None:
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_a_reason_is_said_with_its_values_and_they_too_where_they_are_texts() -> None:
+def test_a_reason_is_translated_with_its_values() -> None:
     why = localized(QT_TR_NOOP("no fresh {stream} for {age} s"), stream=QT_TR_NOOP("LIDAR"), age="1.5")
     kept = str.__str__(json.loads(json.dumps(why)))
     assert tr(retranslate(kept)) == tr(why) != kept

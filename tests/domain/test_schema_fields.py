@@ -81,7 +81,7 @@ def told(data: Any, declaration: Any = Shelf) -> list[Problem]:
     return list(problems(declaration, data))
 
 
-def test_a_setting_that_is_declared_is_checked_told_read_written_and_explained() -> None:
+def test_a_declared_setting_is_checked_reported_read_written_and_explained() -> None:
     colour = Annotated[Literal["red", "green"], FieldSpec("Its colour.")]
     coloured = make_dataclass("Lamp", [("colour", colour, "red")], bases=(Lamp,), frozen=True)
     for text_of in (lambda of: json.dumps(file_schema(of, schema_id="x", title="x")), reference):

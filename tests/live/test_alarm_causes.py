@@ -63,9 +63,7 @@ def desk() -> Desk:
 
 
 @pytest.mark.parametrize("first", ["what follows", "the loss"])
-def test_a_lost_link_is_one_alarm_whatever_follows_from_it_and_whatever_is_noticed_first(
-    desk: Desk, first: str
-) -> None:
+def test_a_lost_link_is_one_alarm_with_all_that_follows_from_it(desk: Desk, first: str) -> None:
     if first == "the loss":
         desk.lose()
     desk.told("The pictures broke off.", until="picture")
@@ -95,7 +93,7 @@ def test_a_report_of_an_absent_robot_gets_the_better_text_of_the_state(desk: Des
 
 
 @pytest.mark.parametrize("period_s", [1, 4, 20])
-def test_a_link_that_flaps_twenty_times_is_one_alarm_told_a_few_times(desk: Desk, period_s: int) -> None:
+def test_a_link_that_flaps_twenty_times_is_one_alarm_reported_a_few_times(desk: Desk, period_s: int) -> None:
     for _ in range(20):
         desk.lose()
         desk.wait(period_s / 2)

@@ -30,7 +30,7 @@ def _start(
     return child, messages, exits
 
 
-def test_messages_go_both_ways_and_the_last_words_are_heard() -> None:
+def test_messages_pass_in_both_directions_and_the_last_ones_arrive() -> None:
     child, messages, exits = _start(ProcessSpec("echo", bodies.echo))
     assert child.send(Marked(1, "hello"))
     value, raw = messages.get(timeout=20)

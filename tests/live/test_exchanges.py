@@ -180,7 +180,7 @@ def test_an_answer_that_nobody_used_is_dismissed_once(desk: Desk, qtbot: QtBot) 
     assert desk.uses[1:] == [(second.exchange_id, "dismissed", "Straight on.")]
 
 
-def test_several_questions_are_under_way_and_each_ends_as_it_ends(desk: Desk, qtbot: QtBot) -> None:
+def test_several_questions_are_pending_and_each_ends_as_it_ends(desk: Desk, qtbot: QtBot) -> None:
     answered = desk.ask("First?")
     qtbot.waitUntil(lambda: desk.shown.state == "ready")
     desk.waits = True
@@ -248,7 +248,7 @@ def test_failed_and_cancelled_questions_are_not_dismissed(desk: Desk, qtbot: QtB
     assert desk.outline == ["failed", "cancelled"]
 
 
-def test_forgetting_publishes_the_question_under_way_at_once_and_nothing_afterwards(desk: Desk, qtbot: QtBot) -> None:
+def test_forgetting_publishes_the_pending_question_at_once_and_nothing_afterwards(desk: Desk, qtbot: QtBot) -> None:
     desk.waits = True
     desk.ask()
     qtbot.waitUntil(lambda: desk.shown.answer != "")

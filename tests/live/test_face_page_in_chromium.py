@@ -20,7 +20,7 @@ UNIT = 6  # a hundredth of 600 pixels
 
 
 @pytest.mark.long
-def test_the_face_is_drawn_follows_what_it_is_told_and_never_stays_when_nobody_moves_it() -> None:
+def test_the_face_follows_its_state_and_never_stays_when_nobody_moves_it() -> None:
     chromium_or_skip()
     thread = AsyncioThread()
     told: queue.Queue[object] = queue.Queue()

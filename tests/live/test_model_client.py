@@ -85,7 +85,7 @@ def talk(qtbot: QtBot) -> Iterator[Talk]:
     thread.stop()
 
 
-def test_several_are_under_way_and_each_has_its_own_fate(talk: Talk, qtbot: QtBot) -> None:
+def test_several_requests_are_pending_and_each_has_its_own_fate(talk: Talk, qtbot: QtBot) -> None:
     waiting, failing = talk.ask("this waits"), talk.ask("this fails")
     schema = {"type": "object"}
     plain = talk.ask("this ends", purpose="replies", turn_id="u-7", revision=3, schema=schema, actor="wizard")
@@ -168,7 +168,7 @@ def test_why_there_is_no_answer_is_english_in_the_record_and_has_its_words_apart
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_why_it_is_still_waited_for_is_said_in_the_wizards_language(talk: Talk, qtbot: QtBot) -> None:
+def test_the_reason_of_a_wait_is_in_the_wizards_language(talk: Talk, qtbot: QtBot) -> None:
     why = localized(QT_TR_NOOP("{what} The console tries again in {seconds} s."), what="Busy.", seconds=3)
     asking = talk.ask("this waits")
     talk.client._waits.emit(asking.exchange_id, why)

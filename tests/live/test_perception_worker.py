@@ -115,7 +115,7 @@ def test_a_person_who_stays_is_news_once(qtbot: QtBot, setup: Setup) -> None:
 
 
 @pytest.mark.long
-def test_looks_can_be_spaced_out(qtbot: QtBot, setup: Setup) -> None:
+def test_detections_can_be_spaced_out(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 200, lambda: setup.people())
     setup.worker.limit_detection_rate(0.6)
     seen = len(setup.people())
@@ -141,7 +141,7 @@ def test_a_native_crash_is_reported_and_recognition_comes_back(qtbot: QtBot, set
     _show_until(qtbot, setup, 200, lambda: len(setup.people()) > seen + 2)
 
 
-def test_a_machine_that_looks_for_this_one_may_go_and_come_back(qtbot: QtBot, setup: Setup) -> None:
+def test_a_remote_detector_may_go_and_come_back(qtbot: QtBot, setup: Setup) -> None:
     _show_until(qtbot, setup, 200, lambda: setup.people())
     _show_until(qtbot, setup, 7, lambda: setup.statuses[-1] == "failed")
     assert setup.of(Problem)[0].what == "lab does not respond."

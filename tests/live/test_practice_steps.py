@@ -123,7 +123,7 @@ def test_slow_steps_have_fewer_points_and_skipped_ones_none() -> None:
     assert slow.score == 5
 
 
-def test_the_last_of_the_way_counts_though_it_is_reported_when_the_key_is_up_again() -> None:
+def test_the_last_of_the_distance_counts_though_it_is_reported_after_the_key() -> None:
     practice = _at_step("drive")
     assert practice.add(_at(0.0), 0.0) is None
     assert practice.add(_moves(), 0.0) is None

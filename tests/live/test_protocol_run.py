@@ -76,7 +76,7 @@ def test_back_after_a_slip_continues_where_the_step_was(walk: ProtocolRun) -> No
         walk.back(at(73), WIZARD)
 
 
-def test_back_leads_the_way_that_one_came(walk: ProtocolRun) -> None:
+def test_back_retraces_the_steps(walk: ProtocolRun) -> None:
     walk.choose("show", at(1), WIZARD)
     walk.choose("ask", at(2), WIZARD)
     assert walk.branch("Cries", at(3), WIZARD) == StepEntered(

@@ -252,7 +252,7 @@ def test_the_next_session_and_the_end_of_the_program_do_not_wait_for_words() -> 
     assert kept[-2:] == ["still open", "end 2"]
 
 
-def test_a_pause_lets_through_what_was_said_before_it() -> None:
+def test_a_pause_lets_earlier_utterances_through() -> None:
     feed, pipe = _fed()
     feed.start("begin")
     feed.put(_turn(1, "before", "started"))

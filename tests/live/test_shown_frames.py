@@ -76,7 +76,7 @@ def test_a_consenting_person_is_shown(qapp: QApplication) -> None:
     assert kept(shown, BEN) == 1.0 and kept(shown, ADA) < 0.02
 
 
-def test_shared_frames_are_blurred_as_recorded_ones_whatever_the_window_shows(qapp: QApplication) -> None:
+def test_shared_frames_are_blurred_as_recorded_ones(qapp: QApplication) -> None:
     state, frames = showing(BlurSettings("without_consent"))
     state.persons.set(
         (PersonRow("p-ben", 2, "Ben", True, 0, 0, consents=("photo",)), PersonRow("p-ada", 1, "Ada", True, 0, 0))

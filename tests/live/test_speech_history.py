@@ -102,7 +102,7 @@ def test_a_forgotten_name_is_not_written_by_the_next_sentence(
     QCoreApplication.processEvents()
 
 
-def test_a_name_that_was_known_before_anything_was_said_is_not_written_after_it_was_forgotten(
+def test_a_name_known_before_the_first_utterance_is_not_written_after_erasure(
     tmp_path: Path, slow_work: BackgroundWorker, qtbot: QtBot
 ) -> None:
     path = tmp_path / "a.jsonl"

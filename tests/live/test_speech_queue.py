@@ -262,7 +262,7 @@ def test_a_gap_is_never_spoken(qtbot: QtBot) -> None:
     assert voice.spoken == [] and state.speech.value.waiting == ()
 
 
-def test_when_it_ends_is_reckoned_and_then_told_to_the_sample(qtbot: QtBot) -> None:
+def test_the_end_is_estimated_and_then_reported_to_the_sample(qtbot: QtBot) -> None:
     queue, voice, _published, state = _setup()
     queue.say("Hello there, how are you?", "typed")
     assert state.speech.value.ends_ns is None
@@ -277,7 +277,7 @@ def test_when_it_ends_is_reckoned_and_then_told_to_the_sample(qtbot: QtBot) -> N
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_however_it_is_changed_each_is_said_once_or_taken_back_once(qtbot: QtBot, seed: int) -> None:
+def test_any_change_of_the_queue_speaks_or_withdraws_each_once(qtbot: QtBot, seed: int) -> None:
     """500 utterances that are queued, moved, edited, cancelled, interrupted and lost at random."""
     queue, voice, published, state = _setup()
     chance = random.Random(seed)  # noqa: S311 - a test, not cryptography

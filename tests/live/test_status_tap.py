@@ -76,7 +76,7 @@ def _with_reason(kind: Any, why: str) -> Any:
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_reasons_are_english_in_the_record_and_said_in_the_language_of_whoever_watches() -> None:
+def test_reasons_are_english_in_the_record_and_translated_for_each_watcher() -> None:
     why = localized(QT_TR_NOOP("no fresh {stream} for {age} s"), stream=QT_TR_NOOP("LIDAR"), age="1.5")
     state, shown = LiveState(), list[StatusShown]()
     tap = StatusTap(state, shown.append)

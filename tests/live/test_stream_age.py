@@ -30,7 +30,7 @@ def knows_the_clock(state: LiveState, *, uncertainty_ms: float = 1.0) -> None:
     state.add(LinkQuality(clock.now_ns(), 10.0, OFFSET_NS / 1e6, uncertainty_ms))
 
 
-def test_a_value_that_was_long_under_way_is_stale_on_arrival(state: LiveState) -> None:
+def test_a_value_long_in_transit_is_stale_on_arrival(state: LiveState) -> None:
     knows_the_clock(state)
     state.add(odometry(late_s=0.1))
     assert state.odometry.freshness == "fresh"
@@ -189,7 +189,7 @@ def test_a_person_seen_by_two_cameras_is_on_the_map_once(state: LiveState) -> No
     assert shown == [("", 5.0), ("", 5.1), ("p-1", 1.1)], "where the surer one says; who is not known may be anybody"
 
 
-def test_those_of_this_computer_come_as_they_were_requested_whoever_reports_first(state: LiveState) -> None:
+def test_cameras_of_this_computer_come_in_the_requested_order(state: LiveState) -> None:
     state.own_cameras.set({"mast": None, "desk": None, "door": None})
     for camera in ("door", "desk", "mast"):
         state.add(frame_of(camera))

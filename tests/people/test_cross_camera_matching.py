@@ -82,7 +82,7 @@ def test_two_people_side_by_side_are_paired_rightly_or_not_at_all() -> None:
     assert close.partners(DESK) == (("front", 2),), "how they look tells"
 
 
-def test_places_that_were_never_of_the_same_moment_tell_nothing() -> None:
+def test_places_of_different_moments_decide_nothing() -> None:
     together = CrossCameraMatcher()
     walk(together, FRONT, from_m=(2.0, 0.0), until_ms=600)
     walk(together, DESK, from_m=(2.0, 0.0), begin_ms=1500, until_ms=2100)
@@ -99,7 +99,7 @@ def test_two_tracks_that_met_and_parted_are_two_people() -> None:
     assert together.verdict(FRONT, DESK) == "different"
 
 
-def test_without_places_only_very_similar_looks_tell_and_another_similar_one_forbids_it() -> None:
+def test_without_places_only_very_similar_embeddings_match_unless_another_does() -> None:
     rng = np.random.default_rng(2)
     coat = rng.normal(size=64)
     together = CrossCameraMatcher()

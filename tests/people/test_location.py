@@ -89,7 +89,7 @@ def test_a_picture_meets_the_pose_and_head_of_its_own_moment() -> None:
     assert math.dist((found.x_m, found.y_m), (4.0, 2.0)) < 0.2
 
 
-def test_without_a_scan_of_that_moment_nothing_is_said() -> None:
+def test_without_a_scan_of_that_moment_nothing_is_reported() -> None:
     locator = PeopleLocator()
     locator.add(scan_of((2.0, 0.0)))
     locator.add(RobotPose(0, None, Pose2D(0.0, 0.0, 0.0)))

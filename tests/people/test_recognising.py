@@ -132,7 +132,7 @@ def test_those_who_were_mistaken_for_one_another_are_distinguished_with_more_car
     assert found == [1, 0]
 
 
-def test_poor_views_teach_nothing_and_tell_nothing() -> None:
+def test_poor_views_teach_nothing_and_decide_nothing() -> None:
     room = Room()
     named(room, Ada=ADA)
     room.visit(ADA, frames=40, quality=0.2)
@@ -173,7 +173,7 @@ def test_a_rejected_identity_is_remembered_for_that_visit() -> None:
     assert room.events == []
 
 
-def test_yesterdays_clothes_tell_nothing(tmp_path: Path) -> None:
+def test_yesterdays_clothes_decide_nothing(tmp_path: Path) -> None:
     late = datetime(2026, 11, 23, 23, 59)
     store = PeopleStore(tmp_path / "people.sqlite")
     room = Room(store, morning=late)

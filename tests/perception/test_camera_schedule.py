@@ -110,7 +110,7 @@ def test_a_removed_camera_is_not_scheduled() -> None:
     assert turns.pop(now_ns=SILENT_AFTER_NS) == frame("head")
 
 
-def test_it_is_told_how_often_each_camera_is_looked_at() -> None:
+def test_the_detection_rate_of_each_camera_is_reported() -> None:
     turns, rates = CameraRotation(), DetectionRate()
     turns.show("front")
     for number in range(100):

@@ -47,14 +47,14 @@ def test_two_who_cross_are_distinguished_by_their_appearance() -> None:
     assert seen(tracker, [200.0, 205.0], [1, 0], 1.0) == [2, 1]
 
 
-def test_a_box_far_from_the_prediction_is_another_person_whatever_the_embedding() -> None:
+def test_a_box_far_from_the_prediction_is_another_person_despite_its_embedding() -> None:
     tracker = deep_sort()
     for step in range(5):
         seen(tracker, [100.0], [0], 0.1 * step)
     assert seen(tracker, [500.0], [0], 0.5) == [0]
 
 
-def test_without_appearance_ways_decide() -> None:
+def test_without_embeddings_motion_decides() -> None:
     tracker = deep_sort()
     for step in range(5):
         seen(tracker, [100.0 + 10 * step, 400.0], [0, 1], 0.1 * step, looks=False)
@@ -62,7 +62,7 @@ def test_without_appearance_ways_decide() -> None:
 
 
 @pytest.mark.long
-def test_looks_help_in_a_crowd() -> None:
+def test_embeddings_help_in_a_crowd() -> None:
     def score(looks: bool) -> float:
         return mean(idf1(film, follow(film, looks=looks)) for film in map(filmed, range(2)))
 

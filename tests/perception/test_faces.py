@@ -115,7 +115,7 @@ def test_no_face_is_looked_at_unless_the_scenario_says_so(network: Path) -> None
         (colours_of_places(height=112, width=112), "0" * 64, "does not match its checksum"),
     ],
 )
-def test_a_network_that_cannot_be_meant_is_refused_once(
+def test_an_unusable_network_is_refused_once(
     tmp_path: Path, content: bytes, checksum: str | None, expected: str
 ) -> None:
     path = tmp_path / "face.onnx"

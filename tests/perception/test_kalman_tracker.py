@@ -174,7 +174,7 @@ def test_a_person_who_enters_where_another_left_is_a_new_track() -> None:
     assert back[-1] == [1]
 
 
-def test_looks_are_few_also_in_a_crowd() -> None:
+def test_embeddings_are_few_also_in_a_crowd() -> None:
     follower = CameraTracker()
     asked: list[int] = []
 
@@ -206,7 +206,7 @@ def test_few_pictures_and_lost_ones_cost_little() -> None:
 
 
 @pytest.mark.long
-def test_looks_and_known_turns_help() -> None:
+def test_embeddings_and_known_rotation_help() -> None:
     turning = score(lambda seed: filmed(seed, fps=7.0, turning=True))
     assert turning > score(lambda seed: filmed(seed, fps=7.0, turning=True), turns_known=False) + 7.0
     assert score(lambda seed: filmed(seed, fps=7.0, turning=True), looks=True) > turning + 15.0

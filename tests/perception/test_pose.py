@@ -76,7 +76,7 @@ def test_a_raised_hand_is_as_high_as_the_head_and_stays_raised_until_it_is_lower
     assert raises_hand(headless) is True
 
 
-def test_a_face_is_turned_this_way_or_another() -> None:
+def test_a_face_is_turned_one_way_or_another() -> None:
     assert faces_camera(body()) is True
     half_turned = body(nose=(102.5, 20))
     assert [faces_camera(half_turned, before) for before in (None, True, False)] == [None, True, False]

@@ -61,7 +61,7 @@ def test_utterances_are_as_corrected_with_what_was_made_out(session: Path) -> No
     assert [found[name].speaker for name in ("p1", "p2", "p3")] == ["participant", "robot", ""]
 
 
-def test_noise_was_said_by_nobody(session: Path) -> None:
+def test_noise_has_no_speaker(session: Path) -> None:
     noise = next(item for item in spoken(open_session(session)) if item.utterance_id == "noise")
     assert (noise.state, noise.said) == ("failed", False)
 

@@ -31,7 +31,7 @@ def error_ns(estimate: OffsetEstimate | None, session_ns: int, *, drift: float, 
     return abs(estimate.offset_ns - (clock_ahead(session_ns, drift=drift, jump_ns=jump_ns) - session_ns))
 
 
-def test_nothing_is_known_before_the_robot_told_its_time() -> None:
+def test_nothing_is_known_before_the_robot_reported_its_time() -> None:
     clock = ClockOffset()
     clock.add_stamp(robot_stamp_ns=EPOCH_NS, arrival_ns=5)
     assert clock.at(10) is None

@@ -219,7 +219,7 @@ def test_where_driving_is_not_permitted_no_control_moves_the_robot() -> None:
 
 
 @pytest.mark.logs("Emergency stop: /stop/set: there is no such service")
-def test_a_motion_interface_is_held_whatever_a_scenario_claims_and_a_stop_passes() -> None:
+def test_a_motion_interface_is_held_despite_the_scenario_and_a_stop_passes() -> None:
     stop = EmergencyStopInterface(service="/stop/set")
     robot = RobotProfile(
         "test", "Test", initial_pose="/here", emergency_stop=stop,

@@ -21,7 +21,7 @@ def odometry(turn_radps: float) -> dict[str, Any]:
     return encode_odometry(Dialect.ROS1, told, stamp_ns=1, frame_id="odom", child_frame_id="base_link")
 
 
-def test_zero_is_said_again_while_the_odometry_reports_that_the_robot_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_zero_is_repeated_while_the_odometry_reports_motion(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(control_link, "ZERO_AGAIN_S", ())
     monkeypatch.setattr(control_link, "ZERO_WHILE_MOVING_S", (0.8, 0.9, 1.0))
 

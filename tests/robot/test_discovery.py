@@ -408,7 +408,7 @@ def test_the_other_ros_is_refused_before_anything_is_subscribed(robot: Simulated
     assert f"'ros: {robot.ros}'" in raised.value.advice
 
 
-def test_a_robot_in_another_dress_is_recognized() -> None:
+def test_a_robot_with_other_interface_names_is_recognised() -> None:
     with SimulatedRobot(robot_model="pepper") as robot:
         found = asyncio.run(explore_robot(robot.address))
     assert [each.name for each in found.resembles] == ["pepper"]
@@ -416,7 +416,7 @@ def test_a_robot_in_another_dress_is_recognized() -> None:
     assert (values["scan"], values["head"], values["speech"]) == ("/pepper_robot/laser", "/joint_angles", "/speech")
 
 
-def test_nobody_at_the_address_is_said_and_the_ros_version_is_then_taken_for_1() -> None:
+def test_an_empty_address_is_reported_and_ros_1_assumed() -> None:
     address = "ws://127.0.0.1:9"
     with pytest.raises(ExploreError, match="no rosbridge is running") as raised:
         asyncio.run(explore_robot(address, timeout_s=2.0))

@@ -21,7 +21,7 @@ def latched(bench: LoopBench) -> list[tuple[bool, str]]:
     return [(change.latched, change.by) for change in bench.of(EmergencyStopChanged)]
 
 
-def test_a_topic_that_says_that_all_is_well_is_read_the_other_way_round() -> None:
+def test_an_inverted_topic_is_read_the_other_way_round() -> None:
     async def test(bench: LoopBench) -> None:
         await bench.bridge.publish("/motors_on", {"data": True})
         await bench.bridge.publish("/motors_on", {"data": False})
@@ -93,7 +93,7 @@ def test_the_wizards_last_word_counts_when_the_robot_is_slow() -> None:
     with_link(replace(robot(interface), battery=TopicSource("/battery")), test, prepare=prepare)
 
 
-def test_a_command_topic_is_said_again_to_a_robot_that_comes_back() -> None:
+def test_a_command_topic_is_published_again_to_a_robot_that_comes_back() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(SetEmergencyStop(now_ns(), True))
         assert await bench.until(lambda: bench.bridge.published("/e_stop"), "the stop") == [{"data": True}]

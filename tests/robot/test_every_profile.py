@@ -97,7 +97,7 @@ class Bench:
         return wait_for(held, what, every_s=0.03)
 
 
-def test_every_shipped_profile_has_a_dress() -> None:
+def test_every_shipped_profile_has_a_robot_model() -> None:
     assert set(shipped_profiles()) == set(ROBOT_MODEL_OF)
 
 
@@ -238,7 +238,7 @@ def test_it_speaks(bench: Bench) -> None:
     assert states()[0] == "started"
 
 
-def test_it_looks_where_it_is_reported(bench: Bench) -> None:
+def test_the_head_points_where_it_is_reported(bench: Bench) -> None:
     if bench.profile.head is None:
         pytest.skip("this robot has no head that turns")
     bench.link.send(MoveHead(now_ns(), 0.3, 0.2))

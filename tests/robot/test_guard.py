@@ -158,7 +158,7 @@ def test_a_wall_that_reaches_into_the_footprint_still_lets_the_robot_leave() -> 
     assert guard.limit(BACK, T).fraction == 1.0
 
 
-def test_a_wall_alongside_blocks_neither_the_way_ahead_nor_that_away_but_the_strafe_into_it() -> None:
+def test_a_wall_alongside_blocks_only_the_strafe_into_it() -> None:
     guard = guard_with(PROFILE, scan(wall_beside(0.35)))
     assert guard.limit(AHEAD, T).fraction == 1.0
     assert guard.limit(Twist2D(0.0, -0.3), T).fraction == 1.0
@@ -194,7 +194,7 @@ def test_legs_get_more_room_than_the_end_of_a_wall() -> None:
     assert leg.limit(AHEAD, T).fraction < end.limit(AHEAD, T).fraction - 0.1
 
 
-def test_the_way_of_a_late_network_is_added() -> None:
+def test_the_latency_of_the_network_is_added() -> None:
     guard = guard_with(PROFILE, scan(wall_ahead(0.25 + 0.35)))
     before = guard.limit(AHEAD, T).fraction
     guard.add_round_trip(0.3)
@@ -286,7 +286,7 @@ def _front_scan(at_s: float, **wall: float) -> LaserScan:
     return scan(sees, at_s=at_s, field_rad=math.pi)
 
 
-def test_where_no_beam_looks_the_robot_crawls_and_reports_it() -> None:
+def test_without_a_beam_the_robot_crawls_and_reports_it() -> None:
     guard = guard_with(PROFILE, _front_scan(T))
     assert guard.limit(AHEAD, T).state == "clear"
     back = guard.limit(BACK, T)
@@ -343,7 +343,7 @@ def test_obstacles_out_of_view_are_remembered_for_a_while() -> None:
     assert free.limit(BACK, later_s).state == "blind"
 
 
-def test_a_lidar_with_gaps_between_its_sectors_crawls_only_until_it_has_seen_the_way_from_farther_back() -> None:
+def test_a_lidar_with_gaps_crawls_only_until_it_has_scanned_the_path() -> None:
     def three_sectors(angles: NDArray[np.float64]) -> NDArray[np.float64]:
         off = np.abs(angles)
         return np.where(((off > 0.45) & (off < 1.2)) | (off > 2.1), -1.0, np.inf)
@@ -380,7 +380,7 @@ def test_a_robot_that_was_set_elsewhere_knows_nothing_of_the_old_place() -> None
 # Returns from the robot's body
 
 
-def test_the_robots_own_parts_are_known_after_a_second_or_some_way() -> None:
+def test_the_robots_own_parts_are_known_after_a_second_or_some_distance() -> None:
     post = {170.0: 0.15, -170.0: 0.15}
     guard = guard_with(PROFILE, scan(post))
     assert guard.limit(BACK, T).fraction == 0.0, "it might be something that is stuck there"

@@ -200,7 +200,7 @@ class _BoxRobot(GuardedRobot):
 
 
 @pytest.mark.long
-def test_a_long_robot_swings_none_of_its_corners_into_anything_whatever_keys_are_pressed() -> None:
+def test_a_long_robot_swings_none_of_its_corners_into_anything_for_any_keys() -> None:
     profile = replace(SIDEWAYS, footprint=FloorOutline(polygon_m=_BoxRobot.CORNERS_M))
     keys = (Twist2D(0.5), Twist2D(0.0, 0.0, 1.0), Twist2D(0.0, 0.5), Twist2D(-0.5, 0.3, -1.0), Twist2D(0.5, 0.0, 1.0))
     chance = np.random.default_rng(3)
@@ -283,7 +283,7 @@ def test_it_stops_before_people_whichever_way_they_stand() -> None:
 
 
 @pytest.mark.long
-def test_a_network_that_takes_300_ms_each_way_makes_it_slower_and_not_bolder() -> None:
+def test_a_latency_of_300_ms_makes_it_slower_and_not_bolder() -> None:
     gaps_m = []
     for number, pose in enumerate(free_poses(6, seed=9)):
         robot = GuardedRobot(pose, delay_s=0.3, seed=number).wait(0.8)
@@ -338,7 +338,7 @@ def test_however_the_lidar_is_mounted_the_robot_stops_at_the_same_distance(
     assert mounted_m == pytest.approx(upright_m, abs=0.02)
 
 
-def test_a_person_who_steps_into_the_way_is_not_run_into() -> None:
+def test_a_person_who_steps_into_the_path_is_not_run_into() -> None:
     """A person enters from the side and stops a metre ahead of a robot at full speed."""
 
     def where(now_s: float) -> tuple[Circles, Circles]:
@@ -350,7 +350,7 @@ def test_a_person_who_steps_into_the_way_is_not_run_into() -> None:
     assert min(robot.gaps_m) > 0.03
 
 
-def test_with_a_lidar_that_looks_ahead_only_it_backs_off_slowly_until_it_has_looked_round() -> None:
+def test_with_a_forward_lidar_it_backs_off_slowly_until_it_has_turned() -> None:
     ahead_only = LidarModel(
         beams=360, angle_min_rad=-math.pi / 2, angle_increment_rad=math.pi / 360, robot_from_laser=Pose2D(0.2, 0.0, 0.0)
     )

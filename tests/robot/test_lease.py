@@ -230,7 +230,7 @@ def test_a_new_scan_that_forbids_nothing_sends_nothing() -> None:
     assert bench.pump() == []
 
 
-def test_when_the_way_is_free_again_it_speeds_up_as_from_standing_on_the_same_arc() -> None:
+def test_on_a_free_path_it_speeds_up_as_from_rest_on_the_same_arc() -> None:
     bench = Bench()
     bench.drive(Twist2D(0.5, 0.0, 0.5))
     bench.run(1.0)

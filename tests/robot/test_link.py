@@ -285,7 +285,7 @@ def test_a_short_stop_leaves_four_velocities_and_a_zero_and_the_drive_continues(
     assert own_link.of(DriveEnded) == []
 
 
-def test_a_new_link_says_zero_first_whoever_drove_before(own_bridge: BridgeDouble, own_link: LinkProcess) -> None:
+def test_a_new_link_sends_zero_first(own_bridge: BridgeDouble, own_link: LinkProcess) -> None:
     own_link.drive()
     own_link.hold(lambda: len(moving(own_bridge)) >= 5, "some velocity commands")
     own_link.process.kill()
@@ -443,7 +443,7 @@ def test_the_emergency_stop_latches_and_clears_only_by_asking(bridge: BridgeDoub
     wait_for(lambda: len(moving(bridge)) > count, "it drives again")
 
 
-def test_an_emergency_stop_without_a_robot_is_told_to_it_when_it_is_back(
+def test_an_emergency_stop_without_a_robot_is_sent_when_it_is_back(
     own_bridge: BridgeDouble, own_link: LinkProcess
 ) -> None:
     own_bridge.kill()

@@ -115,7 +115,7 @@ def test_switching_toggles_only_when_it_has_to() -> None:
     with_link(ROBOT, test, prepare=slam.fit_out)
 
 
-def test_a_robot_that_does_not_tell_begins_by_mapping() -> None:
+def test_an_unknown_mode_begins_by_mapping() -> None:
     slam = SlamToolbox(tells=False)
 
     async def test(bench: LoopBench) -> None:
@@ -209,7 +209,7 @@ def test_a_request_does_not_outlive_the_link() -> None:
     with_link(ROBOT, test, prepare=prepare)
 
 
-def test_the_robot_is_told_where_it_is() -> None:
+def test_the_robot_gets_its_pose() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(SetInitialPose(now_ns(), Pose2D(1.0, 2.0, 0.5), spread_m=0.3))
         [message] = await bench.until(lambda: bench.bridge.published("/initialpose"), "the pose")

@@ -156,7 +156,7 @@ def test_updates_are_written_into_the_map_and_a_new_map_replaces_all() -> None:
     with_link(UPDATING, test, media=True)
 
 
-def test_a_large_map_is_deflated_on_its_way_and_noise_is_not() -> None:
+def test_a_large_map_is_deflated_in_transit_and_noise_is_not() -> None:
     corridor = np.zeros((1000, 1000), np.int8)
     corridor[:, ::50] = 100
     grid = OccupancyGrid(1, 2, 0.05, Pose2D(1.0, 2.0, 0.0), corridor)

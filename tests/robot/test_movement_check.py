@@ -81,7 +81,7 @@ def ramp(twist: Twist2D, *, after_s: float = 0.2, to: Twist2D = ZERO_TWIST, brak
 
 @pytest.mark.parametrize("speeds", [True, False], ids=["speeds", "poses only"])
 @pytest.mark.parametrize("twist", [Twist2D(0.5), Twist2D(-0.3), Twist2D(0.0, 0.0, 1.0), Twist2D(0.4, 0.0, -0.5)])
-def test_a_robot_that_does_what_it_is_told_is_never_suspected(twist: Twist2D, speeds: bool) -> None:
+def test_an_obedient_robot_is_never_suspected(twist: Twist2D, speeds: bool) -> None:
     base = Base()
     assert base.run(2.0)[-1] == "standing"
     for _ in range(3):
@@ -102,7 +102,7 @@ def test_a_robot_that_is_held_does_not_follow(twist: Twist2D, speeds: bool) -> N
     assert base.run(2.0, sent=twist, moves=ramp(ZERO_TWIST, to=twist), speeds=speeds)[-1] == "moving"
 
 
-def test_the_other_way_is_not_following() -> None:
+def test_the_opposite_direction_is_not_following() -> None:
     base = Base()
     base.run(2.0)
     assert base.run(3.0, sent=Twist2D(0.3), moves=Twist2D(-0.3))[-1] == "not_following"
@@ -259,7 +259,7 @@ def test_commands_of_others_are_notified_also_where_the_robot_has_no_odometry(st
     with_link(robot, test)
 
 
-def test_after_a_stop_zeros_continue_until_the_robot_has_stood_and_not_against_what_comes_later() -> None:
+def test_after_a_stop_zeros_continue_until_the_robot_stood_and_not_against_later_commands() -> None:
     async def test(bench: LoopBench) -> None:
         await tell_until(bench, ZERO_TWIST, lambda: state(bench).state == "standing", "it stands")
         bench.send(StopMotion(now_ns()))

@@ -51,7 +51,7 @@ def test_how_a_goal_ended_is_reported_by_its_status_when_the_link_is_back(number
     with_link(ROBOT, test)
 
 
-def test_a_robot_that_does_not_tell_how_a_goal_ended_may_still_be_moving(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_robot_that_reports_no_end_of_a_goal_may_still_be_moving(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(navigation_client, "FATE_WITHIN_S", 0.4)
 
     async def test(bench: LoopBench) -> None:

@@ -83,7 +83,7 @@ def test_a_planner_that_does_not_take_it_is_reported_to_the_wizard_once() -> Non
 
 
 @pytest.mark.logs(r"robot\.navigation_speed: ")
-def test_nav2_is_told_on_its_topic_and_a_person_has_to_listen() -> None:
+def test_nav2_is_set_on_its_topic_which_needs_a_subscriber() -> None:
     async def test(bench: LoopBench) -> None:
         bench.bridge.answers["/rosapi/subscribers"] = {"subscribers": ["/controller_server"]}
         bench.send(LimitGoals(now_ns(), 0.3))

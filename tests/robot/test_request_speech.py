@@ -276,7 +276,7 @@ def test_over_http_the_text_goes_into_the_body_or_into_the_address() -> None:
 @pytest.mark.parametrize(
     ("status", "detail"), [(500, "responded with 500"), (302, "responded with 302"), (0, "does not respond")]
 )
-def test_over_http_a_failure_is_reported_and_the_next_sentence_is_said(
+def test_over_http_a_failure_is_reported_and_the_next_sentence_is_spoken(
     status: int, detail: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(robot_speech_choice, "SPEECH_ANSWERS_WITHIN_S", 0.2)

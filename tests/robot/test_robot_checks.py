@@ -108,7 +108,7 @@ def test_one_of_the_nodes_for_maps_is_enough() -> None:
     assert sentence.startswith("Maps: the robot has none of /slam_toolbox/serialize_map,")
 
 
-def test_an_action_that_the_robot_does_not_tell_is_not_called_missing() -> None:
+def test_an_action_that_the_robot_does_not_list_is_not_called_missing() -> None:
     profile = replace(load_profile("generic-ros2"), maps=None)
     topics = {named.topic: named.types[0].replace("/", "/msg/", 1) for named in named_in(profile)}
     assert missing_from(profile, RobotInventory(topics, frozenset(), None)) == []

@@ -161,7 +161,7 @@ def test_silence_that_finds_no_link_is_retained_for_the_robot() -> None:
 ON_TOPICS = RobotProfile("test", "Test", speech=SpeechInterface(topic="/say", speaking="/speaking"))
 
 
-def test_sentences_on_a_topic_are_spoken_to_their_end_whatever_becomes_of_the_link() -> None:
+def test_sentences_on_a_topic_are_spoken_to_their_end_despite_a_lost_link() -> None:
     async def test(bench: LoopBench) -> None:
         bench.send(Say(now_ns(), "u1", "One"), Say(now_ns(), "u2", "Two"))
         await bench.until(lambda: len(bench.bridge.published("/say")) == 2, "both are asked for")

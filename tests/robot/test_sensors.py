@@ -181,7 +181,7 @@ def test_a_tilted_lidar_is_refused_in_words_and_only_the_profile_can_overrule_th
     with_link(replace(ROBOT, laser=LaserMount(mounting="upside_down")), overruled)
 
 
-def test_where_tf_does_not_tell_the_mounting_the_profile_does() -> None:
+def test_without_tf_the_profile_gives_the_mounting() -> None:
     robot = replace(ROBOT, tf=None, tf_static=None, laser=LaserMount(Pose2D(0.1, 0.0, 0.5), "upside_down"))
 
     async def test(bench: LoopBench) -> None:
@@ -227,7 +227,7 @@ def test_a_wrong_frame_is_one_problem_and_the_scan_is_shown_all_the_same(monkeyp
     with_link(robot, test)
 
 
-def test_a_robot_that_does_not_tell_its_place_is_to_be_reported_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_robot_without_a_pose_is_to_be_given_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sensors, "PLACE_KNOWN_AFTER_NS", 0)
 
     async def test(bench: LoopBench) -> None:
@@ -448,7 +448,7 @@ def test_a_robot_that_lacks_something_is_asked_again_until_it_has_it(monkeypatch
     with_link(robot, test, prepare=lambda bridge: bridge.answers.update(inventory(there)))
 
 
-def test_messages_that_are_lost_on_the_way_are_a_gap_in_the_record() -> None:
+def test_messages_lost_in_transit_are_a_gap_in_the_record() -> None:
     async def test(bench: LoopBench) -> None:
         kept = [number for number in range(100) if number not in (60, 71, 72)]
         for number in kept:

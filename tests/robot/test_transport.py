@@ -170,7 +170,7 @@ def test_a_service_answers_fails_in_time_and_is_never_waited_for_in_the_loop(bri
     connected(bridge, use, service_timeout_s=0.3)
 
 
-def test_calls_and_goals_under_way_fail_when_the_link_is_lost() -> None:
+def test_pending_calls_and_goals_fail_when_the_link_is_lost() -> None:
     bridge = BridgeDouble()
 
     async def use(ros: RosbridgeClient, observer: Observer) -> None:

@@ -479,7 +479,7 @@ def test_a_scan_with_too_many_beams_is_refused() -> None:
 @pytest.mark.parametrize(
     "encoding", ["16UC1; compressedDepth", "32FC1; compressedDepth png", "16UC1; compressedDepth rvl"]
 )
-def test_a_depth_image_is_said_to_be_one(encoding: str) -> None:
+def test_a_depth_image_is_reported_as_one(encoding: str) -> None:
     message = {"header": {"stamp": {"sec": 1, "nanosec": 0}, "frame_id": "d"}, "format": encoding, "data": "AAAA"}
     with pytest.raises(MessageError, match="depth image"):
         message_conversion.decode_compressed_image(message)

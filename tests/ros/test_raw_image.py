@@ -115,7 +115,7 @@ def test_yuv_patterns_keep_their_colours(encoding: str, order: str) -> None:
 
 @pytest.mark.parametrize(("pattern", "cells"), [("rggb", "RGGB"), ("bggr", "BGGR"), ("gbrg", "GBRG"), ("grbg", "GRBG")])
 @pytest.mark.parametrize("bits", [8, 16])
-def test_bayer_patterns_tell_red_from_blue(pattern: str, cells: str, bits: int) -> None:
+def test_bayer_patterns_distinguish_red_from_blue(pattern: str, cells: str, bits: int) -> None:
     """A red surface: only red cells have values."""
     tile = np.array([[220 if cell == "R" else 0 for cell in cells[at : at + 2]] for at in (0, 2)])
     mosaic = np.tile(tile, (HEIGHT // 2, WIDTH // 2))

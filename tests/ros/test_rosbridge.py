@@ -224,7 +224,7 @@ def test_the_cells_of_a_map_are_read_as_json_reads_them(numbers: list[str], comm
     assert read == expected or expected is None
 
 
-def test_a_large_map_is_read_in_a_fraction_of_a_second_and_a_text_that_looks_like_one_stays_text() -> None:
+def test_a_large_map_is_read_in_a_fraction_of_a_second_and_similar_text_stays_text() -> None:
     cells = np.tile(np.array([-1, 0, 100, 50], np.int8), 100_000)
     message = {"header": {"frame_id": '"data": [1, 2'}, "data": cells, "tail": "end"}
     read = decode_json(encode_json({"op": "publish", "topic": "/map", "msg": message}))

@@ -23,7 +23,7 @@ def read(text: str) -> tuple[object, ...]:
     return parse_scenario(text, path=Path("x.yaml")).phrases
 
 
-def test_each_way_of_writing_them_is_read_and_written_as_it_was() -> None:
+def test_each_notation_is_read_and_written_as_it_was() -> None:
     wave = Phrase("Goodbye.", "Ctrl+G", "wave", "happy")
     pain = Phrase("Any pain?", "Ctrl+Shift+G")
     scenario = parse_scenario(FILE, path=Path("x.yaml"))

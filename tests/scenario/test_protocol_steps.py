@@ -62,7 +62,7 @@ def test_an_id_follows_from_the_title_and_a_branch_leads_to_either() -> None:
         ),
     ],
 )  # fmt: skip
-def test_a_slip_is_reported_with_its_line_and_what_was_meant(steps: str, message: str) -> None:
+def test_a_slip_is_reported_with_its_line_and_a_suggestion(steps: str, message: str) -> None:
     assert told(steps) == message
 
 

@@ -418,7 +418,7 @@ def test_the_complete_file_has_every_key(complete: str) -> None:
 
 @given(data=st.data())
 @settings(max_examples=examples(100), deadline=None)
-def test_a_misspelled_key_is_reported_with_its_line_and_what_was_meant(complete: str, data: st.DataObject) -> None:
+def test_a_misspelled_key_is_reported_with_its_line_and_a_suggestion(complete: str, data: st.DataObject) -> None:
     lines = complete.splitlines()
     # Keys of two letters are too short to be recognised with a mistake.
     keys = [(number, found) for number, line in enumerate(lines) if (found := re.search(r"^[- ]*([a-z_]{3,}):", line))]
@@ -489,7 +489,7 @@ def test_saving_places_leaves_every_other_line_as_it_was(tmp_path: Path) -> None
         "version: 1\nplaces:\n- name: a\n  x_m: 1\n  y_m: 2\n\n# next\ntitle: A\nlayout: {panel: video}\n",
     ],
 )
-def test_places_are_saved_whatever_the_file_is_written_like(tmp_path: Path, text: str) -> None:
+def test_places_are_saved_in_a_file_of_any_style(tmp_path: Path, text: str) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(text, encoding="utf-8")
     scenario = load_scenario(path)

@@ -20,7 +20,7 @@ from tests.support.walkers import IN_THE_LOBBY, PEOPLE, crop_of, film
 FRONT, LEFT, BACK, RIGHT = 0.0, math.pi / 2.0, math.pi, -math.pi / 2.0
 
 
-def test_a_figure_is_a_cut_out_seen_from_the_side_requested() -> None:
+def test_a_character_is_a_sprite_seen_from_the_requested_side() -> None:
     with_backpack = Appearance(2)
     front, left, back, right = (draw(with_backpack, facing)[0] for facing in (FRONT, LEFT, BACK, RIGHT))
     for picture in (front, left, back, right):

@@ -55,7 +55,7 @@ def goal(client: RosbridgeClient, robot: SimulatedRobot, x: float, y: float) -> 
 
 
 @pytest.mark.long
-def test_the_way_is_reported_when_it_is_planned_and_emptied_when_it_is_over(
+def test_the_path_is_reported_when_it_is_planned_and_emptied_when_it_is_over(
     robot: SimulatedRobot, client: RosbridgeClient
 ) -> None:
     robot.fault("pose:9,5,0")
@@ -223,7 +223,7 @@ def test_the_map_server_saves_a_picture_and_loads_it(
 
 
 @only_once
-def test_the_panel_does_what_it_is_told_and_reports_it(robot: SimulatedRobot, client: RosbridgeClient) -> None:
+def test_the_panel_obeys_and_reports_it(robot: SimulatedRobot, client: RosbridgeClient) -> None:
     def panel() -> Any:
         return client.call("/simulator/state")["panel"]
 

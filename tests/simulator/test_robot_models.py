@@ -85,7 +85,7 @@ def wardrobe() -> Iterator[Wardrobe]:
 
 @pytest.mark.parametrize("name", sorted(PUBLISHED))
 @pytest.mark.long
-def test_a_dress_is_listed_moved_and_seen_by_its_own_names(wardrobe: Wardrobe, name: str) -> None:
+def test_a_robot_model_is_listed_moved_and_seen_by_its_own_names(wardrobe: Wardrobe, name: str) -> None:
     velocity, type_, scan, odometry, camera, (scan_frame, child_frame) = PUBLISHED[name]
     robot = wardrobe.wearing(name)
     with RosbridgeClient(robot.address) as client:
@@ -141,7 +141,7 @@ def test_pal_speech_needs_a_language_speaks_and_is_preempted(wardrobe: Wardrobe)
         assert endings() == {"silent": 4, "long": 2, "short": 3}
 
 
-def test_tiago_looks_down_where_its_joint_says_up_and_reports_its_stop_button(wardrobe: Wardrobe) -> None:
+def test_tiagos_tilt_joint_is_inverted_and_its_stop_button_reported(wardrobe: Wardrobe) -> None:
     robot = wardrobe.wearing("tiago")
     with RosbridgeClient(robot.address) as client:
         point = {"positions": [0.3, -0.4], "time_from_start": {"secs": 0, "nsecs": 300_000_000}}
@@ -216,7 +216,7 @@ def test_a_message_that_its_type_does_not_allow_is_a_misfit() -> None:
     assert misfit("my_msgs/Unknown", {"anything": 1}) == ""
 
 
-def test_orders_of_a_dress_are_noted_and_answered(wardrobe: Wardrobe) -> None:
+def test_commands_of_a_robot_model_are_noted_and_answered(wardrobe: Wardrobe) -> None:
     robot = wardrobe.wearing("nao")
     with RosbridgeClient(robot.address) as client:
         assert client.call("/nao_robot/pose/rest") == {}

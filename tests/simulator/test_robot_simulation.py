@@ -160,7 +160,7 @@ def test_people_walk_and_stop_without_walking_through_anything() -> None:
     assert stood.all()
 
 
-def test_ways_keep_their_distance() -> None:
+def test_paths_keep_their_distance() -> None:
     way = path_planning.plan((1.0, 1.3), (14.75, 2.0), body_m=0.35)
     assert way is not None
     for a, b in itertools.pairwise(way):

@@ -73,7 +73,7 @@ def test_it_never_enters_a_person() -> None:
     st.sampled_from(PLACES),
     st.lists(st.tuples(st.floats(-1, 1), st.floats(-2, 2), st.integers(5, 60)), min_size=1, max_size=6),
 )
-def test_no_way_of_driving_gets_into_anything_solid(place: object, drives: list[tuple[float, float, int]]) -> None:
+def test_no_drive_gets_into_anything_solid(place: object, drives: list[tuple[float, float, int]]) -> None:
     state = BaseState(place.pose)  # type: ignore[attr-defined]
     for forward, turn, steps in drives:
         for _ in range(steps):

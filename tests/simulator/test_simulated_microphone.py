@@ -25,7 +25,7 @@ def loudness(samples: np.ndarray) -> float:
     return float(np.sqrt(np.mean((samples.astype(float) / 32768.0) ** 2)))
 
 
-def test_the_room_is_heard_and_then_whoever_speaks_in_it() -> None:
+def test_the_room_is_audible_and_then_a_speaker_in_it() -> None:
     microphone, over = Microphone(), list[bool]()
     assert 0.0 < loudness(microphone.take(1600)) < 0.003
     microphone.speak(TONE, lambda: over.append(True))
@@ -187,7 +187,7 @@ def test_it_is_the_participants_turn_when_the_robot_has_spoken(tmp_path: Path, m
     assert states == [True, False] * 3
 
 
-def test_the_simulated_robot_sends_what_it_hears_and_loses_some_when_told_to(
+def test_the_simulated_robot_sends_its_sound_and_loses_some_on_request(
     robot: SimulatedRobot, client: RosbridgeClient
 ) -> None:
     client.subscribe("/odom", type="nav_msgs/Odometry")

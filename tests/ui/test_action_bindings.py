@@ -187,7 +187,7 @@ def test_a_row_carries_the_intent_that_it_asks_for(window: MainWindow, console: 
     assert {"place_1", "place_2"} & set(asked_by(window)) == {"place_1"}
 
 
-def test_nothing_is_said_of_a_scenario_that_the_window_does_not_show_yet(
+def test_nothing_is_shown_of_a_scenario_that_the_window_does_not_show_yet(
     window: MainWindow, console: FakeConsole
 ) -> None:
     console.scenario = dataclasses.replace(samples.TOUR, phrases=samples.TOUR.phrases[::-1])

@@ -65,9 +65,7 @@ class Heard(QObject):
         return False
 
 
-def test_a_refusal_is_said_and_said_again_when_it_comes_again(
-    window: MainWindow, console: FakeConsole, qapp: QApplication
-) -> None:
+def test_a_refusal_is_announced_each_time(window: MainWindow, console: FakeConsole, qapp: QApplication) -> None:
     listener = Heard(qapp)
     whole = "Problem: Ana drives now. Nothing was sent. Ask Ana."
     console.state.add(REFUSAL)
@@ -80,7 +78,7 @@ def test_a_refusal_is_said_and_said_again_when_it_comes_again(
     )
 
 
-def test_an_alarm_is_said_once_and_again_when_it_stands_in_the_way(
+def test_an_alarm_is_announced_once_and_again_when_it_blocks(
     window: MainWindow, console: FakeConsole, qapp: QApplication
 ) -> None:
     listener = Heard(qapp)
@@ -93,7 +91,7 @@ def test_an_alarm_is_said_once_and_again_when_it_stands_in_the_way(
     assert listener.said[2:] == [whole]
 
 
-def test_the_emergency_stop_is_said_and_its_release(window: MainWindow, console: FakeConsole) -> None:
+def test_the_emergency_stop_is_announced_and_its_release(window: MainWindow, console: FakeConsole) -> None:
     console.state.drive.set(DriveStatus(emergency_stop=True))
     assert announced(window) == ["Emergency stop active. No motion commands until you release it."]
     console.state.drive.set(DriveStatus(emergency_stop=True, movement="uncommanded"))
@@ -113,7 +111,7 @@ def test_a_question_is_announced(window: MainWindow) -> None:
     assert announced(window) == ["Close the window?", "Leave the robot?"]
 
 
-def test_goals_are_said_and_what_another_wizard_does(window: MainWindow, console: FakeConsole) -> None:
+def test_goals_are_announced_and_actions_of_another_wizard(window: MainWindow, console: FakeConsole) -> None:
     at, here = clock.now_ns(), Pose2D(1.0, 2.0, 0.0)
     console.state.add(GoalChanged(at, "g1", "reached", here, "Kitchen", actor=WIZARD))
     console.state.add(PlacesChanged(at, "Door", here, actor=WIZARD))

@@ -352,7 +352,7 @@ def test_every_stop_works(desktop: Desktop, whole_desktop: VirtualDesktop, situa
     assert len(desktop.intents("emergency_stop")) == 1
 
 
-def test_an_escape_on_its_way_to_what_the_first_one_closes_is_not_lost(whole_desktop: VirtualDesktop) -> None:
+def test_an_escape_during_the_close_of_the_first_is_not_lost(whole_desktop: VirtualDesktop) -> None:
     for _ in range(5):  # one in three was sent to the closed window or treated as a repeat
         desktop = Desktop(whole_desktop)
         _completion(desktop)

@@ -54,7 +54,7 @@ def shown(panel: DiagnosticsPanel, column: int = 0) -> list[str]:
     return [model.index(row, column).data() for row in range(model.rowCount())]
 
 
-def test_each_topic_is_a_row_and_a_click_on_a_heading_sorts_by_the_figure(
+def test_each_topic_is_a_row_and_a_click_on_a_heading_sorts_by_the_value(
     panel: DiagnosticsPanel, console: FakeConsole
 ) -> None:
     measure(console, topic("/b", 9.0), topic("/a", 30.0), topic("/c", 100.0))
@@ -155,7 +155,7 @@ def test_it_opens_from_the_connection_card(qtbot: QtBot, window: MainWindow) -> 
     assert not window.findChild(type(window._connection)).isVisible()
 
 
-def test_figures_are_words() -> None:
+def test_values_are_words() -> None:
     assert [bandwidth(value) for value in (0, 999, 34_500, 1_200_000)] == ["0 B/s", "999 B/s", "34.5 kB/s", "1.2 MB/s"]
     now_ms = text_formatting.session_clock_ms(ANCHOR)
     assert text_formatting.clock_offset(now_ms - 12_345.6, 20.0, ANCHOR) == "12,346 ± 20 ms behind"

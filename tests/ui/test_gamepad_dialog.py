@@ -112,7 +112,7 @@ def test_a_button_is_learned_by_pressing_it(
     assert row(dialog, "photo").bound_text == "Y"
 
 
-def test_a_stick_is_learned_the_way_it_is_pushed(
+def test_a_stick_is_learned_in_the_direction_it_is_pushed(
     qtbot: QtBot, pad: VirtualGamepad, dialog: GamepadDialog, gamepads: Gamepads
 ) -> None:
     # A stick reports values before its end position; a first report at the end is a trigger at rest.

@@ -64,7 +64,7 @@ def apart(parent: QWidget, window: MainWindow) -> None:
     state=st.sampled_from(["recording", "paused", "starting", "stopping", "failed"]), latched=st.booleans(),
 )  # fmt: skip
 @pytest.mark.long
-def test_the_red_button_and_the_recording_never_give_way(
+def test_the_red_button_and_the_recording_are_never_hidden(
     window: MainWindow, console: FakeConsole, *, participant: str, condition: str, trial: str, title: str, robot: str,
     model: str, label: str, width: int, state: str, latched: bool,
 ) -> None:  # fmt: skip

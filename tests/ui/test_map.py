@@ -300,7 +300,7 @@ def test_the_trail_is_bounded_and_cleared(panel: MapPanel) -> None:
     assert len(panel.view.map_state.trail) == 0
 
 
-def test_goal_end_is_said_with_its_reason(panel: MapPanel, console: FakeConsole) -> None:
+def test_the_end_of_a_goal_is_reported_with_its_reason(panel: MapPanel, console: FakeConsole) -> None:
     failed = GoalChanged(clock.now_ns(), "g", "failed", Pose2D(1, 1, 0), place="Kitchen", detail="no way found")
     console.state.goal.set(failed)
     console.state.add(failed)
@@ -367,7 +367,7 @@ def test_an_obstacle_is_no_goal(panel: MapPanel, window: MainWindow, console: Fa
     assert panel.view.map_state.tool == "goal", "another place can be chosen at once"
 
 
-def test_the_robot_is_told_where_it_is(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+def test_the_robot_gets_its_pose(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     QTest.mouseClick(panel.view, BUTTON, pos=at(panel, 5.0, 3.0))
     click(qtbot, find(window, "map_robot_here"))
     assert panel.view.hint.startswith("Click the direction to face")
@@ -528,7 +528,7 @@ def tell_odometry(console: FakeConsole, x_m: float, *, at_ns: int) -> None:
     console.state.add(LaserScan(at_ns, None, "laser", -0.75, 1.5 / 90, 0.1, 10.0, ranges, laser))
 
 
-def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_said(
+def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_stated(
     panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
     state, view = console.state, panel.view

@@ -46,7 +46,7 @@ def _tags_in(observer: QWidget) -> set[str]:
 
 
 @pytest.mark.long
-def test_everything_is_there_for_whoever_may_see_it(window: MainWindow, console: FakeConsole) -> None:
+def test_everything_permitted_is_there(window: MainWindow, console: FakeConsole) -> None:
     observer = _opened(window, console, "everything")
     assert "Luis" in _said_in(observer)
     assert _tags_in(observer) == {"amused"}

@@ -56,7 +56,7 @@ def test_the_distance_comes_from_the_beams_in_front() -> None:
         (scan_from(-180, 180, 0.0), 1.0),
     ],
 )
-def test_where_the_lidar_does_not_look_nothing_is_said_to_be_free(scan: LaserScan, covered: float) -> None:
+def test_beyond_the_lidar_nothing_is_called_free(scan: LaserScan, covered: float) -> None:
     ahead = ahead_of(scan)
     assert ahead.distance_m is None
     assert ahead.covered == pytest.approx(covered, abs=0.06)
@@ -66,7 +66,7 @@ def test_where_the_lidar_does_not_look_nothing_is_said_to_be_free(scan: LaserSca
     )
 
 
-def test_the_words_speak_of_the_base_while_the_picture_looks_elsewhere() -> None:
+def test_the_words_describe_the_base_while_the_picture_points_elsewhere() -> None:
     head = HeadState(1, None, pan_rad=0.6, tilt_rad=0.0)
     on_head = robot_with(dataclasses.replace(MODEL, on_head=True))
     assert gaze_is_away(on_head, FRAME, head) == "the camera faces left"

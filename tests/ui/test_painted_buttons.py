@@ -56,7 +56,9 @@ def button(qtbot: QtBot, theme: Theme) -> ActionButton:
 
 
 @pytest.mark.parametrize("what", CHANGES)
-def test_each_change_is_seen_and_looks_as_if_nothing_were_saved(button: ActionButton, theme: Theme, what: str) -> None:
+def test_each_change_is_visible_and_looks_as_if_nothing_were_saved(
+    button: ActionButton, theme: Theme, what: str
+) -> None:
     before = looks(button)
     assert looks(button) == before
     CHANGES[what](button)

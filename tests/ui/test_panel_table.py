@@ -43,7 +43,7 @@ def test_a_panel_without_its_permission_is_absent() -> None:
     }  # fmt: skip
 
 
-def test_a_panel_that_the_scenario_does_not_offer_is_absent_whatever_it_permits() -> None:
+def test_a_panel_that_the_scenario_does_not_offer_is_absent() -> None:
     without = replace(samples.TOUR, permissions=Permissions(face=True), panels_off=("map", "diagnostics"))
     assert set(PANELS) - set(possible_panels(without)) == {"map", "diagnostics"}
 

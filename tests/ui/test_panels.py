@@ -323,7 +323,7 @@ def test_the_drive_panel_says_where_the_robot_goes_automatically(window: MainWin
 
 
 @pytest.mark.panels("drive")
-def test_how_fast_a_goal_is_driven_is_said_while_it_is(window: MainWindow, console: FakeConsole) -> None:
+def test_the_speed_of_a_goal_is_stated(window: MainWindow, console: FakeConsole) -> None:
     navigation = NavigationServer("move_base", "/move_base", 0.6)
     velocity = VelocityTopic(timeout_s=0.5, timeout_source="its driver")
     console.state.robot.set(RobotProfile("lab", "Lab", velocity=velocity, navigation=navigation))
@@ -507,7 +507,7 @@ def test_invisible_changes_draw_no_row_again(window: MainWindow, console: FakeCo
 
 
 @pytest.mark.panels("people", "video")
-def test_an_empty_room_is_said(window: MainWindow, console: FakeConsole) -> None:
+def test_an_empty_room_is_stated(window: MainWindow, console: FakeConsole) -> None:
     console.state.persons.set(())
     empty = find(window, "people_empty")
     assert isinstance(empty, QLabel)
@@ -574,7 +574,7 @@ def test_current_and_waiting_utterances_are_shown(window: MainWindow, console: F
 # Assistant
 
 
-def test_an_answer_streams_and_is_said(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+def test_an_answer_streams_and_can_be_spoken(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     field, answer = find(window, "assistant_field"), find(window, "assistant_answer")
     assert isinstance(answer, QPlainTextEdit)
     field.setFocus()
@@ -642,7 +642,7 @@ def session(window: MainWindow) -> SessionPanel:
 
 
 @pytest.mark.panels("assistant", "speak")
-def test_a_question_that_is_too_long_is_said_and_not_cut(
+def test_a_question_that_is_too_long_is_reported_and_not_cut(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
     console.state.assistant.set(dataclasses.replace(console.state.assistant.value, state="ready"))
@@ -803,7 +803,7 @@ def test_an_ended_session_can_be_exported(qtbot: QtBot, window: MainWindow, cons
 
 @pytest.mark.panels("session")
 @pytest.mark.usefixtures("trial_language")
-def test_why_a_recording_failed_is_said_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
+def test_the_reason_of_a_failed_recording_is_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
     why = localized("The disk failed: {why}.", why="EIO")
     console.state.recording.set(RecordingStatus("failed", Path("/s"), detail=why))
     what = find(session(window), "session_what")
@@ -815,7 +815,7 @@ def test_why_a_recording_failed_is_said_in_the_wizards_language(window: MainWind
 
 @pytest.mark.panels("video", "speak", "people")
 @pytest.mark.usefixtures("trial_language")
-def test_why_something_is_missing_is_said_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
+def test_the_reason_of_missing_data_is_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
     """Statuses are English, as in the recording."""
     why, state = localized("The file {file} is damaged.", file="a.onnx"), console.state
     message = tr("The file {file} is damaged.").format(file="a.onnx")
@@ -834,7 +834,7 @@ def test_why_something_is_missing_is_said_in_the_wizards_language(window: MainWi
 
 
 @pytest.mark.panels("session")
-def test_a_failed_recording_is_said(window: MainWindow, console: FakeConsole) -> None:
+def test_a_failed_recording_is_reported(window: MainWindow, console: FakeConsole) -> None:
     panel = session(window)
     console.state.recording.set(RecordingStatus("failed", Path("/s"), detail="The disk is full."))
     what = find(panel, "session_what")

@@ -89,7 +89,7 @@ def test_alt_between_two_drive_keys_is_still_alt_to_drive(quiet: MainWindow, mon
     assert not refused(quiet)
 
 
-def test_phrases_are_said_while_alt_drives(quiet: MainWindow, console: FakeConsole) -> None:
+def test_phrases_are_spoken_while_alt_drives(quiet: MainWindow, console: FakeConsole) -> None:
     field = find(quiet, "speak_field")
     field.setFocus()
     QTest.keyClick(field, Qt.Key.Key_F4, ALT)

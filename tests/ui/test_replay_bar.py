@@ -174,7 +174,7 @@ def test_arrows_and_ends_move_a_focused_scrubber(scene: ReplayScene, replay: Fak
     assert not scrubber.hasFocus(), "the focus is never trapped"
 
 
-def test_where_a_key_went_to_is_said_and_what_is_played_is_not(scene: ReplayScene, replay: FakeReplay) -> None:
+def test_the_position_after_a_key_is_announced_and_playback_is_not(scene: ReplayScene, replay: FakeReplay) -> None:
     """A screen reader reads each changed description of the focused widget, and on focus."""
     scrubber = scene.bar.scrubber
     scrubber.setFocus()

@@ -116,7 +116,7 @@ def test_the_strips_of_motion_are_reported_and_take_no_focus(
 
 @pytest.mark.usefixtures("screen_reader")
 @pytest.mark.panels("video", "map")
-def test_the_picture_the_map_and_what_was_said_say_what_they_are(window: MainWindow) -> None:
+def test_the_picture_the_map_and_the_transcript_have_descriptions(window: MainWindow) -> None:
     told: dict[str, tuple[str, str]] = {}
     for panel, name in (("video", "video_view"), ("map", "map_view"), ("conversation", "transcript")):
         window.open_panel(panel)

@@ -146,7 +146,7 @@ def test_an_open_interval_is_ended_from_the_top_bar(qtbot: QtBot, window: MainWi
     assert button.isHidden()
 
 
-def test_a_mark_is_one_line_of_the_log_whatever_becomes_of_it(window: MainWindow, console: FakeConsole) -> None:
+def test_a_mark_is_one_line_of_the_log_also_after_changes(window: MainWindow, console: FakeConsole) -> None:
     panel = session_panel(window)
     before = len(panel.log_lines())
     mark_id = console.begin_mark("Laughs")
@@ -251,7 +251,7 @@ def test_where_the_robot_hears_no_microphone_of_this_computer_is_requested(
     find(window, "start_dialog").close()
 
 
-def test_it_is_said_that_people_will_be_pixelated() -> None:
+def test_pixelation_of_people_is_stated() -> None:
     film = Permissions(photos=False, audio_recording=False)
     assert "video (people pixelated)" in contents_sentence(film, None, BlurSettings("everybody"))
     faces = contents_sentence(film, None, BlurSettings("without_consent", "faces"))
@@ -341,7 +341,7 @@ def test_an_early_start_uses_the_result_of_the_disk(qtbot: QtBot, window: MainWi
     assert console.suggested == TrialDetails("Lab visit", "P07", "B", "3", "Kim"), "what it was started with"
 
 
-def test_the_same_trial_is_meant_before_the_disk_responds(
+def test_the_same_trial_is_repeated_before_the_disk_responds(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
     console.suggested = TrialDetails("Lab visit", "P07", "B", "3", "Kim")
@@ -662,7 +662,7 @@ def test_a_layout_is_reported_once_it_is_at_rest(qtbot: QtBot, window: MainWindo
     assert console.named("keep_layout") == [tree, tree], "again as the wizard had it, not as in the file"
 
 
-def test_a_failed_recording_is_told_whole(window: MainWindow, console: FakeConsole) -> None:
+def test_a_failed_recording_is_reported_in_full(window: MainWindow, console: FakeConsole) -> None:
     console.state.recording.set(RecordingStatus("failed", detail="The disk is full."))
     assert find(window, "record_button").property("text") == "Recording failed"
     panel = session_panel(window)
@@ -670,7 +670,7 @@ def test_a_failed_recording_is_told_whole(window: MainWindow, console: FakeConso
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_how_busy_the_machine_is_is_said_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
+def test_the_load_of_the_machine_is_in_the_wizards_language(window: MainWindow, console: FakeConsole) -> None:
     console.state.load.set(LoadStatus(2, STEPS[2].detail))
     window.status_bar.refresh()
     assert window.status_bar.items["load"].text == tr("busy: {what}").format(what=tr(STEPS[2].detail))

@@ -130,7 +130,7 @@ def test_a_robot_whose_odometry_reports_no_speeds_moves_as_its_poses_do(
     assert said(signs)[0] == "Still"
 
 
-def test_a_robot_without_odometry_is_never_said_to_stand(signs: StatusIndicators, state: LiveState) -> None:
+def test_a_robot_without_odometry_is_never_called_still(signs: StatusIndicators, state: LiveState) -> None:
     assert said(signs)[0] == "Unknown"
     state.drive.set(DriveStatus(True, "", target_forward_mps=0.3))
     assert said(signs)[0] == "Moving", "as it was asked to"

@@ -58,7 +58,7 @@ def test_tab_stays_in_a_card_and_the_bar_above_it(window: MainWindow) -> None:
 
 
 @pytest.mark.panels("video", "map")
-def test_shift_tab_goes_the_same_way_back(window: MainWindow) -> None:
+def test_shift_tab_reverses_the_order(window: MainWindow) -> None:
     there = tab_order(window)
     back = []
     there[0].setFocus()

@@ -72,7 +72,7 @@ def test_the_lines_of_the_palette_are_found_with_kind_and_key_and_can_be_pressed
     qtbot.waitUntil(lambda: bool(console.named("take_photo")) and palette.isHidden())
 
 
-def test_the_rows_of_people_tell_everything_and_their_buttons_can_be_pressed(
+def test_the_rows_of_people_are_complete_and_their_buttons_can_be_pressed(
     window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
     panel = window.findChild(PeoplePanel)
@@ -99,7 +99,7 @@ def test_the_rows_of_people_tell_everything_and_their_buttons_can_be_pressed(
     qtbot.waitUntil(lambda: console.named("attend_person") == [persons[0].person_id])
 
 
-def test_the_turns_are_found_whole_and_can_be_chosen(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+def test_the_turns_are_found_complete_and_can_be_chosen(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     window.open_panel("conversation")
     samples.converse(console)
     transcript = window.findChild(TranscriptView)
@@ -122,7 +122,7 @@ def test_the_turns_are_found_whole_and_can_be_chosen(window: MainWindow, console
 
 
 @pytest.mark.usefixtures("screen_reader")
-def test_video_and_map_say_what_is_there(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+def test_video_and_map_describe_their_contents(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     video, plan = find(window, "video_view"), find(window, "map_view")
     qtbot.waitUntil(lambda: "The robot is at 6.5 m, 3.5 m." in plan.accessibleDescription())
     assert "Places: " in plan.accessibleDescription() and "Robot arm" in plan.accessibleDescription()

@@ -106,7 +106,7 @@ def test_a_box_that_comes_and_goes_is_a_person_who_is_there() -> None:
 
 @pytest.mark.usefixtures("screen_reader")
 @pytest.mark.panels("drive")
-def test_the_stick_says_what_it_commands(qtbot: QtBot, theme: Theme) -> None:
+def test_the_stick_describes_its_command(qtbot: QtBot, theme: Theme) -> None:
     stick = Joystick(theme, use="base")
     qtbot.addWidget(stick)
     stick.resize(200, 200)
@@ -154,7 +154,7 @@ def test_no_return_is_no_obstacle() -> None:
 
 @pytest.mark.usefixtures("screen_reader")
 @pytest.mark.panels("map")
-def test_the_map_says_what_the_lidar_finds_nearest(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+def test_the_map_describes_the_nearest_return(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     plan = find(window, "map_view")
     console.state.add(scan_of([math.inf, 2.5, math.inf, math.inf], Pose2D(0, 0, 0)))
 
@@ -166,7 +166,7 @@ def test_the_map_says_what_the_lidar_finds_nearest(window: MainWindow, console: 
 
 
 @pytest.mark.usefixtures("screen_reader")
-def test_the_timeline_says_where_it_stands(qtbot: QtBot, theme: Theme) -> None:
+def test_the_timeline_describes_its_position(qtbot: QtBot, theme: Theme) -> None:
     replay = FakeReplay(overview=sample_overview(), coding=sample_coding(120_000))
     scene = open_scene(qtbot, theme, replay)
     canvas = scene.timeline.canvas

@@ -129,7 +129,7 @@ def test_an_impossible_aim_is_refused_with_the_reason(
     assert console.calls == []
 
 
-def test_a_picture_that_was_long_under_way_is_not_live(panel: VideoPanel, console: FakeConsole) -> None:
+def test_a_picture_long_in_transit_is_not_live(panel: VideoPanel, console: FakeConsole) -> None:
     console.state.frame.robot_clock = LinkQuality(
         clock.now_ns(), 40.0, clock_offset_ms=5000.0, clock_uncertainty_ms=8.0
     )
@@ -144,7 +144,7 @@ def test_a_picture_that_was_long_under_way_is_not_live(panel: VideoPanel, consol
     assert image.pixelColor(round(picture.center().x()), round(picture.top() + 20)).lightness() < 140
 
 
-def test_a_camera_on_the_head_looks_where_the_head_looks(panel: VideoPanel, console: FakeConsole) -> None:
+def test_a_camera_on_the_head_points_where_the_head_does(panel: VideoPanel, console: FakeConsole) -> None:
     on_head = dataclasses.replace(MODEL, on_head=True)
     console.state.robot.set(dataclasses.replace(ROBOT, cameras=(CameraTopic("front", "/camera", model=on_head),)))
     show_frame(console)

@@ -305,7 +305,7 @@ def test_bare_keys_drive_no_longer_after_a_click_elsewhere(window: MainWindow, c
 
 
 @pytest.mark.panels("video", "speak")
-def test_driving_by_alt_continues_whatever_is_clicked(window: MainWindow, console: FakeConsole) -> None:
+def test_driving_by_alt_continues_after_any_click(window: MainWindow, console: FakeConsole) -> None:
     field = find(window, "speak_field")
     field.setFocus()
     QTest.keyPress(field, Qt.Key.Key_W, Qt.KeyboardModifier.AltModifier)

@@ -161,7 +161,7 @@ def test_switching_back_and_forth_leaves_nothing_behind(qtbot: QtBot, window: Ma
     assert [name for name, _ in console.calls] == ["drive", "release_drive", "say"]
 
 
-def test_without_driving_there_is_no_way_to_drive(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
+def test_without_driving_nothing_drives(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> None:
     permissions = Permissions(driving=False, assistant=False)
     console = FakeConsole(dataclasses.replace(samples.TOUR, permissions=permissions))
     window = open_window(qtbot, console, settings, theme)
@@ -223,7 +223,7 @@ def test_a_running_recording_is_stopped_from_the_top_bar(
 
 
 @pytest.mark.panels("video", "session")
-def test_the_red_button_latches_and_only_the_band_releases(
+def test_the_red_button_latches_and_only_the_banner_releases(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
     button = find(window, "emergency_stop")
@@ -545,7 +545,7 @@ def test_the_guard_that_is_off_is_there_to_be_switched_on(
     assert not window.findChild(QWidget, "guard_band").isVisible()  # type: ignore[union-attr]
 
 
-def test_no_band_moves_the_panels(window: MainWindow, console: FakeConsole) -> None:
+def test_no_banner_moves_the_panels(window: MainWindow, console: FakeConsole) -> None:
     def places() -> list[QRect]:
         QApplication.processEvents()
         return [QRect(panel.mapTo(window, QPoint()), panel.size()) for panel in window.panels.values()]

@@ -30,7 +30,7 @@ def run(story: Callable[[], Awaitable[None]]) -> None:
     asyncio.run(asyncio.wait_for(story(), 20))
 
 
-def test_the_page_is_served_to_whoever_has_the_address_and_nothing_to_anybody_else() -> None:
+def test_the_page_is_served_to_its_address_and_to_nobody_else() -> None:
     async def story() -> None:
         async with served() as (_page, address), httpx.AsyncClient() as client:
             found = await client.get(address)

@@ -148,7 +148,7 @@ def test_a_moment_that_is_reported_too_late_is_found() -> None:
 
 @pytest.mark.parametrize("delay_s", [1.2, 2.7])
 @pytest.mark.long
-def test_a_robot_that_is_heard_seconds_later_than_told_is_known_in_hindsight_and_taken_out_the_next_time(
+def test_an_echo_seconds_later_than_reported_is_known_in_hindsight(
     delay_s: float,
 ) -> None:
     first, second = _echo(delay_s=0.02), _echo(seed=1, delay_s=0.02)

@@ -89,7 +89,7 @@ def test_a_phrase_that_comes_twice_in_the_time_that_it_takes_once_is_retained_on
     assert without_repetition(twice) == twice, "people do ask twice"
 
 
-def test_words_written_behind_the_voice_were_not_said() -> None:
+def test_subtitle_words_after_the_voice_are_dropped() -> None:
     assert [word.text for word in within_voice(heard("where is it thank you"), voice_ended_s=1.3)] == [
         "where", "is", "it",
     ]  # fmt: skip

@@ -108,7 +108,7 @@ def test_the_next_scenario_may_give_people_more_time(recogniser: Talk) -> None:
 
 
 @pytest.mark.long
-def test_a_robot_that_reports_what_it_said_afterwards_gets_it_back(recogniser: Talk) -> None:
+def test_a_robot_that_reports_its_speech_late_gets_it_back(recogniser: Talk) -> None:
     says = "Welcome to the old museum, my name is Mira."
     recogniser.hear(ROBOT_MICROPHONE, np.concatenate((room(1.0), spoken(says), room(3.5))))
     taken = recogniser.wait_for(UtteranceChanged, state="finished", source=ROBOT_MICROPHONE)

@@ -49,7 +49,7 @@ def test_robot_speech_is_recognised_also_in_part_or_misheard(
 
 
 @pytest.mark.parametrize("heard", [_SAYS, "would you like to see the kitchen"])
-def test_it_is_its_own_while_it_is_still_being_said(heard: str) -> None:
+def test_current_robot_speech_is_recognised(heard: str) -> None:
     assert _robot(ended=False).is_robots(heard, _ns(10.1), _ns(12.5)) > 0.6
 
 
@@ -95,7 +95,7 @@ def test_words_that_the_recogniser_does_not_believe_itself_are_made_of_the_robot
     assert _robot().is_robots(text, _ns(11.2), _ns(14.0), 0.62, confidence=0.41, late_s=0.0) < 0.6, "long"
 
 
-def test_its_words_are_its_own_at_the_moment_at_which_it_is_heard_whatever_the_share() -> None:
+def test_robot_words_at_their_time_are_its_own_at_any_share() -> None:
     assert _robot().is_robots("the kitchen or", _ns(13.9), _ns(14.7), 0.0, late_s=2.1) > 0.6
     assert _robot().is_robots("the kitchen or", _ns(13.9), _ns(14.7), 0.0, late_s=0.3) < 0.6, "an answer"
     assert _robot().is_robots("the kitchen", _ns(13.9), _ns(14.5), 0.0) < 0.6
@@ -180,7 +180,7 @@ def test_a_failed_utterance_is_not_attributed() -> None:
     assert words.is_robots(_SAYS, _ns(10.1), _ns(13.1)) == 0.0
 
 
-def test_without_a_word_there_is_nothing_to_tell() -> None:
+def test_without_a_word_nothing_is_decided() -> None:
     assert RobotSpeechFilter().is_robots("hello", _ns(1.0), _ns(2.0)) == 0.0
     assert _robot().is_robots("", _ns(10.1), _ns(13.0), 0.5) == 0.0
 

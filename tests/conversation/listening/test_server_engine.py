@@ -47,7 +47,7 @@ def _closed() -> Iterator[None]:
         _OPENED.pop().close()
 
 
-def test_words_come_with_their_times_and_without_what_nobody_said(server: Server) -> None:
+def test_words_have_times_and_hallucinations_are_removed(server: Server) -> None:
     text = engine(server.address).transcribe(SOUND, "We came in.", careful=True)
     assert [(word.text, round(word.start_s, 2), round(word.end_s, 2)) for word in text.words] == [
         ("Where", 0.0, 0.67), ("is", 0.67, 1.0), ("the", 1.0, 1.44), ("lab?", 1.44, 2.0),

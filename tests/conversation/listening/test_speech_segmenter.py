@@ -131,7 +131,7 @@ def test_a_turn_is_reported_with_the_moments_of_its_voice() -> None:
     assert bench.hearings[-1].utterance_id == ""
 
 
-def test_a_turn_that_is_ended_has_what_was_said_until_then() -> None:
+def test_an_ended_turn_has_its_words_so_far() -> None:
     bench = Bench().hear(1).say(2.2)
     bench.ear.end_turn()
     bench.say(3.0).hear(1.5)

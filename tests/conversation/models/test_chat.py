@@ -385,7 +385,7 @@ def test_giving_up_closes_the_line_to_the_server(way: str) -> None:
     assert asyncio.run(run())
 
 
-def test_a_proxy_never_sees_what_is_meant_for_this_computer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_proxy_never_sees_local_requests(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HTTP_PROXY", "http://127.0.0.1:9")
     monkeypatch.delenv("NO_PROXY", raising=False)
     assert ask(sends(SSE_HEAD, delta("Yes.", "stop")))[0] == ["Yes."]

@@ -240,7 +240,7 @@ def test_a_parameter_that_is_refused_is_left_out_once_and_for_all(
     assert set(notes.left_out) == set(names)
 
 
-def test_models_that_think_have_room_for_it_and_are_told_to_think_little() -> None:
+def test_reasoning_models_have_room_and_are_limited() -> None:
     def config(model: str) -> dict[str, Any]:
         endpoint = ModelEndpoint("gemini", "https://generativelanguage.googleapis.com", model)
         return dict(gemini.request(endpoint, Question(QUESTION, 64, 0.0)).body["generationConfig"])

@@ -8,7 +8,7 @@ from tests.conversation.test_prompts import HOSTILE
 
 
 @pytest.mark.parametrize("hostile", HOSTILE)
-def test_nothing_that_is_said_and_no_name_ends_its_quotation(hostile: str) -> None:
+def test_no_utterance_or_name_ends_its_quotation(hostile: str) -> None:
     turns = [Turn("u-1", "participant", hostile, "heard", "finished", 1, 2)]
     situation = ReplyGrounds("You guide tours.", hostile, turns, hostile, hostile, [hostile])
     system, user_message, *more = reply_messages(situation, with_examples=False)

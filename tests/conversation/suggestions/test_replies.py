@@ -13,7 +13,7 @@ WRITTEN = '{"answer": "It stops \\"at once\\".", "ask": "Shall we?",\n "more": "
 TEXTS = ('It stops "at once".', "Shall we?", "No: it is safe.")
 
 
-def test_each_reply_comes_out_as_soon_as_it_is_complete_and_never_another_way_afterwards() -> None:
+def test_each_reply_is_final_as_soon_as_it_is_complete() -> None:
     seen = [replies_in(WRITTEN[:end]) for end in range(len(WRITTEN) + 1)]
     assert seen[-1] == TEXTS
     assert all(before == after[: len(before)] for before, after in pairwise(seen))
@@ -62,7 +62,7 @@ def test_other_forms_of_an_answer_are_read_as_far_as_they_go(written: str, texts
         ("Very well, very well, let us go.", "Very well, very well, let us go."),
     ],
 )
-def test_only_plain_whole_sentences_can_be_said(text: str, said: str) -> None:
+def test_only_plain_complete_sentences_can_be_spoken(text: str, said: str) -> None:
     assert fit_to_say(text) == said
     assert len(fit_to_say(text)) <= LONGEST_REPLY
 

@@ -124,7 +124,7 @@ def test_no_reply_is_a_valid_answer(rounds: SuggestionCycle, heard: Follower) ->
     assert heard.told == [] and rounds.round is None
 
 
-def test_the_one_that_is_said_is_taken_and_the_others_are_superseded(rounds: SuggestionCycle, heard: Follower) -> None:
+def test_the_spoken_reply_is_accepted_and_the_others_are_superseded(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.", "Would you like to see it?")
     card = rounds.card("s-2", 6 * S)
     assert card is not None
@@ -245,7 +245,7 @@ def test_an_unused_suggestion_expires_once(rounds: SuggestionCycle, heard: Follo
     assert heard.fates == [(1, "expired")]
 
 
-def test_a_key_that_was_meant_for_the_one_before_says_nothing(rounds: SuggestionCycle, heard: Follower) -> None:
+def test_a_key_for_the_earlier_suggestion_speaks_nothing(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.")
     rounds.on_participant(replace(FINISHED, text="Can it help people?"), 5 * S + S // 2)
     rounds.offer(heard.asked[-1], "Yes, in the kitchen.", "small", 5 * S + S // 2)
@@ -254,9 +254,7 @@ def test_a_key_that_was_meant_for_the_one_before_says_nothing(rounds: Suggestion
     assert rounds.card(card.suggestion_id, card.shown_ns + TO_READ_NS) == card
 
 
-def test_nothing_is_said_without_a_key_unless_the_level_says_so_and_then_in_its_second_alone(
-    rounds: SuggestionCycle, heard: Follower
-) -> None:
+def test_only_a_key_speaks_unless_the_level_permits_a_countdown(rounds: SuggestionCycle, heard: Follower) -> None:
     begun(rounds, heard, "It stops at once.", "Would you like to see it?")
     shown_ns = rounds.cards[0].shown_ns
     assert rounds.says_ns is None and rounds.due(shown_ns + 3 * S) is None

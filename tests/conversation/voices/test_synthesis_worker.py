@@ -146,7 +146,7 @@ def test_of_what_is_typed_only_the_last_is_made(rendering: Rendering, voice: Slo
     wait_for(lambda: voice.begun == ["a_", "a_b", "no", "c"], "and nobody asks for the draft again")
 
 
-def test_the_end_of_what_is_said_does_not_stop_what_is_typed(rendering: Rendering, voice: SlowVoice, say: Say) -> None:
+def test_the_end_of_an_utterance_does_not_stop_typed_text(rendering: Rendering, voice: SlowVoice, say: Say) -> None:
     first, _ = say("on")
     wait_for(lambda: first.complete, "it is there")
     rendering.draft("x_y")

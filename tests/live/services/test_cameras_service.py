@@ -119,7 +119,7 @@ def test_each_writes_to_a_ring_of_its_own_and_ends_with_the_program(bench: Bench
     assert all(child.asked_to_end for child in bench.children)
 
 
-def test_videos_are_told_to_play_once_a_person_looks(bench: Bench) -> None:
+def test_videos_play_once_a_person_watches(bench: Bench) -> None:
     bench.use(DESK)
     bench.service.start()
     bench.state.perception.set(PerceptionStatus(state="loading"))

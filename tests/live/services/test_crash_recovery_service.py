@@ -245,9 +245,7 @@ def test_after_an_end_in_order_nothing_is_offered(run: Run, runs: Callable[[], R
         another.ask(intents.GoOnWithTrial())
 
 
-def test_a_program_that_was_told_to_end_offers_nothing_whatever_becomes_of_its_end(
-    run: Run, runs: Callable[[], Run]
-) -> None:
+def test_a_terminated_program_offers_nothing_however_it_ends(run: Run, runs: Callable[[], Run]) -> None:
     run.record("one")
     run.settle()
     run.service.expect_end()

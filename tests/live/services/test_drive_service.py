@@ -233,7 +233,7 @@ def test_after_a_stall_only_a_new_key_press_drives(
     assert robot.of(Drive)
 
 
-def test_a_scenario_without_driving_has_no_way_to_drive(
+def test_a_scenario_without_driving_cannot_drive(
     driving: DriveService, state: LiveState, robot: RecordingRobot
 ) -> None:
     driving.use_scenario(_scenario(driving=False))

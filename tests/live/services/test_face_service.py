@@ -202,7 +202,7 @@ def test_nothing_is_drawn_while_nothing_moves(bench: Bench) -> None:
     bench.until(lambda: not bench.service._drawing.isActive())
 
 
-def test_the_page_is_there_while_it_is_served_and_who_looks_is_counted(bench: Bench) -> None:
+def test_the_page_exists_while_it_is_served_and_viewers_are_counted(bench: Bench) -> None:
     bench.do(intents.ServeFace(on=True))
     address = bench.until(lambda: bench.state.face_page.value)
     assert httpx.get(address).status_code == 200 and bench.state.face.value.served

@@ -150,7 +150,7 @@ def test_a_console_that_closes_ends_it_and_it_can_be_requested_again(bench: Benc
 
 
 @pytest.mark.logs("live.bus")
-def test_where_nobody_looks_for_people_it_is_reported_all_the_same(bench: Bench, qtbot: QtBot) -> None:
+def test_without_a_people_panel_it_is_still_reported(bench: Bench, qtbot: QtBot) -> None:
     happened: list[PersonForgotten] = []
     bench.bus.tap(lambda value, _raw: happened.append(value), (PersonForgotten,))
     bench.refuses = UserFacingError(

@@ -204,7 +204,7 @@ def test_a_recogniser_that_does_not_read_holds_nobody_up_and_what_is_left_out_is
     qtbot.waitUntil(lambda: gap.count + len(child.got) == 60)
 
 
-def test_other_pauses_are_told_to_the_same_recogniser(bench: Bench, qtbot: QtBot) -> None:
+def test_other_pauses_are_sent_to_the_same_recogniser(bench: Bench, qtbot: QtBot) -> None:
     child = _listening(bench)
     bench.service.use_scenario(scenario(silence_s=0.6))
     qtbot.waitUntil(lambda: child.silences == [UseSilence(0.3, 3.0), UseSilence(0.6, 3.0)])

@@ -245,7 +245,7 @@ def test_a_starved_detector_is_reported_as_load_where_it_is_on_this_computer(qap
     assert governed.state.load.value == LoadStatus(), "another computer would have nothing of it"
 
 
-def test_a_detector_that_looks_no_more_is_no_load(qapp: QApplication) -> None:
+def test_a_stopped_detector_is_no_load(qapp: QApplication) -> None:
     governed = Governed()
     governed.run(20.0, detection_ms=900.0)
     governed.run(30.0)

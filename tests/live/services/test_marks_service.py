@@ -110,7 +110,7 @@ def recorded(desk: Desk) -> Desk:
     return desk
 
 
-def test_the_record_keeps_what_a_note_said_before_and_what_was_removed(recorded: Desk) -> None:
+def test_earlier_texts_of_a_note_and_removed_notes_are_recorded(recorded: Desk) -> None:
     recorded.marks.add_note(intents.AddNote("Asks  twise\n#confused", earlier_s=2.0, note_id="n-1"))
     at_ns = recorded.last.start_ns
     recorded.marks.write_note("n-1", "Asks twice #confused", "wizard")

@@ -202,7 +202,7 @@ def test_without_a_permission_that_needs_it_no_process_is_started(qtbot: QtBot) 
     assert bench.children.of_wizard == []
 
 
-def test_the_wizards_microphone_is_open_only_for_whoever_holds_the_key(qapp: QApplication) -> None:
+def test_the_wizards_microphone_is_open_only_while_the_key_is_held(qapp: QApplication) -> None:
     bench = Bench(chosen=None, own_voice=True)
     bench.service.start()
     (child,) = bench.children.of_wizard

@@ -116,7 +116,7 @@ def test_another_robot_is_looked_after_again(bench: Bench) -> None:
     assert "another robot" in bench.check(SIGNED).detail
 
 
-def test_a_recording_is_told_how_everything_stood(bench: Bench) -> None:
+def test_a_recording_begins_with_the_state_of_the_checks(bench: Bench) -> None:
     bench.state.drive.set(DriveStatus(emergency_stop=True))
     bench.tick()
     told = {event.check_id: event for event in bench.service.state_events(accepted=True)}

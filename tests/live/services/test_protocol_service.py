@@ -52,7 +52,7 @@ def desk() -> Desk:
     return Desk()
 
 
-def test_a_recording_begins_with_the_first_step_whatever_was_rehearsed_and_leaves_nothing_behind(desk: Desk) -> None:
+def test_a_recording_begins_with_the_first_step_despite_a_rehearsal(desk: Desk) -> None:
     desk.do(intents.NextStep(), intents.NextStep())
     assert desk.step == "ask"
     desk.protocol.begin_session("wizard:b")

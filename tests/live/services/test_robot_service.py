@@ -319,7 +319,7 @@ def test_a_link_that_dies_is_started_again_and_the_other_continues(bench: Bench,
     assert len([event for event in bench.published if isinstance(event, LinkChanged)]) == 1
 
 
-def test_a_goal_under_way_ends_with_its_link_process_and_the_next_one_cancels_it(bench: Bench, qtbot: QtBot) -> None:
+def test_an_active_goal_ends_with_its_link_process_and_the_next_one_cancels_it(bench: Bench, qtbot: QtBot) -> None:
     settings = LinkSettings(RobotProfile("r", "R"), "ws://r:9090")
     bodies = ProcessSpec("control", print, (settings,)), ProcessSpec("media", print, (settings,))
     bench.robot.connect_robot(RobotConnection("R", "ws://r:9090", settings.profile, *bodies))

@@ -85,7 +85,7 @@ def test_driving_ends_at_once_and_what_was_of_the_robot_before_goes_before_the_n
     ]  # fmt: skip
 
 
-def test_the_simulated_robot_is_requested_by_whoever_wants_it(service: AnotherRobotService, calls: list[str]) -> None:
+def test_the_simulated_robot_is_requested_by_several_users(service: AnotherRobotService, calls: list[str]) -> None:
     service.handlers()[intents.UseSimulatedRobot](intents.UseSimulatedRobot(actor="wizard:b"))
     assert calls[-1] == "wizard:b"
     assert "robot.leave_for_one_that_starts" in calls[0], "who does not answer is no alarm while another one starts"

@@ -217,7 +217,7 @@ def test_playback_starts_once_it_will_be_needed(bench: Bench) -> None:
     assert list(bench.children.started) == ["voice"]
 
 
-def test_the_robots_own_voice_gives_way(bench: Bench) -> None:
+def test_the_robots_own_voice_is_stopped(bench: Bench) -> None:
     utterance = UtteranceChanged(1, "u1", "robot", "Hello", "typed", "started")
     bench.state.speech.set(SpeechStatus(ready=True, now=utterance))
     bench.do(PushToTalk(on=True, actor=OTHER))

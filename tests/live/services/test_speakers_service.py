@@ -74,7 +74,7 @@ def test_a_person_alone_is_the_speaker_at_any_distance(desk: Desk) -> None:
     assert (told.person_id, told.actor, told.person_confidence) == ("p-luis", CONSOLE, 0.5)
 
 
-def test_where_it_could_be_two_nobody_is_said_to_until_the_wizard_deals_with_one(desk: Desk) -> None:
+def test_an_ambiguous_addressee_stays_open_until_the_wizard_selects_one(desk: Desk) -> None:
     desk.here(_person("p-luis", distance_m=1.0), _person("p-anna", distance_m=2.2))
     assert desk.said()[0] == ""
     assert desk.told == []

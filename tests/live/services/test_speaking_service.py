@@ -153,7 +153,7 @@ def test_several_gaps_are_requested_one_after_the_other(desk: Desk) -> None:
     assert desk.spoken == ["On Monday in Rome."] and desk.events[0].text == "On Monday in Rome."
 
 
-def test_a_gap_that_is_left_is_not_said_after_all(desk: Desk) -> None:
+def test_a_cancelled_gap_is_not_spoken_after_all(desk: Desk) -> None:
     desk.say("On {day}.")
     desk.ask(intents.FillGap(""))
     assert desk.state.speech.value.gap is None and desk.events == []

@@ -148,7 +148,7 @@ def test_while_the_gui_thread_is_held_a_voice_comes_to_its_end_on_record(
     assert len(bench.recorder.utterances) == 3, "and nothing of it is recorded twice"
 
 
-def test_the_next_one_is_said_once_the_gui_thread_has_heard_of_the_end(bench: Bench, qtbot: QtBot) -> None:
+def test_the_next_utterance_begins_once_the_gui_thread_knows_the_end(bench: Bench, qtbot: QtBot) -> None:
     events: list[Any] = []
 
     def note(event: object) -> None:

@@ -54,7 +54,7 @@ def test_a_key_says_the_one_that_was_read_and_no_other(desk: Desk) -> None:
     assert desk.of(SuggestionChanged)[3].utterance_id == utterance.utterance_id
 
 
-def test_an_edited_one_is_said_as_edited_and_after_the_conversation_moved_on_as_typed(desk: Desk) -> None:
+def test_an_edited_reply_is_spoken_as_edited_and_later_as_typed(desk: Desk) -> None:
     desk.question().answer(REPLIES)
     first = desk.state.suggestions.value.cards[0]
     desk.do(intents.SayEditedSuggestion(first.suggestion_id, "It stops right away."))
@@ -228,7 +228,7 @@ def test_a_question_that_another_model_cut_off_is_put_to_that(desk: Desk) -> Non
     assert len(desk.model.of("replies")) == 3
 
 
-def test_where_the_scenario_lets_it_the_first_is_said_after_a_countdown_that_is_seen(desk: Desk) -> None:
+def test_a_permitted_first_reply_is_spoken_after_a_visible_countdown(desk: Desk) -> None:
     desk.use(assistance=EVERYTHING)
     desk.question().answer(REPLIES)
     says_ns = desk.state.suggestions.value.says_ns
@@ -309,7 +309,7 @@ def test_a_level_that_was_lowered_stays_so_when_a_place_is_saved(desk: Desk) -> 
     assert desk.state.levels.value.replies == "suggest"
 
 
-def test_the_step_of_the_protocol_or_else_what_was_marked_last_is_told_to_the_model(desk: Desk) -> None:
+def test_the_prompt_has_the_protocol_step_or_the_last_mark(desk: Desk) -> None:
     desk.publish(Marked(desk.now_ns, "Asks a question"))
     desk.publish(Marked(desk.now_ns, "Typed wrong", "wizard_error"))
     assert '(now: "Asks a question")' in desk.question("What is that?").messages[-1].content

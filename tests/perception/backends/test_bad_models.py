@@ -30,7 +30,7 @@ def refused(path: Path) -> WeightsError:
     "source", [pytest.param(YOLOX_WEIGHTS, marks=needs_yolox), INT8_WEIGHTS], ids=["onnx", "tflite"]
 )
 @needs_int8_weights
-def test_a_truncated_model_is_told(tmp_path: Path, source: Path, part: float) -> None:
+def test_a_truncated_model_is_reported(tmp_path: Path, source: Path, part: float) -> None:
     content = source.read_bytes()
     path = tmp_path / f"torn{source.suffix}"
     # The data that ultralytics appends to a .tflite file is not part of the network.

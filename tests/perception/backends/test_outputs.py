@@ -88,7 +88,7 @@ def test_boxes_in_parts_of_the_input() -> None:
     assert network.taken == (1, *_SIZE, 3)
 
 
-def test_yolox_tells_from_its_places_and_lies_in_the_corner() -> None:
+def test_yolox_is_recognised_by_its_places_and_pads_in_the_corner() -> None:
     output = np.full((1, _PLACES, 7), -5.0, np.float32)
     output[..., 4] = 0.0
     # Cell (row 1, column 2) of stride 16: centre 2.5 and 1.5 strides, two strides wide, one high.

@@ -75,7 +75,7 @@ def setup(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Setup:
     return Setup(tmp_path, monkeypatch)
 
 
-def test_the_fastest_is_taken_and_said(setup: Setup) -> None:
+def test_the_fastest_is_selected_and_reported(setup: Setup) -> None:
     setup.runtimes = {"torch": setup.fake(50), "onnxruntime": setup.fake(20), "OpenVINO": setup.fake(12)}
     assert setup.open() == "fake, 12 ms (torch 50 ms; onnxruntime 20 ms)"
 

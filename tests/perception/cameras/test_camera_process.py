@@ -41,7 +41,7 @@ def test_a_video_plays_whole_in_order_and_at_its_rate(video: Path, start: Start)
         assert ref.stamp_ns - refs[0].stamp_ns >= (index / FPS) * 1e9 - 3e6
 
 
-def test_a_video_waits_for_being_told_to_play(video: Path, start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_video_waits_for_the_command_to_play(video: Path, start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
     camera = start(str(video))
     camera.until(has_state("connected"))
     assert camera.frames.brightness == []

@@ -280,7 +280,7 @@ class Tone:
 
 
 @pytest.mark.logs("aioice|webrtc")
-def test_sound_comes_next_to_the_picture_to_whoever_may_hear_it_and_only_then_is_the_microphone_open() -> None:
+def test_sound_comes_next_to_the_picture_where_permitted_and_opens_the_microphone_only_then() -> None:
     source = Tone()
 
     def look(port: int, *, listen: bool) -> list[tuple[int, Any]]:

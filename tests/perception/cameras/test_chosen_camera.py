@@ -55,7 +55,7 @@ def test_a_name_can_be_given_and_stands_once() -> None:
     assert [camera.name for camera in cameras] == ["oak", "oak-2", "oak-3"]
 
 
-def test_a_token_is_read_from_the_environment_and_its_absence_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_token_is_read_from_the_environment_and_its_absence_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     chosen = parse_camera("http://pi/v#token-env=PI_CAMERA")
     monkeypatch.setenv("PI_CAMERA", " secret\n")
     assert camera_token(chosen) == "secret"

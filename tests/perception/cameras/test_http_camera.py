@@ -178,14 +178,14 @@ def test_one_that_sends_anything_but_pictures_is_lost(served: Served, monkeypatc
         HttpCamera(parse_camera(served.address))
 
 
-def test_without_aiortc_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_aiortc_the_message_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "aiortc", None)
     with pytest.raises(CameraError, match="aiortc") as caught:
         open_camera(parse_camera("whep+http://127.0.0.1:9/whep"))
     assert "pip install" in caught.value.advice
 
 
-def test_a_far_clock_is_known_best_by_the_quickest_way() -> None:
+def test_a_remote_clock_is_known_best_by_the_quickest_exchange() -> None:
     ahead_ns = 5_000_000_000_000
     here_ns = 1_000_000_000
     ways_ns = iter([(30_000_000, 1_000_000), (1_000_000, 1_000_000), (50_000_000, 2_000_000)])
@@ -212,7 +212,7 @@ def test_a_far_clock_is_known_best_by_the_quickest_way() -> None:
     assert far.here(7) is None, "a stamp of another clock says nothing"
 
 
-def test_without_a_server_it_is_said_that_it_cannot_be_reached() -> None:
+def test_an_unreachable_server_is_reported() -> None:
     before_ns = clock.now_ns()
     with pytest.raises(CameraError, match="cannot be reached"):
         HttpCamera(parse_camera("http://127.0.0.1:9/video.mjpg"))

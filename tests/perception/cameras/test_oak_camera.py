@@ -111,7 +111,7 @@ def test_with_two_more_eyes_it_reports_depth_as_the_colour_camera_sees_it(
     assert depthai.node.StereoDepth in device.asked
 
 
-def test_none_is_said_so() -> None:
+def test_a_missing_camera_is_reported() -> None:
     if oak_devices():
         pytest.skip("an OAK camera is attached")
     with pytest.raises(CameraError, match="No OAK"):

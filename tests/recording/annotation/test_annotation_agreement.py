@@ -141,7 +141,7 @@ def test_the_best_counterpart_is_taken_and_only_once() -> None:
     assert result.per_annotation.kappa == 1.0
 
 
-def test_where_kappa_is_not_defined_it_is_said() -> None:
+def test_an_undefined_kappa_is_reported() -> None:
     ((nothing,),) = (of_coders.pairs for of_coders in compare_coders(coded(anna=[], ben=[]), ("anna", "ben")))
     assert (nothing.per_annotation.kappa, nothing.per_annotation.observed, nothing.offsets) == (None, None, None)
     assert "not defined" in report(nothing)

@@ -385,7 +385,7 @@ def test_a_running_import_can_be_cancelled(tmp_path: Path) -> None:
         build_overview(told(tmp_path, []), cancel)
 
 
-def test_the_rows_of_all_events_are_known_to_whoever_translates_them(tmp_path: Path) -> None:
+def test_the_rows_of_all_events_are_known_to_translators(tmp_path: Path) -> None:
     record = TimelineBuilder(told(tmp_path, []))
     others = {streams.BY_NAME[name].value_type for name in streams_of_tiers()} - record._folded.keys() | {StepTicked}
     assert {type_in_words(kind) for kind in others} == set(EVENTS_IN_WORDS)
@@ -411,14 +411,14 @@ def test_rows_are_named_in_the_wizards_language_where_they_are_shown_and_in_engl
     assert all(name in written for name in names) and speech not in written
 
 
-def test_every_state_of_a_tier_is_known_to_whoever_translates_it() -> None:
+def test_every_state_of_a_tier_is_known_to_translators() -> None:
     kinds = (CommandSource, UtteranceOrigin, GoalState, LinkState, GuardState, LlmOutcome)
     without_a_stretch = {"absent", "clear", "connected", "closed"}
     assert {word for kind in kinds for word in get_args(kind)} - without_a_stretch <= set(STATES_IN_WORDS)
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_states_are_said_in_the_wizards_language_where_they_are_shown_and_in_english_in_files(tmp_path: Path) -> None:
+def test_states_are_translated_where_shown_and_english_in_files(tmp_path: Path) -> None:
     point = Pose2D(1.0, 2.0, 0.0)
     values = [
         *heard(1, 2.0, 3.5, "standing"), PersonAppeared(at(1), "p-1", 1, number=3), PersonLeft(at(4), "p-1", 1),

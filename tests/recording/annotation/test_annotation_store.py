@@ -45,7 +45,7 @@ def test_the_session_shows_how_long_it_is(tmp_path: Path) -> None:
     assert load_documents(folder).duration_ms == 12_346
 
 
-def test_coders_have_files_of_their_own_whatever_their_names(tmp_path: Path) -> None:
+def test_coders_have_files_of_their_own_for_any_name(tmp_path: Path) -> None:
     coders = ["anna", "Anna", "../../etc/passwd", "Zoë M.", "con", "李", "a" * 90]
     for number, coder in enumerate(coders):
         save_coder(tmp_path, coded(coder, at_ms=number), coder)

@@ -138,7 +138,7 @@ def test_row_groups_are_written_as_they_fill(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.logs(r"session\.session_reader: ")
-def test_values_that_fit_no_column_are_left_out_and_the_rest_kept(
+def test_values_that_fit_no_column_are_left_out_and_the_rest_stored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from caris_desktop.domain.events import CommandSent

@@ -164,7 +164,7 @@ def test_a_long_session_is_drawn_in_strips(tmp_path: Path) -> None:
 
 
 @pytest.mark.logs(r"exporters\.html: ")
-def test_nothing_that_was_said_becomes_markup(tmp_path: Path) -> None:
+def test_no_utterance_becomes_markup(tmp_path: Path) -> None:
     values: list[Any] = [
         *heard(1, 1.0, 2.0, EVIL),
         *said(2, 2.5, 3.0, 4.0, EVIL),

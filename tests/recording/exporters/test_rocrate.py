@@ -282,7 +282,7 @@ def test_licences(chosen: str, address: str, name: str) -> None:
     assert (licence["@id"], licence["name"]) == (address, name)
 
 
-def test_without_a_licence_that_is_said(tmp_path: Path) -> None:
+def test_a_missing_licence_is_stated(tmp_path: Path) -> None:
     made = make_session(tmp_path / "s", seconds=1.0, cameras=(), audio=())
     fractions: list[float] = []
     export_session(made.folder, "rocrate", tmp_path / "out", ExportContext(progress=fractions.append))

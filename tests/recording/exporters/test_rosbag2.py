@@ -225,7 +225,7 @@ def test_its_video_comes_back_with_the_bag(made: RecordedSession, out: Path, tmp
 
 
 @pytest.mark.long
-def test_frames_of_which_the_record_does_not_tell_are_there_too(tmp_path: Path) -> None:
+def test_frames_that_the_record_does_not_list_are_there_too(tmp_path: Path) -> None:
     """A decoder needs every packet, and a recording may have lost its end."""
     made = make_session(tmp_path / "s", seconds=2.0, cameras=("front",), audio=(), keep=True)
     frames = of(made, FrameRef)
@@ -283,7 +283,7 @@ def test_every_frame_where_that_is_requested(made: RecordedSession, tmp_path: Pa
     assert 0.0 <= fractions[0] < fractions[-1] <= 1.0
 
 
-def test_a_camera_looks_where_its_lens_says(tmp_path: Path) -> None:
+def test_a_camera_points_where_its_lens_does(tmp_path: Path) -> None:
     made = make_session(tmp_path / "s", seconds=1.0, cameras=(), audio=(), keep=True)
     model = CameraModel(640, 480, 500.0, 510.0, 320.0, 240.0, 0.1, -0.05, 1.2, heading_rad=0.4, tilt_rad=0.3)
     lens = CameraLens(made.plan.started_ns, None, "front door", model)

@@ -36,7 +36,7 @@ def covers(areas: tuple[Area, ...], left: float, top: float, right: float, botto
     return any(a.left <= left and a.top <= top and a.right >= right and a.bottom >= bottom for a in areas)
 
 
-def test_between_two_looks_the_place_between_is_covered_and_the_rest_is_not() -> None:
+def test_between_two_detections_the_place_between_is_blurred_and_the_rest_is_not() -> None:
     seen = sightings({1.0: (0.1, 0.2), 1.2: (0.3, 0.2)}, [1.0, 1.2])
     areas = seen.areas_at("front", round(1.1 * SECOND_NS))
     assert covers(areas, 0.2, 0.2, 0.3, 0.7)

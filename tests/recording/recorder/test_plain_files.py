@@ -86,7 +86,7 @@ def test_speech_shows_each_sentence_once_and_what_became_of_it(tmp_path: Path) -
     ]
 
 
-def test_speech_has_what_participants_said_and_what_was_corrected(tmp_path: Path) -> None:
+def test_speech_has_the_participants_utterances_and_corrections(tmp_path: Path) -> None:
     files = PlainFiles(tmp_path, CLOCK, on_full=lambda: False)
 
     def hear(session_s: float, number: str, state: UtteranceState, text: str = "", person_id: str = "") -> None:

@@ -260,7 +260,7 @@ def test_forbidden_streams_are_not_recorded(tmp_path: Path, ring: FrameRing) -> 
     assert not list((tmp_path / "s").rglob("*.png"))
 
 
-def test_without_a_session_a_photo_goes_where_it_is_told_to(tmp_path: Path, ring: FrameRing) -> None:
+def test_without_a_session_a_photo_goes_to_the_given_folder(tmp_path: Path, ring: FrameRing) -> None:
     recorder = RecorderUnderTest(ring)
     ref = ring.write(picture(1), stamp_ns=clock.now_ns(), robot_stamp_ns=None, camera="front")
     target = tmp_path / "study" / "photos" / "2026-11-22_10-14-02.png"
@@ -357,7 +357,7 @@ def test_kill_of_the_recorder_costs_at_most_the_last_moment(tmp_path: Path, ring
     assert (frame_ns - first_frame_ns) / 1e9 - times_s[-1] < 2.0
 
 
-def test_a_recorder_that_is_told_to_end_closes_the_session(tmp_path: Path) -> None:
+def test_a_terminated_recorder_closes_the_session(tmp_path: Path) -> None:
     recorder = RecorderUnderTest()
     recorder.send(start(tmp_path / "s"), mark("kept"))
     recorder.wait_for(RecorderReport)

@@ -65,7 +65,7 @@ def test_a_machine_at_its_limit_is_not_asked_again_and_again() -> None:
     assert changes <= 12
 
 
-def test_an_outer_limit_holds_whatever_the_encoder_could_do() -> None:
+def test_an_outer_limit_holds_for_any_encoder() -> None:
     rate = VideoRate()
     rate.least_step = 2
     assert [rate.wants() for _ in range(6)] == [False, True] * 3

@@ -109,7 +109,7 @@ def test_it_opens_and_replays(folder: Path) -> None:
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == before
 
 
-def test_nobody_is_said_to_have_requested_what_it_holds(folder: Path, tmp_path: Path) -> None:
+def test_an_old_record_names_nobody_who_requested_its_contents(folder: Path, tmp_path: Path) -> None:
     """The actor was added in version 3."""
     asked = [value for _, value in open_session(folder).values() if hasattr(value, "actor")]
     assert len({type(value) for value in asked}) > 10

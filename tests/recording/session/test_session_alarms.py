@@ -57,7 +57,7 @@ def sessions_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_report_tables_and_figures_have_them(sessions_dir: Path, tmp_path: Path) -> None:
+def test_report_tables_and_measures_have_them(sessions_dir: Path, tmp_path: Path) -> None:
     figures = measure(read_facts(open_session(sessions_dir / "s1")))
     assert [one.cause for one in figures.alarms] == ["link", "disk", "battery"]
     export_session(sessions_dir / "s1", "html", tmp_path / "s1")

@@ -99,7 +99,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tell(tmp_path_factory.mktemp("protocol") / "s", values, lasts_s=60)
 
 
-def test_a_session_reports_its_protocol_as_figures_and_as_a_tier(folder: Path) -> None:
+def test_a_session_reports_its_protocol_as_measures_and_as_a_tier(folder: Path) -> None:
     session = open_session(folder)
     visits, steps = read_protocol(session)
     assert measure(read_facts(session)).steps == steps

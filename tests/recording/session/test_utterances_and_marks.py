@@ -44,7 +44,7 @@ def test_an_utterance_has_the_exact_times_at_which_it_began_and_ended() -> None:
     assert second.detail == "silenced"
 
 
-def test_times_that_nobody_told_are_marked_as_estimated() -> None:
+def test_unreported_times_are_marked_as_estimated() -> None:
     events = [
         said(10, "a", "requested"),
         said(20, "a", "started", estimated=True),
@@ -85,7 +85,7 @@ def test_an_utterance_may_arrive_in_one_piece() -> None:
     assert times([utterance]) == [("h", None, 30, 30, "finished")]
 
 
-def test_a_heard_turn_whose_verdict_is_not_in_the_record_was_not_said() -> None:
+def test_a_transcribed_turn_without_a_recorded_verdict_was_not_spoken() -> None:
     begun = replace(said(900, "echo", "started", speaker="participant", origin="heard"), text="")
     before = said(100, "p", "started", speaker="participant", origin="heard", text="")
     spoken_before = [before, replace(before, stamp_ns=200, state="finished", text="Where is the lab?")]

@@ -116,7 +116,7 @@ def test_talk_is_reported_by_speaker_and_by_origin(tmp_path: Path) -> None:
     assert (measures.unsaid, measures.interrupted) == (1, 1)
 
 
-def test_each_model_is_told_with_what_became_of_its_answers(tmp_path: Path) -> None:
+def test_each_model_is_listed_with_the_fate_of_its_answers(tmp_path: Path) -> None:
     other = {"model": "big", "model_version": "2026-01", "provider": "openai"}
     measures = measured(
         tmp_path,
@@ -329,7 +329,7 @@ def test_marks_link_clock_and_losses(tmp_path: Path) -> None:
     ]
 
 
-def test_an_empty_session_has_figures_too(tmp_path: Path) -> None:
+def test_an_empty_session_has_measures_too(tmp_path: Path) -> None:
     facts = read_facts(open_session(tell(tmp_path / "s", [], lasts_s=0.0)))
     measures = measure(facts)
     values = {figure.name: figure.of(measures) for figure in MEASURES}

@@ -109,7 +109,7 @@ def made(study: Path) -> StudyStatistics:
     return study_statistics(study, study / "statistics")
 
 
-def test_the_queries_agree_with_the_figures_of_each_session(
+def test_the_queries_agree_with_the_measures_of_each_session(
     made: StudyStatistics, measures: dict[str, Measures]
 ) -> None:
     assert (made.sessions, made.exported, made.problems) == (4, 4, ())

@@ -77,7 +77,7 @@ def test_the_list_shows_what_heads_each_session(index: StudyIndex, study: Path) 
     assert [path.name for path in (study / "sessions").iterdir() if path.is_file()] == []
 
 
-def test_filters_compare_whole_fields_whatever_their_case(index: StudyIndex) -> None:
+def test_filters_compare_whole_fields_in_any_case(index: StudyIndex) -> None:
     assert names(index.sessions(SessionQuery(participant="p1"))) == ["a"]
     assert names(index.sessions(SessionQuery(participant="P1*"))) == ["b", "a"]
     assert names(index.sessions(SessionQuery(condition="humour"))) == ["c", "a"]
@@ -111,13 +111,13 @@ def test_filters_compare_whole_fields_whatever_their_case(index: StudyIndex) -> 
         ("kitchen " * 300, ["a"]),
     ],
 )
-def test_plain_words_find_what_was_said(index: StudyIndex, text: str, found: list[str]) -> None:
+def test_plain_words_find_utterances(index: StudyIndex, text: str, found: list[str]) -> None:
     hits = index.search(SessionQuery(text=text))
     assert list(dict.fromkeys(hit.folder.name for hit in hits)) == found
     assert names(index.sessions(SessionQuery(text=text))) == found
 
 
-def test_everything_said_noted_and_marked_is_found_where_it_was(tmp_path: Path) -> None:
+def test_utterances_notes_and_marks_are_found_at_their_times(tmp_path: Path) -> None:
     long = "and so on " * 30
     folder = tell(
         tmp_path / "sessions" / "s",

@@ -92,7 +92,7 @@ def test_the_palette_opens_it_and_the_log_of_what_was_is_one_click_away(
     assert window.board.is_open("session")
 
 
-def test_an_alarm_that_was_dismissed_comes_back_with_what_it_stands_in_the_way_of(
+def test_a_dismissed_alarm_comes_back_with_the_intent_it_blocks(
     qtbot: QtBot, window: MainWindow, console: FakeConsole
 ) -> None:
     console.state.link.set(dataclasses.replace(console.state.link.value, state="lost"))

@@ -186,7 +186,7 @@ def test_the_camera_is_seen_and_an_old_picture_never(qtbot: QtBot, page: SetUpPa
     assert not picture.shows_picture
 
 
-def test_sound_is_tried_both_ways(qtbot: QtBot, page: SetUpPage, console: FakeConsole) -> None:
+def test_sound_is_tested_in_both_directions(qtbot: QtBot, page: SetUpPage, console: FakeConsole) -> None:
     click(qtbot, find(page, "first_use_own"))
     page.show_step("sound")
     click(qtbot, find(page, "first_use_say"))

@@ -155,7 +155,7 @@ def test_saving_makes_it_the_files_and_takes_the_mark_away(window: MainWindow, c
 
 
 @pytest.mark.long
-def test_locked_nothing_is_moved_closed_or_floated_and_it_is_said(
+def test_locked_nothing_is_moved_closed_or_floated_and_it_is_reported(
     window: MainWindow, told: list[str], settings: MemorySettings, qtbot: QtBot, theme: Theme
 ) -> None:
     host, keeper = window.dock_host, window.layout_keeper

@@ -93,7 +93,7 @@ def test_a_question_can_be_asked_while_another_is_answered(panel: AssistantPanel
     assert console.calls == [("ask_assistant", "And this?")]
 
 
-def test_each_question_has_its_line_and_is_said_cancelled_and_put_away_by_keys(
+def test_each_question_has_its_line_and_is_spoken_cancelled_and_dismissed_by_keys(
     panel: AssistantPanel, console: FakeConsole
 ) -> None:
     asked(console, WRITING, ANSWERED, FAILED)
@@ -161,7 +161,7 @@ def test_the_model_can_be_chosen_however_low_the_panel_is(panel: AssistantPanel,
     assert panel._answer.isVisible()
 
 
-def test_a_prepared_question_has_what_was_said_last(panel: AssistantPanel, console: FakeConsole) -> None:
+def test_a_prepared_question_has_the_last_utterance(panel: AssistantPanel, console: FakeConsole) -> None:
     console.state.transcript.set((Turn("u1", "participant", "It is so tall.", "heard", "finished", 1, 2),))
     panel.setup_bar.template.activated.emit(1)
     assert panel.field.text() == "What is meant by “It is so tall.”?"

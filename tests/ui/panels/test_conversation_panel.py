@@ -68,7 +68,7 @@ def utterance(number: int, *, text: str = "", state: str = "finished", stamp_ns:
     return UtteranceChanged(stamp_ns, f"n{number}", speaker, text, origin, state)  # type: ignore[arg-type]
 
 
-def test_it_shows_who_said_what(panel: ConversationPanel) -> None:
+def test_it_shows_utterances_with_their_speakers(panel: ConversationPanel) -> None:
     assert said(panel) == [
         ("Luis", "Hi, is this where the tour begins?"),
         ("robot", "Hello! Welcome to our lab. I am going to show you around."),
@@ -87,7 +87,7 @@ def test_a_name_stands_where_the_record_has_an_id(panel: ConversationPanel, cons
     assert [row.text for row in panel.view.rows[-2:]] == ["Hello Noor!", "Hello somebody!"]
 
 
-def test_words_under_way_are_there_before_the_turn_is_over(panel: ConversationPanel, console: FakeConsole) -> None:
+def test_partial_words_are_there_before_the_turn_is_over(panel: ConversationPanel, console: FakeConsole) -> None:
     begun = utterance(1, text="-", state="started")
     console.say_turn(replace(begun, text=""))
     console.state.add(Hearing(clock.now_ns(), ROBOT_MICROPHONE, True, "participant", "n1", "And how", "heavy his"))
@@ -321,7 +321,7 @@ def found_label(panel: ConversationPanel) -> str:
     return str(find(panel.window(), "transcript_found").text())  # type: ignore[attr-defined]
 
 
-def test_a_click_says_which_turn_is_meant_and_gives_the_list_the_keys(qtbot: QtBot, panel: ConversationPanel) -> None:
+def test_a_click_selects_a_turn_and_gives_the_list_the_keys(qtbot: QtBot, panel: ConversationPanel) -> None:
     panel.view.follow()
     last = len(panel.view.rows) - 1
     QTest.mouseClick(

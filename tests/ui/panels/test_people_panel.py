@@ -228,7 +228,7 @@ def test_a_row_says_where_a_person_is_and_what_they_do(panel: PeoplePanel) -> No
 @pytest.mark.parametrize(
     ("bearing_rad", "words"), [(0.1, "ahead"), (0.2, "left"), (-0.2, "right"), (3.0, "behind"), (6.2, "ahead")]
 )
-def test_a_bearing_is_said_as_the_robot_looks(bearing_rad: float, words: str) -> None:
+def test_a_bearing_is_relative_to_the_robot(bearing_rad: float, words: str) -> None:
     assert direction(bearing_rad) == words
 
 

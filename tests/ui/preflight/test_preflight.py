@@ -133,7 +133,7 @@ def test_another_scenario_has_other_rows(card: PreflightCard, console: FakeConso
     assert "For you to check" not in texts(card)
 
 
-def test_a_replay_shows_how_it_stood_and_changes_nothing(
+def test_a_replay_shows_the_recorded_checks_and_changes_nothing(
     qtbot: QtBot, theme: Theme, window: QWidget, console: FakeConsole
 ) -> None:
     console.state.present = PresentClock(live=False)

@@ -99,9 +99,7 @@ def test_unusable_saved_keys_fall_back_and_are_reported_once(
         assert settings.values["wizards/*/shortcuts unread"] == kept
 
 
-def test_a_phrase_gives_way_to_a_key_that_was_chosen_with_another_scenario(
-    bench: Bench, settings: MemorySettings
-) -> None:
+def test_a_phrase_yields_to_a_key_chosen_with_another_scenario(bench: Bench, settings: MemorySettings) -> None:
     settings.setValue(KEPT_AT, as_text({"photo": Keys(("Ctrl+6",), ("P",))}))
     bench.keys.take_up()
     assert bench.keys_of("photo").keys == ("Ctrl+6",)

@@ -32,7 +32,7 @@ KNOWN = (
         ("Could it be safe (to st", ""),
     ],
 )
-def test_it_continues_as_something_that_was_said_before(written: str, rest: str) -> None:
+def test_it_continues_as_an_earlier_text(written: str, rest: str) -> None:
     assert completion(written, KNOWN) == rest
 
 

@@ -35,7 +35,7 @@ def field(qtbot: QtBot, theme: Theme) -> Iterator[SpeakField]:
     yield field
 
 
-def test_a_text_continues_as_one_that_was_said_and_tab_accepts_it(field: SpeakField) -> None:
+def test_a_text_continues_as_a_spoken_one_and_tab_accepts_it(field: SpeakField) -> None:
     EARLIER.append("It is safe to stand next to it.")
     QTest.keyClicks(field, "Could y")
     assert field.completion == "ou say that again?"
