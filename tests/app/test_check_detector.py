@@ -38,7 +38,7 @@ def test_a_faulty_detector_is_reported_with_advice(tmp_path: Path, told: dict[st
     assert finding.advice
 
 
-def test_that_of_another_machine_is_asked() -> None:
+def test_a_detector_on_another_machine_is_checked() -> None:
     server = Serving()
     try:
         finding = detector_finding(scenario(Path(), server=server.address))

@@ -291,7 +291,7 @@ def test_leftovers_of_a_killed_import_are_removed_after_a_day(
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_why_a_session_does_not_open_is_english_in_a_terminal_and_as_the_window_speaks_in_it(
+def test_the_reason_of_a_failed_opening_is_translated_in_the_window_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(replay_command, "configure_logging", lambda *_args, **_options: None)

@@ -121,6 +121,6 @@ def test_saving_as_another_scenario_leaves_this_one_and_writes_over_nothing(run:
     assert not (user_scenarios_dir() / "tour-guide.yaml").exists()
 
 
-def test_why_it_was_not_saved_is_reported_without_a_number() -> None:
+def test_the_reason_of_a_failed_save_is_reported_without_a_number() -> None:
     told = saved_layouts._not_saved(Path("tour.yaml"), PermissionError(13, "Permission denied", "/place/tour.yaml"))
     assert told.meaning == "tour.yaml cannot be written (Permission denied)."

@@ -180,7 +180,7 @@ def test_a_recording_that_is_ended_while_its_folder_is_made_holds_what_was_until
 
 
 @pytest.mark.logs(r"live\.bus: The disk is full\.")
-def test_that_there_is_no_folder_is_reported_and_nothing_is_recorded(bench: Bench, qtbot: QtBot) -> None:
+def test_a_missing_folder_is_reported_and_nothing_is_recorded(bench: Bench, qtbot: QtBot) -> None:
     console, state = bench.console, bench.state
     bench.disk.error = FULL
     console.do(intents.StartRecording(TrialDetails(), anyway=True))

@@ -152,7 +152,7 @@ def test_without_a_model_nobody_is_asked(talk: Talk) -> None:
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_why_there_is_no_answer_is_english_in_the_record_and_has_its_words_apart(talk: Talk, qtbot: QtBot) -> None:
+def test_the_reason_of_a_missing_answer_is_english_in_the_record(talk: Talk, qtbot: QtBot) -> None:
     talk.ask("broken off")
     qtbot.waitUntil(lambda: bool(talk.published))
     detail = talk.published[0].detail

@@ -132,7 +132,7 @@ def test_the_last_of_the_distance_counts_though_it_is_reported_after_the_key() -
     assert ended is not None and ended.done
 
 
-def test_where_a_hand_takes_the_robot_after_that_does_not_count() -> None:
+def test_motion_by_hand_after_the_drive_does_not_count() -> None:
     practice = _at_step("drive")
     for value in (_at(0.0), _moves(), _at(0.5), _moves(STILL), _at(0.6)):
         assert practice.add(value, 1.0) is None

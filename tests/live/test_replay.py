@@ -485,7 +485,7 @@ def test_values_after_a_lost_link_are_shown_though_they_are_older(
 
 
 @pytest.mark.logs("of the session is not shown")
-def test_where_the_wizard_was_in_the_protocol_is_shown_again(open_replay: Replay, tmp_path: Path, qtbot: QtBot) -> None:
+def test_the_wizards_step_of_the_protocol_is_shown_again(open_replay: Replay, tmp_path: Path, qtbot: QtBot) -> None:
     """The step at each time, with its elapsed time as in the live console."""
     steps = find_scenario("tour-guide").protocol.steps
     walk = ProtocolRun(steps)

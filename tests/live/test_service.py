@@ -47,7 +47,7 @@ def test_the_wizard_is_notified_and_then_it_is_begun_again_three_times(qtbot: Qt
     assert voice.happened == [AGAIN, "begun"] * 3 + [GIVEN_UP]
 
 
-def test_how_a_process_is_can_be_read(qtbot: QtBot) -> None:
+def test_the_state_of_a_process_can_be_read(qtbot: QtBot) -> None:
     state, voice = LiveState(), Voice(after_ms=50)
     service = HealthService(state, lambda: (voice,), voice)
 

@@ -59,7 +59,7 @@ def test_people_are_covered_where_they_probably_are_by_now(qapp: QApplication) -
     assert frames.read(frame(1.3, sequence=0)) is None
 
 
-def test_where_nobody_was_looked_for_lately_all_of_it_is_covered(qapp: QApplication) -> None:
+def test_frames_without_a_recent_detection_are_blurred_completely(qapp: QApplication) -> None:
     _, frames = showing(BlurSettings("everybody", shown=True))
     assert kept(frames.read(frame(1.0)), BEN) < 0.02
     frames.add(People(SECOND_NS, "front", 1, 320, 240, (ADA,), 50.0))

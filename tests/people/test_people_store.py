@@ -219,9 +219,7 @@ def test_a_forgotten_person_leaves_no_trace_in_the_files_and_the_others_stay_as_
 
 
 @pytest.mark.logs("people database .* could not be")
-def test_that_the_log_could_not_be_emptied_is_reported_and_asking_again_ends_it(
-    path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_log_that_could_not_be_emptied_is_reported_and_retried(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("caris_desktop.people.database._BUSY_TIMEOUT_S", 0.05)
     store = PeopleStore(path)
     ada = furnished(store, ABOUT)

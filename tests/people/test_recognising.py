@@ -58,7 +58,7 @@ def test_boxes_bear_the_id_of_who_it_is() -> None:
     assert room.events == [], "the same person is not news"
 
 
-def test_where_the_wizard_decides_alone_there_are_suggestions_only() -> None:
+def test_a_wizard_who_decides_alone_gets_suggestions_only() -> None:
     room = Room(settings=ASK_FIRST)
     ids = named(room, Ada=ADA, Bo=BO)
     (visit,) = room.visit(ADA, leaves=False)

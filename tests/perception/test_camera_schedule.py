@@ -49,7 +49,7 @@ def test_two_cameras_make_no_more_work_than_one() -> None:
     assert 20 <= looked["rear"] <= 40, "often enough to follow somebody"
 
 
-def test_where_people_have_to_be_covered_the_other_camera_is_looked_at_as_often() -> None:
+def test_with_blurring_the_other_camera_is_scheduled_as_often() -> None:
     turns = CameraRotation()
     turns.show("front")
     turns.others_every_ns = TO_COVER_EVERY_NS

@@ -59,7 +59,7 @@ def test_a_later_track_counts_from_the_second_picture_on() -> None:
 
 
 @pytest.mark.parametrize("period_s", [0.7, 1.5, 2.5])
-def test_where_pictures_are_rare_people_count_too(period_s: float) -> None:
+def test_rare_pictures_still_count_people(period_s: float) -> None:
     follower = CameraTracker()
     numbers(follower, [], 0.0)
     seen = [numbers(follower, [box(10.0 + 5 * step)], period_s * step) for step in range(1, 6)]

@@ -199,7 +199,7 @@ def test_the_emergency_stop_counts_also_while_a_type_is_requested() -> None:
     with_link(ROBOT, test, prepare=prepare)
 
 
-def test_where_driving_is_not_permitted_no_control_moves_the_robot() -> None:
+def test_without_permission_to_drive_no_control_moves_the_robot() -> None:
     lamp = RobotControl("lamp", "Lamp", "button", PublishMessage("/lamp", "std_msgs/String", {}), moves=False)
 
     async def test(bench: LoopBench) -> None:

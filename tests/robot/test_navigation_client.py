@@ -39,7 +39,7 @@ async def tell(bench: LoopBench, goal_id: str, number: int) -> None:
 
 
 @pytest.mark.parametrize(("number", "state"), [(3, "reached"), (2, "cancelled")])
-def test_how_a_goal_ended_is_reported_by_its_status_when_the_link_is_back(number: int, state: str) -> None:
+def test_the_end_of_a_goal_is_reported_by_its_status_when_the_link_is_back(number: int, state: str) -> None:
     async def test(bench: LoopBench) -> None:
         goal_id = await under_way_when_the_link_is_lost(bench)
         cancels = await bench.until(lambda: bench.bridge.published("/move_base/cancel"), "the cancellation")

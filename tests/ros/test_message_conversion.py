@@ -271,7 +271,7 @@ def test_only_a_zero_id_with_the_zero_time_cancels_every_goal(wire: Wire) -> Non
         ({"result": True, "values": {}}, "reached"),
     ],
 )
-def test_how_a_goal_of_ros2_ended(operation: dict[str, Any], ending: str) -> None:
+def test_the_end_of_a_goal_of_ros2(operation: dict[str, Any], ending: str) -> None:
     assert action_messages.decode_ros2_result({"id": "g", **operation}).ending == ending
 
 

@@ -84,7 +84,7 @@ def test_nothing_is_replaced_and_the_scenario_refers_to_its_own(folders: dict[Pa
         assert (folders[kind] / f"{name}.yaml").read_text() == "title: Mine\n"  # type: ignore[index]
 
 
-def test_where_one_cannot_be_written_none_is(tmp_path: Path, folders: dict[PartKind, Path], known: Known) -> None:
+def test_a_failed_file_prevents_all_others(tmp_path: Path, folders: dict[PartKind, Path], known: Known) -> None:
     (tmp_path / "scenarios").write_text("in the way")
     with pytest.raises(BundleError, match="Nothing was imported"):
         unpack(GIVEN, folders, known)

@@ -129,7 +129,7 @@ def test_the_sticks_of_the_drive_panel_move_base_and_head(window: MainWindow, co
     assert console.calls == [("turn_head", (0.0, -1.0)), ("turn_head", (0.0, 0.0))]
 
 
-def test_where_there_is_no_room_a_button_changes_between_arrows_and_stick(window: MainWindow) -> None:
+def test_without_room_a_button_changes_between_arrows_and_stick(window: MainWindow) -> None:
     window.dock_host.show_panel("drive")
     panel = window.panels["drive"]
     panel.resize(300, 240)

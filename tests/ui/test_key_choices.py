@@ -57,7 +57,7 @@ def test_reserved_keys_are_refused_with_the_reason(row: str, column: Column, key
     assert why in refusal(BY_ID[row], column, key, ACTIONS)
 
 
-def test_where_a_letter_lies_on_a_driving_key_it_is_refused_too() -> None:
+def test_a_letter_on_a_driving_key_is_refused_too() -> None:
     assert refusal(BY_ID["photo"], "driving_keys", "Y", ACTIONS, position="Z"), "a German keyboard"
     assert not refusal(BY_ID["photo"], "driving_keys", "X", ACTIONS, position="X")
 

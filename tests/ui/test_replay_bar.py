@@ -124,7 +124,7 @@ def test_every_rate_can_be_chosen_and_the_ends_hold(scene: ReplayScene, replay: 
     assert rates.currentText() == "3×"
 
 
-def test_where_there_is_no_further_mark_it_says_so(scene: ReplayScene, replay: FakeReplay) -> None:
+def test_a_missing_next_mark_is_reported(scene: ReplayScene, replay: FakeReplay) -> None:
     replay.at_ms(119_000)
     QTest.keyClick(scene.timeline.canvas, Qt.Key.Key_Right, CTRL)
     assert find(scene, "replay_hint").property("text") == "No later mark"

@@ -165,7 +165,7 @@ def test_the_picture_is_complete_without_scrolling(window: MainWindow) -> None:
         (samples.TOUR.layout, 0.68),
     ],
 )
-def test_where_the_picture_ends_is_known_from_the_layout(tree: LayoutNode, edge: float | None) -> None:
+def test_the_end_of_the_picture_is_known_from_the_layout(tree: LayoutNode, edge: float | None) -> None:
     assert lower_edge(tree, "video") == edge
 
 

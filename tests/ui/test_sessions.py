@@ -237,7 +237,7 @@ def test_a_scenario_without_sound_requests_no_microphone(window: MainWindow, con
     assert contents_sentence(Permissions(audio_recording=False), "x", BlurSettings()).endswith("No sound.")
 
 
-def test_where_the_robot_hears_no_microphone_of_this_computer_is_requested(
+def test_a_microphone_of_this_computer_is_requested_unless_the_robot_has_one(
     window: MainWindow, console: FakeConsole
 ) -> None:
     console.scenario = dataclasses.replace(console.scenario, permissions=Permissions(audio_recording=True))
@@ -676,7 +676,7 @@ def test_the_load_of_the_machine_is_in_the_wizards_language(window: MainWindow, 
     assert window.status_bar.items["load"].text == tr("busy: {what}").format(what=tr(STEPS[2].detail))
 
 
-def test_that_the_machine_is_busy_leaves_room_for_the_recording(window: MainWindow, console: FakeConsole) -> None:
+def test_a_busy_machine_leaves_room_for_the_recording(window: MainWindow, console: FakeConsole) -> None:
     change(console, room_s=19_200.0, bytes_per_s=333_000.0)
     console.state.load.set(LoadStatus(len(STEPS) - 1, STEPS[-1].detail))
     window.status_bar.refresh()

@@ -106,7 +106,7 @@ def test_dictation_has_a_key_of_its_own_and_types_no_space(console: FakeConsole,
 
 
 @pytest.mark.parametrize(("shift", "to"), [(Qt.KeyboardModifier.NoModifier, "robot"), (SHIFT, "dictation")])
-def test_where_driving_has_the_focus_a_bare_key_does_once_it_is_held(
+def test_with_focus_on_driving_a_bare_key_talks_once_it_is_held(
     qtbot: QtBot, window: MainWindow, console: FakeConsole, shift: Qt.KeyboardModifier, to: str
 ) -> None:
     view = find(window, "video_view")

@@ -216,7 +216,7 @@ def test_the_reason_of_a_process_is_in_the_wizards_language() -> None:
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_why_values_are_missing_is_found_again_in_the_record() -> None:
+def test_the_reason_of_missing_values_is_found_again_in_the_record() -> None:
     gap = Gap(1, "frame", 3, "front door: left out, as the disk is nearly full")
     _, sentence = event_messages.event_sentence(gap, name_of) or ("", "")
     assert "[front door: " in sentence, "a name stays as it is"

@@ -102,7 +102,7 @@ def test_steps_of_the_protocol(qtbot: QtBot, shown_theme: Theme) -> None:
     assert_words_differ(names)
 
 
-def test_how_grave_an_alarm_is(qtbot: QtBot, shown_theme: Theme, console: FakeConsole) -> None:
+def test_the_severity_of_an_alarm(qtbot: QtBot, shown_theme: Theme, console: FakeConsole) -> None:
     holder = QWidget()
     qtbot.addWidget(holder)
     holder.resize(500, 120)
@@ -191,7 +191,7 @@ def test_named_suggested_unconfirmed_and_former_people(window: MainWindow, conso
 
 
 @pytest.mark.panels("drive")
-def test_whether_it_is_recorded(window: MainWindow, console: FakeConsole) -> None:
+def test_the_state_of_the_recording(window: MainWindow, console: FakeConsole) -> None:
     began_ns, names, button = clock.now_ns(), {}, find(window, "record_button")
     for status in (
         RecordingStatus("idle"), RecordingStatus("starting"), RecordingStatus("recording", started_ns=began_ns),
@@ -217,7 +217,7 @@ class Aged:
 
 
 @pytest.mark.panels("drive")
-def test_how_old_a_stream_is(window: MainWindow) -> None:
+def test_the_age_of_a_stream(window: MainWindow) -> None:
     bar = window.findChild(StatusBar)
     assert bar is not None
     words_of: Callable[..., tuple[str, str]] = bar._stream_words
@@ -230,7 +230,7 @@ def test_how_old_a_stream_is(window: MainWindow) -> None:
 
 
 @pytest.mark.panels("map")
-def test_how_a_goal_stands_on_the_map(window: MainWindow, console: FakeConsole) -> None:
+def test_the_state_of_a_goal_on_the_map(window: MainWindow, console: FakeConsole) -> None:
     panel = window.findChild(MapPanel)
     assert panel is not None
     names, states = {}, ("requested", "active", "reached", "cancelled", "failed")

@@ -242,7 +242,7 @@ def test_after_a_cut_nothing_is_taken_away() -> None:
     assert heard.share(2.5, 3.0) is None
 
 
-def test_where_nothing_is_played_all_comes_back_at_once() -> None:
+def test_sound_without_playback_comes_back_at_once() -> None:
     canceller = EchoCanceller()
     sound = speech_like(1.0, 3)
     for chunk in chunks_of(sound, _START_NS, "robot microphone"):

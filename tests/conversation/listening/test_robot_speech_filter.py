@@ -73,7 +73,7 @@ def test_a_short_answer_over_the_robot_counts_where_the_robot_was_hardly_heard()
     assert _robot().is_robots("the kitchen", _ns(11.7), _ns(12.3), 0.9) > 0.6
 
 
-def test_where_nothing_but_the_robot_is_heard_no_word_is_the_participants() -> None:
+def test_robot_sound_alone_has_no_words_of_the_participant() -> None:
     assert _robot().is_robots("thanks for watching", _ns(10.1), _ns(13.1), 0.99) == 1.0
 
 
@@ -147,7 +147,7 @@ def test_a_person_who_repeats_the_robot_is_not_the_robot() -> None:
     assert taken_out.is_robots(_SAYS, _ns(13.5), _ns(16.5), 0.0) == 0.0
 
 
-def test_how_late_the_robot_is_heard_is_learnt_from_whole_sentences() -> None:
+def test_the_delay_of_the_robot_is_learnt_from_whole_sentences() -> None:
     last_words, at = "or the lab first", (_ns(25.1), _ns(26.0))
     told = [_told(state, at_s, utterance_id="u-2") for state, at_s in (("started", 20.0), ("finished", 23.0))]
     known, unknown = _robot(), _robot()

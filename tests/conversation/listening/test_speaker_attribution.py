@@ -46,7 +46,7 @@ def test_people_present_during_the_speech_count_and_later_ones_do_not() -> None:
     assert people.who_spoke(_s(13.5), _s(16)) == ("", 0.0), "somebody who was there for a fifth of it only"
 
 
-def test_how_likely_it_is_falls_with_the_distance_and_stays_for_who_is_alone() -> None:
+def test_the_likelihood_falls_with_the_distance_except_for_a_person_alone() -> None:
     confidences = []
     for distance_m in (1.0, 2.0, 3.0, 8.0):
         people = PeopleHere()

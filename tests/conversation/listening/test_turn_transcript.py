@@ -44,7 +44,7 @@ def test_a_sentence_that_is_written_as_ended_is_rather_over_and_one_with_a_comma
     assert stop > 0.5
 
 
-def test_how_it_sounds_counts_at_any_words() -> None:
+def test_the_intonation_counts_with_any_words() -> None:
     for text in ("We liked the hall.", "We liked the hall", "We liked the,"):
         assert with_words(0.05, text, "en") < with_words(0.5, text, "en") < with_words(0.99, text, "en")
     assert with_words(0.01, "We liked the hall.", "en") < 0.5 < with_words(0.9, "We liked the hall.", "en")

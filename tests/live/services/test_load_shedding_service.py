@@ -110,7 +110,7 @@ def test_one_slow_look_for_people_is_no_load() -> None:
         assert machine.run(0.2, detection_ms=2000.0) == 0
 
 
-def test_where_people_have_to_be_covered_everything_pays_for_a_starved_detector() -> None:
+def test_with_blurring_all_else_is_reduced_for_a_starved_detector() -> None:
     machine = Machine()
     machine.steps.covers = True
     assert machine.run(60.0, detection_ms=900.0) == LAST
@@ -252,7 +252,7 @@ def test_a_stopped_detector_is_no_load(qapp: QApplication) -> None:
     assert governed.state.load.value == LoadStatus()
 
 
-def test_where_people_have_to_be_covered_looking_for_them_pays_nothing(qapp: QApplication) -> None:
+def test_with_blurring_the_detection_is_not_reduced(qapp: QApplication) -> None:
     governed = Governed()
     tour = find_scenario("tour-guide")
     governed.governor.use_scenario(replace(tour, blur=BlurSettings("everybody")))
@@ -323,7 +323,7 @@ def test_the_panels_of_another_scenario_come_before_boxes(qapp: QApplication) ->
     assert (governed.people.every_s, governed.state.load.value) == (0.0, LoadStatus())
 
 
-def test_where_people_have_to_be_covered_an_answer_does_not_take_their_appearance(
+def test_with_blurring_an_answer_does_not_reduce_their_embeddings(
     qapp: QApplication, asyncio_thread: AsyncioThread
 ) -> None:
     governed = Governed(asyncio_thread)

@@ -52,7 +52,7 @@ def test_a_mark_is_of_the_moment_of_the_key(desk: Desk) -> None:
     assert desk.state.marks.value.last == desk.last
 
 
-def test_that_was_three_seconds_earlier_twice(desk: Desk) -> None:
+def test_marking_earlier_twice_moves_three_seconds_each(desk: Desk) -> None:
     mark_id = desk.mark("")
     first_ns = desk.last.stamp_ns
     for _ in range(2):

@@ -140,7 +140,7 @@ def details(bench: Bench) -> Iterator[list[str]]:
 
 
 @pytest.mark.usefixtures("trial_language")
-def test_how_the_recorder_spares_the_disk_is_english_in_the_record(
+def test_the_reason_of_spared_disk_writes_is_english_in_the_record(
     bench: Bench, details: list[str], tmp_path: Path
 ) -> None:
     slow = localized("every second frame is recorded: {why}", why=localized("the disk is slow"))
@@ -158,7 +158,7 @@ def test_how_the_recorder_spares_the_disk_is_english_in_the_record(
         (ValueError("of no kind"), "The session folder could not be created."),
     ],
 )
-def test_why_a_session_was_not_begun_is_english_in_the_record_and_reported_in_the_wizards_language(
+def test_the_reason_of_a_refused_session_is_english_in_the_record_and_translated(
     bench: Bench, details: list[str], qtbot: QtBot, raised: Exception, what: str
 ) -> None:
     problems: list[Problem] = []

@@ -142,7 +142,7 @@ def test_a_place_and_a_point_are_driven_to(bench: Bench) -> None:
     assert bench.problems == []
 
 
-def test_where_the_robot_may_not_drive_it_is_not_sent_and_the_wizard_knows_why(bench: Bench) -> None:
+def test_a_forbidden_drive_is_not_sent_and_the_wizard_knows_the_reason(bench: Bench) -> None:
     bench.state.places.set((KITCHEN,))
     bench.connect()
     bench.state.drive.set(replace(bench.state.drive.value, allowed=False, reason="Emergency stop active"))
@@ -209,7 +209,7 @@ def test_a_new_connection_hears_of_the_scenarios_controls_again(bench: Bench) ->
     assert [command.controls for command in bench.asked(link_commands.OfferControls)][-2:] == [(LIGHT,), (LIGHT,)]
 
 
-def test_that_a_robot_may_not_stop_automatically_is_reported_once(bench: Bench) -> None:
+def test_a_robot_that_may_not_stop_automatically_is_reported_once(bench: Bench) -> None:
     bench.connect(RobotProfile("r", "R"))
     assert len(bench.problems) == 1
     assert "half speed" in bench.problems[0]
@@ -219,7 +219,7 @@ def test_that_a_robot_may_not_stop_automatically_is_reported_once(bench: Bench) 
     assert len(bench.problems) == 1
 
 
-def test_that_a_robot_may_not_stop_automatically_is_reported_again_when_it_comes_back_after_another(
+def test_a_robot_that_may_not_stop_is_reported_again_after_another(
     bench: Bench,
 ) -> None:
     profile = RobotProfile("r", "R")

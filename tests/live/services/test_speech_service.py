@@ -265,7 +265,7 @@ def test_another_voice_is_used_reported_and_shown(bench: Bench, qtbot: QtBot) ->
     qtbot.waitUntil(lambda: bench.state.speech.value.now is None, timeout=20_000)
 
 
-def test_where_the_robot_does_not_speak_this_computers_voice_does_not_run(own_bench: Bench, qtbot: QtBot) -> None:
+def test_without_speech_of_the_robot_this_computers_voice_does_not_run(own_bench: Bench, qtbot: QtBot) -> None:
     bench = own_bench
     speaks = replace(load_scenario(layouts_dir() / "tour-guide.yaml"), voice="computer")
     bench.speech.use_scenario(speaks)

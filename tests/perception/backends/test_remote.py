@@ -157,7 +157,7 @@ def test_a_late_answer_is_not_taken_for_that_to_another_picture(
     detector.close()
 
 
-def test_where_nobody_listens_it_says_so_and_pictures_go_nowhere_in_the_clear() -> None:
+def test_a_silent_server_is_reported_and_pictures_go_nowhere_in_the_clear() -> None:
     with pytest.raises(DetectorAwayError, match=r"127\.0\.0\.1:1 does not respond"):
         RemoteDetector("ws://127.0.0.1:1", confidence=0.1)
     with pytest.raises(DetectorAwayError, match="use wss://"):

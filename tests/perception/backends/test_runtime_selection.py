@@ -96,7 +96,7 @@ def test_one_that_finds_something_else_is_not_taken_however_fast(setup: Setup, c
     assert setup.open() == "fake (onnxruntime: its detections differ)"
 
 
-def test_where_nothing_is_found_nothing_is_exchanged(setup: Setup) -> None:
+def test_without_a_runtime_nothing_is_exchanged(setup: Setup) -> None:
     setup.runtimes = {"torch": setup.fake(50, confidence=0.12), "onnxruntime": setup.fake(2, confidence=0.12)}
     assert "no people were detected in the comparison photos" in setup.open()
 

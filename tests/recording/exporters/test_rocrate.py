@@ -152,7 +152,7 @@ def test_the_wizards_name_is_nowhere_in_the_crate(made: RecordedSession, out: Pa
     )
 
 
-def test_where_the_robot_is_is_nowhere_in_the_crate_but_the_record_is_complete(
+def test_the_place_of_the_robot_is_nowhere_in_the_crate_but_the_record_is_complete(
     made: RecordedSession, out: Path
 ) -> None:
     inside = out / made.folder.name

@@ -264,7 +264,7 @@ def scans_before_the_mount(*, mounted_ms: int | None) -> Iterator[Written]:
             yield "/tf_static", "tf2_msgs/msg/TFMessage", at + 2, mount
 
 
-def test_how_a_laser_is_mounted_holds_before_it_is_reported(tmp_path: Path) -> None:
+def test_the_mounting_of_a_laser_holds_before_it_is_reported(tmp_path: Path) -> None:
     report = import_bag(write_ros1(tmp_path / "r.bag", scans_before_the_mount(mounted_ms=300)), tmp_path / "s")
     scans = values(open_session(report.folder), LaserScan)
     assert [found.robot_from_laser for found in scans] == [Near(Pose2D(0.2, 0.0, 3.1))] * 5

@@ -55,7 +55,7 @@ def test_a_person_is_blurred_from_a_little_before_to_a_little_after() -> None:
         assert bool(seen.areas_at("front", round(at_s * SECOND_NS))) == covered
 
 
-def test_where_nobody_looked_after_they_were_seen_everything_is_covered() -> None:
+def test_without_detections_after_the_last_one_everything_is_blurred() -> None:
     looks_s = [at / 5 for at in range(51)] + [60.0, 60.2]
     seen = sightings({9.8: (0.4, 0.2), 10.0: (0.4, 0.2)}, looks_s)
     assert seen.areas_at("front", 30 * SECOND_NS) == (WHOLE,)

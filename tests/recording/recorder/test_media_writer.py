@@ -94,7 +94,7 @@ def test_a_disk_that_takes_no_more_pictures_has_no_lines_for_them(
 
 
 @pytest.mark.logs(r"recorder\.media_writer: ")
-def test_where_a_card_opens_only_one_encoder_the_other_camera_gets_the_processor(
+def test_with_one_hardware_encoder_the_other_camera_gets_the_processor(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[str] = []

@@ -492,7 +492,7 @@ def test_an_index_that_a_full_disk_prevented_is_made_up_for(whole_session: Recor
     assert [value.reason for _, value in session.values("event/session_ended")] == ["disk_full"]
 
 
-def test_where_nothing_can_be_written_the_session_is_shown_as_it_was_left(folder: Path, tmp_path: Path) -> None:
+def test_without_write_access_the_session_is_shown_as_it_was_left(folder: Path, tmp_path: Path) -> None:
     size_kb = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) // 1024 + 120
     script = (
         'mkdir "$2"; mount -t tmpfs -o size="$3"k none "$2"; cp -r "$1"/. "$2";'

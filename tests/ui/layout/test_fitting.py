@@ -82,7 +82,7 @@ def test_a_handle_moves_only_what_lies_next_to_it() -> None:
     assert dragged(tree, handle, -2000)[0] == pytest.approx(0.25 * 3 * 100 / 1200), "nobody is squeezed away"
 
 
-def test_where_a_panel_would_go() -> None:
+def test_the_place_of_a_panel() -> None:
     tree = SplitNode("horizontal", (PanelLeaf("video"), TabNode(("map", "people"), "map")), (0.5, 0.5))
     rect = Rect(0, 0, 1008, 600)
     placing = place(tree, rect, panels_in(tree), lambda _panel: (100, 60))

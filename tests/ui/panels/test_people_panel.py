@@ -43,7 +43,7 @@ def panel(window: MainWindow, console: FakeConsole) -> Iterator[PeoplePanel]:
     yield found
 
 
-def test_where_appearances_take_long_it_says_late_instead_of_nobody(panel: PeoplePanel, console: FakeConsole) -> None:
+def test_slow_embeddings_are_called_late_instead_of_nobody(panel: PeoplePanel, console: FakeConsole) -> None:
     state = console.state
     people_samples.show_people(console, ())
     state.everybody.set(())
@@ -602,7 +602,7 @@ def no_names(
     yield window, console, panel
 
 
-def test_where_nobody_is_named_there_is_presence_and_nothing_else(
+def test_without_names_there_is_presence_and_nothing_else(
     no_names: tuple[MainWindow, FakeConsole, PeoplePanel], qtbot: QtBot
 ) -> None:
     window, console, panel = no_names

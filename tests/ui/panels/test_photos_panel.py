@@ -174,7 +174,7 @@ def test_of_an_ended_session_nothing_is_changed(panel: PhotosPanel) -> None:
     assert not [each for each in panel.findChildren(QWidget, "photo_delete") if each.isVisible()]
 
 
-def test_where_the_model_may_see_no_pictures_nothing_can_be_asked(
+def test_without_pictures_for_the_model_nothing_can_be_asked(
     qtbot: QtBot, settings: MemorySettings, theme: Theme
 ) -> None:
     _, panel = panel_of(qtbot, settings, theme, scenario(assistant=AssistantSettings(model="openai:m")))
