@@ -53,7 +53,7 @@ def test_zero_is_sent_until_the_odometry_shows_that_the_robot_stands(
         return motion[-1]
 
     monkeypatch.setattr(control_link.ControlLink, "_moves", noted_motion)
-    monkeypatch.setattr(control_link.ControlLink, "_say_zero_again", lambda _link: again.append(True))
+    monkeypatch.setattr(control_link.ControlLink, "_repeat_zero", lambda _link: again.append(True))
 
     async def test(bench: LoopBench) -> None:
         if turn_radps is not None:
