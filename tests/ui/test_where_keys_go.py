@@ -406,6 +406,7 @@ def clickable(window: MainWindow) -> list[QWidget]:
 LEFT_OUT = {"emergency_stop", "stop_button"}  # they stop the robot
 
 
+@pytest.mark.timeout(1800 if LONG else 120)
 @pytest.mark.parametrize("begun_in", BEGUN_IN)
 def test_after_no_click_do_sentences_drive_speak_or_switch(
     tabbed: tuple[MainWindow, FakeConsole], begun_in: str
@@ -750,6 +751,7 @@ def test_the_walk_comes_to_every_window_dialog_and_card_of_the_program(theme: Th
     assert cards <= names
 
 
+@pytest.mark.timeout(4 * 3600 if LONG else 120)
 @pytest.mark.parametrize("begun_in", ["video_view", pytest.param("speak_field", marks=pytest.mark.long)])
 def test_no_window_drives_speaks_or_switches_by_what_is_typed_after_a_click_in_it(
     theme: Theme, begun_in: str, monkeypatch: pytest.MonkeyPatch
