@@ -8,14 +8,15 @@ import functools
 import math
 from collections.abc import Callable
 from dataclasses import field
+from typing import Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.simulator.character_table import CHARACTERS, Character, Clothes
 from caris_desktop.simulator.person_sprites import levels_of
+from caris_desktop.simulator.shipped_data import built, shipped_data
 
 Image = NDArray[np.uint8]
 Floats = NDArray[np.float64]
@@ -28,6 +29,48 @@ _VIEWS, _STRIDES = 24, 6
 _LIGHT = np.array([-0.35, 0.5, 0.75]) / np.linalg.norm([-0.35, 0.5, 0.75])  # from the right of the camera, front, above
 _SIDES = 28
 _AHEAD, _UP = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+Hair = Literal["short", "long", "bun", "bald", "curls"]
+Pattern = Literal["plain", "stripes", "checks", "halves", "print", "dots"]
+Top = Literal["shirt", "jumper", "open jacket", "long coat", "vest", "hooded"]
+Lower = Literal["trousers", "wide trousers", "skirt", "long skirt", "shorts", "dress"]
+Bag = Literal["", "backpack", "shoulder bag"]
+Headwear = Literal["", "cap", "beanie", "scarf"]
+
+
+@dataclass(frozen=True, slots=True)
+class Clothes:
+    """Set of clothes. Colours are written as ``#rrggbb``; ``second`` is that of the pattern or of the layer beneath."""
+
+    top: Top
+    colour: str
+    second: str
+    lower: Lower
+    lower_colour: str
+    shoes: str
+    pattern: Pattern = "plain"
+    bag: Bag = ""
+    bag_colour: str = "#303030"
+    headwear: Headwear = ""
+    headwear_colour: str = "#202020"
+
+
+@dataclass(frozen=True, slots=True)
+class Character:
+    """Constant features of a person. ``build``: relative width, 1 is normal."""
+
+    height_m: float
+    build: float
+    skin: str
+    hair: Hair
+    hair_colour: str
+    clothes: tuple[Clothes, Clothes]
+    beard: bool = False
+
+
+CHARACTERS: tuple[Character, ...] = built(tuple[Character, ...], shipped_data("characters.yaml"))
+"""The people, by their number."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator import robot_models
 from caris_desktop.simulator.camera_model import RATE_HZ
-from caris_desktop.simulator.character_table import CHARACTERS
+from caris_desktop.simulator.characters import CHARACTERS
 from caris_desktop.simulator.faults import MAX_LATENCY_MS, Faults
 from caris_desktop.simulator.map_files import MapFiles
 from caris_desktop.simulator.participant import BadSentences, read_sentences

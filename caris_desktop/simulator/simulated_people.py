@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator import path_planning
-from caris_desktop.simulator.character_table import CHARACTERS
-from caris_desktop.simulator.characters import Appearance
+from caris_desktop.simulator.characters import CHARACTERS, Appearance
 from caris_desktop.simulator.path_planning import Point
 from caris_desktop.simulator.simulated_base import RADIUS_M as ROBOT_RADIUS_M
 from caris_desktop.simulator.simulated_base import clearance_m
