@@ -42,7 +42,7 @@ _MODELS = (
 )  # fmt: skip
 _PICTURES = (
     ("bus.jpg", "ultralytics-opencv-headless", "AGPL-3.0-or-later",
-     "the simulator cuts people out of it at run time; screenshots show them"),
+     "people cut out of it, one of them mirrored and recoloured, are in `resources/simulator`; screenshots show them"),
     ("zidane.jpg", "ultralytics-opencv-headless", "AGPL-3.0-or-later", "compares runtimes; never shown"),
     ("Inter", "fonts-inter of Debian", "OFL-1.1", "used where it is installed; not shipped"),
     ("Material Design Icons and others", "qtawesome", "MIT", "licences of the fonts: in that package"),
@@ -79,7 +79,8 @@ def page() -> str:
         "# Third-party licences",
         "",
         "CARIS Desktop is AGPL-3.0-or-later. This page lists its direct dependencies with the licence that their",
-        "metadata states, and the models, photos and typefaces that it uses. None of them is part of this repository.",
+        "metadata states, and the models, photos and typefaces that it uses. None of them is part of this repository,",
+        "except the people cut out of a photo.",
         "",
         "## Packages",
         "",

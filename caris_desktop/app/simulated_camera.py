@@ -19,13 +19,13 @@ class SimulatedCamera:
 
     def __init__(self) -> None:
         from caris_desktop.simulator.camera_model import HEIGHT_PX, RATE_HZ, WIDTH_PX
+        from caris_desktop.simulator.picture import Painter
         from caris_desktop.simulator.robot_simulation import Robot
-        from caris_desktop.simulator.simulated_camera_process import new_painter
 
         self.width_px, self.height_px = WIDTH_PX, HEIGHT_PX
         self.fps: float | None = RATE_HZ
         self._period_s = 1.0 / RATE_HZ
-        self._painter = new_painter()
+        self._painter = Painter()
         self._rooms = Robot(_SEED)
         self._began_s = self._due_s = time.monotonic()
 

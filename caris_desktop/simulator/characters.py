@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.simulator.person_sprites import levels_of
 from caris_desktop.simulator.shipped_data import built, shipped_data
 
 Image = NDArray[np.uint8]
@@ -87,6 +86,15 @@ class Appearance:
     @property
     def worn(self) -> Clothes:
         return self.figure.clothes[self.clothes % 2]
+
+
+def levels_of(picture: Image) -> list[Image]:
+    """Image pyramid: full size, half, a quarter ..., against aliasing of distant people."""
+    levels = [picture]
+    while levels[-1].shape[0] > 50:
+        height, width = levels[-1].shape[:2]
+        levels.append(np.asarray(cv2.resize(levels[-1], (width // 2, height // 2), interpolation=cv2.INTER_AREA)))
+    return levels
 
 
 def draw(appearance: Appearance, facing_rad: float, stride_rad: float | None = None) -> tuple[Image, ...]:

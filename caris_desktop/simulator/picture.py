@@ -11,9 +11,9 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator import characters, textures
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, MOUNT_HEIGHT_M, WIDTH_PX
 from caris_desktop.simulator.floor_plan import FURNITURE, LINTELS, MAP_ORIGIN_M, WALL_HEIGHT_M, WALLS, Box, Colour
-from caris_desktop.simulator.person_sprites import levels_of
 from caris_desktop.simulator.ray_casting import corners_of, entry_and_exit
 from caris_desktop.simulator.robot_simulation import View
+from caris_desktop.simulator.shipped_data import shipped_file
 from caris_desktop.simulator.simulated_people import Seen
 from caris_desktop.simulator.textures import FLOOR_PX_PER_M, PX_PER_M
 
@@ -105,21 +105,21 @@ def _lens_around(tilt_rad: float, height_m: float) -> tuple[_Lens, Floats]:
     return lens, to_pixel @ turned @ to_ray
 
 
+def person_sprites() -> list[Image]:
+    """Photo sprites of people: BGRA with premultiplied alpha, uint8, shape (640, width, 4)."""
+    contents = (np.fromfile(shipped_file(f"person-{number}.png"), np.uint8) for number in (1, 2, 3))
+    return [np.asarray(cv2.imdecode(content, cv2.IMREAD_UNCHANGED)) for content in contents]
+
+
 class Painter:
-    """Renders images of the building.
+    """Renders images of the building."""
 
-    Parameters
-    ----------
-    cut_outs
-        Pictures of people, BGRA with colours multiplied by alpha; without any, people are drawn as plain figures.
-    """
-
-    def __init__(self, cut_outs: list[Image]) -> None:
+    def __init__(self) -> None:
         self._sheet, self._strips = textures.sheet()
         self._walls = corners_of(WALLS)
         self._things = _furniture() + _lintels()
         self._outlines = corners_of(thing.outline for thing in self._things)
-        self._people = [levels_of(cut_out) for cut_out in cut_outs]
+        self._people = [characters.levels_of(sprite) for sprite in person_sprites()]
         self._rays = _Rays(_level_lens(MOUNT_HEIGHT_M))
 
     def paint(self, view: View) -> Image:
@@ -190,14 +190,11 @@ class Painter:
             to_eye = math.atan2(eye.y_m - person.y_m, eye.x_m - person.x_m)
             stride_rad = person.stride_rad if person.walking else None
             return characters.draw(person.appearance, person.heading_rad - to_eye, stride_rad)
-        return self._people[person.sprite % len(self._people)] if self._people else ()
+        return self._people[person.sprite % len(self._people)]
 
     def _paint_person(self, picture: Image, person: Seen, eye: "_Eye", depth: Floats) -> None:
         ahead, right = eye.relative(person.x_m, person.y_m)
-        levels = self._levels_of(person, eye)
-        if not levels:
-            return
-        lens = eye.lens
+        levels, lens = self._levels_of(person, eye), eye.lens
         height_px = lens.focal_px * person.height_m / ahead
         level = next((level for level in reversed(levels) if level.shape[0] >= height_px), levels[0])
         scale = height_px / level.shape[0]

@@ -5,18 +5,13 @@ import contextlib
 import logging
 import multiprocessing
 import os
-import sys
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.simulator.camera_model import HEIGHT_PX, WIDTH_PX
 from caris_desktop.simulator.robot_simulation import View
-
-if TYPE_CHECKING:
-    from caris_desktop.simulator.picture import Painter
 
 logger = logging.getLogger(__name__)
 
@@ -64,31 +59,20 @@ class CameraProcess:
         return self._pipe.recv_bytes()
 
 
-def new_painter() -> "Painter":
-    """Renderer of the camera, without people if their photos are missing."""
-    from caris_desktop.simulator.person_sprites import PhotosMissing, load_cut_outs
-    from caris_desktop.simulator.picture import Painter
-
-    try:
-        return Painter(load_cut_outs())
-    except PhotosMissing as error:
-        sys.stderr.write(f"{error}: the simulated camera shows rooms without people.\n")
-        return Painter([])
-
-
 def _draw_forever(pipe: Connection) -> None:
     import signal
 
     import cv2
 
     from caris_desktop.domain.process_title import title_process
+    from caris_desktop.simulator.picture import Painter
 
     title_process("simulated camera")
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process by closing the pipe
     cv2.setNumThreads(1)
     if hasattr(os, "nice"):
         os.nice(_NICENESS)
-    painter = new_painter()
+    painter = Painter()
     black: NDArray[np.uint8] = np.zeros((HEIGHT_PX, WIDTH_PX, 3), dtype=np.uint8)
     with contextlib.suppress(EOFError, ConnectionError, BrokenPipeError):
         while True:

@@ -41,7 +41,7 @@ def _reach(picture: NDArray[np.uint8]) -> tuple[int, int]:
 
 
 def test_the_camera_sees_the_side_that_is_turned_to_it() -> None:
-    painter = Painter([])
+    painter = Painter()
     x_m, y_m = (IN_THE_LOBBY @ Pose2D(2.0, 0.0, 0.0)).x_m, (IN_THE_LOBBY @ Pose2D(2.0, 0.0, 0.0)).y_m
     shirt = {}
     for turned_rad in (FRONT, BACK):
@@ -138,7 +138,7 @@ def test_a_table_of_visits_is_read_or_refused_with_the_reason(tmp_path: Path) ->
 
 @pytest.mark.long
 def test_filmed_people_are_where_their_boxes_say() -> None:
-    empty = Painter([]).paint(View(START @ ROBOT_FROM_CAMERA, ()))
+    empty = Painter().paint(View(START @ ROBOT_FROM_CAMERA, ()))
     frames = list(film([Visit(8, 0.0, 3.0), Visit(12, 1.0, 3.0)], rate_hz=2.0))
     assert {box.person for frame in frames for box in frame.boxes} == {8, 12}
     for frame in frames:

@@ -15,8 +15,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, WIDTH_PX, sees
 from caris_desktop.simulator.characters import Appearance
 from caris_desktop.simulator.floor_plan import PLACES, START
-from caris_desktop.simulator.person_sprites import load_cut_outs
-from caris_desktop.simulator.picture import Painter
+from caris_desktop.simulator.picture import Painter, person_sprites
 from caris_desktop.simulator.robot_simulation import ROBOT_FROM_CAMERA, View
 from caris_desktop.simulator.simulated_people import Seen
 
@@ -25,7 +24,7 @@ CAMERA = START @ ROBOT_FROM_CAMERA
 
 @pytest.fixture(scope="module")
 def painter() -> Painter:
-    return Painter(load_cut_outs())
+    return Painter()
 
 
 def before(camera: Pose2D, distance_m: float, bearing_rad: float = 0.0, looks: int = 0) -> Seen:
@@ -94,16 +93,8 @@ def test_standing_anywhere_and_looking_anywhere_draws_something(painter: Painter
         assert painter.paint(View(camera, (person,))).shape == (HEIGHT_PX, WIDTH_PX, 3)
 
 
-@pytest.mark.logs(r"simulator\.person_sprites: ")
-@pytest.mark.long
-def test_cut_outs_are_retained_and_made_again_when_damaged(tmp_path: Path) -> None:
-    first = load_cut_outs(tmp_path)
-    (cached,) = tmp_path.iterdir()
-    again = load_cut_outs(tmp_path)
-    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
-    cached.write_bytes(b"damaged")
-    assert all(np.array_equal(a, b) for a, b in zip(first, load_cut_outs(tmp_path), strict=True))
-    for picture in first:
+def test_the_sprites_have_premultiplied_alpha_and_a_person_in_them() -> None:
+    for picture in person_sprites():
         alpha = picture[:, :, 3]
         assert (picture[:, :, :3] <= alpha[:, :, None]).all()
         assert 0.2 < (alpha > 128).mean() < 0.8

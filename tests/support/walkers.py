@@ -91,7 +91,7 @@ def film(
     rows = [_Walk.of(number, visit, np.random.default_rng([seed, number])) for number, visit in enumerate(visits)]
     if not rows:
         return
-    empty = Painter([]).paint(View(before, ()))
+    empty = Painter().paint(View(before, ()))
     chance = np.random.default_rng([seed, len(rows)])
     # noise is expensive to generate: one array, shifted for each frame
     sheet = chance.normal(0.0, _NOISE_STD, (HEIGHT_PX + 64, WIDTH_PX + 64, 1)).astype(np.int16)
