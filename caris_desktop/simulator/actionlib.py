@@ -39,7 +39,6 @@ class ActionlibServer:
         self._on_goal = on_goal
         self._on_cancel = on_cancel
         self._statuses: dict[str, tuple[GoalStatus, float]] = {}
-        self._steps = 0
         self._goals = 0
         self.name = wiring.dress.absolute(name)
         wiring.obeys(f"{self.name}/goal", package, f"{kind}ActionGoal", self._on_goal_message)
@@ -47,12 +46,7 @@ class ActionlibServer:
         self._status = wiring.publishes(f"{self.name}/status", "actionlib_msgs", "GoalStatusArray")
         self._feedback = wiring.publishes(f"{self.name}/feedback", package, f"{kind}ActionFeedback")
         self._result = wiring.publishes(f"{self.name}/result", package, f"{kind}ActionResult")
-
-    def publish_due(self) -> None:
-        """Publish due messages; called after every simulation step."""
-        self._steps += 1
-        if self._steps % _STATUS_EVERY_STEPS == 0:
-            self._publish_status()
+        wiring.every(_STATUS_EVERY_STEPS, self._publish_status)
 
     def new_id(self) -> str:
         """Id for a goal without one."""

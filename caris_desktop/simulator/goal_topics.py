@@ -50,9 +50,9 @@ class PathTopic:
         self._topic = wiring.publishes(name, "nav_msgs", "Path")
         self._published = 0
         self._published_goal: str | None = None
+        wiring.every(1, self._publish_change)
 
-    def publish_due(self) -> None:
-        """Publish due messages; called after every simulation step."""
+    def _publish_change(self) -> None:
         robot = self._wiring.robot
         now = (robot.plans_made, robot.goal_id)
         if now == (self._published, self._published_goal):
@@ -70,11 +70,13 @@ class MoveBaseTopics:
     def __init__(self, wiring: Wiring, navigation: Navigation) -> None:
         self._wiring = wiring
         self._robot = wiring.robot
-        self._steps = 0
         self._numbers = itertools.count(1)
-        self._path = PathTopic(wiring, navigation.path) if navigation.path else None
         self._server: ActionlibServer | None = None
+        wiring.every(1, self._finish_ended)
+        if navigation.path:
+            PathTopic(wiring, navigation.path)
         if navigation.name is not None:
+            wiring.every(_STATUS_EVERY_STEPS, self._publish_progress)
             self._server = ActionlibServer(
                 wiring, navigation.name, "move_base_msgs", "MoveBase", on_goal=self._on_goal, on_cancel=self._on_cancel
             )
@@ -91,21 +93,16 @@ class MoveBaseTopics:
             self._robot.limit_goals(min(speeds.values()))
         return encode_reconfigure(dict.fromkeys(_PLANNER_SPEEDS, self._robot.goals_at_most_mps))
 
-    def publish_due(self) -> None:
-        """Publish results, feedback, status and path; called after every simulation step."""
-        self._steps += 1
+    def _finish_ended(self) -> None:
         for ended in self._robot.take_ended_goals():
             self._finish(GoalStatus(ended.goal_id, _ROS1_STATUS[ended.ending], ended.detail))
-        if self._path is not None:
-            self._path.publish_due()
-        if self._server is None:
-            return
+
+    def _publish_progress(self) -> None:
         progress = self._robot.progress()
-        if self._steps % _STATUS_EVERY_STEPS == 0 and progress is not None:
+        if self._server is not None and progress is not None:
             status = GoalStatus(progress.goal_id, action_messages.ACTIVE, f"{progress.distance_left_m:.2f} m left")
             pose = encode_pose_stamped(Dialect.ROS1, self._robot.pose_in_map, stamp_ns=self._wiring.stamp_ns())
             self._server.progress(status, {"base_position": pose})
-        self._server.publish_due()
 
     def _finish(self, status: GoalStatus) -> None:
         if self._server is not None:
@@ -143,8 +140,10 @@ class NavigateToPoseAction:
         self._statuses: dict[str, tuple[int, float]] = {}
         self._uuids: dict[str, bytes] = {}
         self._numbers = itertools.count(1)
-        self._steps = 0
-        self._path = PathTopic(wiring, navigation.path) if navigation.path else None
+        wiring.every(1, self._finish_ended)
+        if navigation.path:
+            PathTopic(wiring, navigation.path)
+        wiring.every(_STATUS_EVERY_STEPS, self._publish_progress)
         name = wiring.dress.absolute(navigation.name)
         kind = action_type_name(Dialect.ROS2, "nav2_msgs", "NavigateToPose")
         wiring.server.actions[name] = Action(kind, self._start, self._cancel)
@@ -162,15 +161,13 @@ class NavigateToPoseAction:
         else:
             self._robot.limit_goals(limit / 100.0 * CRUISE_MPS if percentage else limit)
 
-    def publish_due(self) -> None:
-        """Send results, feedback and path; called after every simulation step."""
-        self._steps += 1
+    def _finish_ended(self) -> None:
         for ended in self._robot.take_ended_goals():
             self._finish(ended)
-        if self._path is not None:
-            self._path.publish_due()
+
+    def _publish_progress(self) -> None:
         progress = self._robot.progress()
-        if self._steps % _STATUS_EVERY_STEPS == 0 and progress is not None and progress.goal_id in self._replies:
+        if progress is not None and progress.goal_id in self._replies:
             values = action_messages.encode_navigate_to_pose_feedback(
                 self._robot.pose_in_map,
                 distance_left_m=progress.distance_left_m,

@@ -31,7 +31,6 @@ class MapOnRos:
     def __init__(self, wiring: Wiring, files: MapFiles) -> None:
         self._wiring = wiring
         self._files = files
-        self._steps = 0
         self._full_s = float("-inf")
         self._full_share = 0.0
         dress = wiring.dress
@@ -39,6 +38,7 @@ class MapOnRos:
         self._updates = (
             wiring.publishes(dress.map_updates, "map_msgs", "OccupancyGridUpdate") if dress.map_updates else None
         )
+        wiring.every(_LOOK_EVERY_STEPS, self._publish_change)
         if dress.slam_toolbox is not None:
             toolbox = dress.slam_toolbox
             wiring.serves(f"{toolbox}/serialize_map", "slam_toolbox", "SerializePoseGraph", self._serialize)
@@ -52,13 +52,9 @@ class MapOnRos:
         if dress.map_server is not None:
             wiring.serves(f"{dress.map_server}/load_map", "nav2_msgs", "LoadMap", self._load)
 
-    def publish_due(self) -> None:
-        """Publish due messages; called after every simulation step."""
-        self._steps += 1
-        if self._steps % _LOOK_EVERY_STEPS or self._map is None:
-            return
-        change = self._wiring.robot.mapper.change()
-        if change is None:
+    def _publish_change(self) -> None:
+        change = self._wiring.robot.mapper.change() if self._map is not None else None
+        if self._map is None or change is None:
             return
         share = self._wiring.robot.mapper.known_share
         now_s = self._wiring.robot.now_s

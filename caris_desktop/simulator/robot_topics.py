@@ -13,7 +13,6 @@ import numpy as np
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState
-from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ros import action_messages, message_conversion
 from caris_desktop.ros.action_messages import GoalStatus
 from caris_desktop.ros.audio_messages import decode_audio_data, encode_audio_data, samples_of
@@ -63,9 +62,6 @@ class SpeechOnTopics:
         )
         self._on_speaking(False)
 
-    def publish_due(self) -> None:
-        """Do nothing: messages are published when they occur."""
-
     def _on_say(self, message: Message) -> None:
         if not self.voice.say(message_conversion.decode_string(message)):
             logger.warning("A sentence was not taken: it is empty, or too many wait already")
@@ -86,10 +82,6 @@ class SpeechOnAction:
         self._server = ActionlibServer(
             wiring, interface.name, "pal_interaction_msgs", "Tts", on_goal=self._on_goal, on_cancel=self._on_cancel
         )
-
-    def publish_due(self) -> None:
-        """Publish due messages; called after every simulation step."""
-        self._server.publish_due()
 
     def _on_goal(self, goal_id: str, goal: Message) -> None:
         raw = message_of(goal.get("rawtext", {}), "TtsGoal.rawtext")
@@ -150,15 +142,6 @@ CLOCK_TOPIC = "/clock"
 _AT_BASE = Pose2D(0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class _Periodic:
-    """Message published every ``steps`` simulation steps; without a ``topic``, regardless of subscribers."""
-
-    steps: int
-    topic: str
-    publish: Callable[[], None]
-
-
 class RobotTopics:
     """Publishes the robot's sensors on a :class:`BridgeServer` and executes its commands and services."""
 
@@ -174,13 +157,12 @@ class RobotTopics:
         """``lines`` are a participant's sentences, one after each utterance of the robot."""
         self._wiring = wiring
         self._robot = wiring.robot
-        self._steps = 0
         self._twists_received = 0
         self._last_twist_s: float | None = None
         self._stop_state: str | None = None
         self._camera: str | None = None
-        self._periodic: list[_Periodic] = []
         self._head = HeadOnRos(wiring)
+        self._offer_sensors()  # before the map, which a scan changes
         self._map = MapOnRos(wiring, maps or MapFiles())
         self._goals = self._navigation()
         self._speech = self._speech_of_robot_model(muted=muted)
@@ -190,13 +172,12 @@ class RobotTopics:
             self.voice.on_spoken = self.sound.participant.on_robot_finished
         self._gadgets = DemoControls(wiring) if wiring.dress.gadgets else None
         self._orders = OrdersOnRos(wiring)
-        self._offer_sensors()
         self._offer_commands()
         self._offer_simulator()
         wiring.server.params["/use_sim_time"] = lambda: simulation_time
         if simulation_time:
             wiring.publishes(CLOCK_TOPIC, "rosgraph_msgs", "Clock")
-            self._every(1, CLOCK_TOPIC, self._publish_clock)
+            wiring.every(1, self._publish_clock, CLOCK_TOPIC)
         self._apply_faults(wiring.faults)
 
     @property
@@ -212,18 +193,6 @@ class RobotTopics:
     def camera_topic(self) -> str | None:
         """Topic of the images; None without a camera."""
         return self._camera
-
-    def publish_due(self) -> None:
-        """Publish this step's messages; called after every simulation step."""
-        self._steps += 1
-        for entry in self._periodic:
-            if self._steps % entry.steps == 0 and (not entry.topic or self._wiring.wanted(entry.topic)):
-                entry.publish()
-        self._map.publish_due()
-        self._head.publish_due()
-        for part in (self._goals, self._speech, self.sound, self._gadgets, self._orders):
-            if part is not None:
-                part.publish_due()
 
     def skip_time(self, skipped_s: float) -> None:
         """Continue after skipped simulation time."""
@@ -252,9 +221,6 @@ class RobotTopics:
             self._gadgets.stop()
         self._orders.stop()
 
-    def _every(self, steps: int, topic: str, publish: Callable[[], None]) -> None:
-        self._periodic.append(_Periodic(steps, topic, publish))
-
     def _navigation(self) -> MoveBaseTopics | NavigateToPoseAction | None:
         navigation = self._wiring.dress.navigation
         if navigation is None:
@@ -279,20 +245,20 @@ class RobotTopics:
             self._camera = wiring.publishes(dress.camera.image, "sensor_msgs", "CompressedImage")
             wiring.publishes(dress.camera.info, "sensor_msgs", "CameraInfo")
         self._scan = wiring.publishes(dress.scan, "sensor_msgs", "LaserScan") if dress.scan else None
-        self._every(2, self._odometry, self._publish_odometry)
-        self._every(2, self._tf, self._publish_transforms)
-        self._every(5, "", self._publish_scan)
+        wiring.every(2, self._publish_odometry, self._odometry)
+        wiring.every(2, self._publish_transforms, self._tf)
+        wiring.every(5, self._publish_scan)
         if dress.pose:
             pose = wiring.publishes(dress.pose, "geometry_msgs", "PoseWithCovarianceStamped", latched=True)
             # latched, so that it is published without subscribers, too
-            self._every(5, "", lambda: self._publish_pose(pose))
+            wiring.every(5, lambda: self._publish_pose(pose))
         if dress.battery:
             battery = dress.battery
             package, kind = (
                 ("std_msgs", "Float32") if battery.kind == "Float32 percent" else ("sensor_msgs", "BatteryState")
             )
             name = wiring.publishes(battery.topic, package, kind, latched=True)
-            self._every(50, "", lambda: self._publish_battery(name, battery))
+            wiring.every(50, lambda: self._publish_battery(name, battery))
         self._publish_static_transforms()
 
     def _offer_commands(self) -> None:
@@ -531,7 +497,6 @@ def _pose(pose: Pose2D) -> Message:
 
 WAVE_S = 2.0
 _MOST_SCREEN_CHARS = 500
-_TEMPERATURE_STEPS = 50
 
 
 class DemoControls:
@@ -542,7 +507,6 @@ class DemoControls:
 
     def __init__(self, wiring: Wiring) -> None:
         self._wiring = wiring
-        self._steps = 0
         self._color = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
         self._volume = 60.0
         self._screen = ""
@@ -557,7 +521,8 @@ class DemoControls:
         wiring.serves("/eyes/set", "std_srvs", "SetBool", self._set_eyes)
         self._volume_state = wiring.publishes("/volume/state", "std_msgs", "Float32", latched=True)
         self._eyes_state = wiring.publishes("/eyes/state", "std_msgs", "Bool", latched=True)
-        self._temperature = wiring.publishes("/diagnostics/temperature", "std_msgs", "Float32")
+        temperature = wiring.publishes("/diagnostics/temperature", "std_msgs", "Float32")
+        wiring.every(50, lambda: wiring.publish(temperature, {"data": self.temperature_c}), temperature)
         wiring.publish(self._volume_state, {"data": self._volume})
         wiring.publish(self._eyes_state, message_conversion.encode_bool(self._eyes))
 
@@ -579,12 +544,6 @@ class DemoControls:
         truth_ = self._wiring.robot.truth
         effort = abs(truth_.forward_mps) + abs(truth_.left_mps) + 0.3 * abs(truth_.turn_radps)
         return 36.0 + 4.0 * effort + 0.5 * math.sin(self._wiring.robot.now_s / 7.0)
-
-    def publish_due(self) -> None:
-        """Publish due messages; called after every simulation step."""
-        self._steps += 1
-        if self._steps % _TEMPERATURE_STEPS == 0 and self._wiring.wanted(self._temperature):
-            self._wiring.publish(self._temperature, {"data": self.temperature_c})
 
     def stop(self) -> None:
         """Cancel pending work."""
@@ -634,11 +593,10 @@ class HeadOnRos:
 
     def __init__(self, wiring: Wiring) -> None:
         self._wiring = wiring
-        self._steps = 0
         dress = wiring.dress
-        self._joint_states = (
-            wiring.publishes(dress.joint_states, "sensor_msgs", "JointState") if dress.joint_states else None
-        )
+        if dress.joint_states:
+            topic = wiring.publishes(dress.joint_states, "sensor_msgs", "JointState")
+            wiring.every(2, lambda: self._publish_joint_states(topic), topic)
         if dress.head is None:
             return
         if dress.head.kind == "JointTrajectory":
@@ -646,17 +604,13 @@ class HeadOnRos:
         else:
             wiring.obeys(dress.head.topic, "naoqi_bridge_msgs", "JointAnglesWithSpeed", self._on_angles)
 
-    def publish_due(self) -> None:
-        """Publish due messages; called after every simulation step."""
-        self._steps += 1
-        if self._steps % 2 or self._joint_states is None or not self._wiring.wanted(self._joint_states):
-            return
+    def _publish_joint_states(self, topic: str) -> None:
         angles = dict.fromkeys(_WHEELS, 0.0)
         if self._wiring.dress.head is not None:
             head, interface = self._wiring.robot.head, self._wiring.dress.head
             angles |= {interface.pan_joint: head.pan_rad, interface.tilt_joint: interface.tilt_sign * head.tilt_rad}
         message = encode_joint_state(self._wiring.dialect, angles, stamp_ns=self._wiring.stamp_ns())
-        self._wiring.publish(self._joint_states, message)
+        self._wiring.publish(topic, message)
 
     def turning_frames(self) -> list[Placement]:
         """Present frames of the joints."""
@@ -738,11 +692,11 @@ class SoundOnRos:
 
     def __init__(self, wiring: Wiring, interface: AudioTopics, lines: Sequence[str] = ()) -> None:
         self._wiring = wiring
-        self._steps = 0
         self._random = np.random.default_rng(5)
         self._played_s = 0.0
         self.microphone = Microphone()
         self._topic = wiring.publishes(interface.microphone, "audio_common_msgs", "AudioData")
+        wiring.every(_STEPS, self._publish_sound)
         wiring.obeys(interface.speaker, "audio_common_msgs", "AudioData", self._on_sound)
         wiring.obeys(SAY_TOPIC, "std_msgs", "String", self._on_say)
         wiring.serves("/simulator/prepare", "simulator", "Say", self._prepare)
@@ -769,12 +723,6 @@ class SoundOnRos:
             ],
             "own_voice_s": self._played_s,
         }
-
-    def publish_due(self) -> None:
-        """Publish due messages; called after every simulation step."""
-        self._steps += 1
-        if self._steps % _STEPS == 0:
-            self._publish_sound()
 
     def skip_time(self, skipped_s: float) -> None:
         """Publish the audio of skipped simulation time at once, as a driver with a buffer would."""
@@ -834,7 +782,6 @@ class OrdersOnRos:
         self._wiring = wiring
         self._taken: deque[dict[str, Any]] = deque(maxlen=_REMEMBERED)
         self._under_way: dict[str, asyncio.TimerHandle] = {}
-        self._servers: list[ActionlibServer] = []
         for order in wiring.dress.orders:
             match order.kind:
                 case "topic":
@@ -850,11 +797,6 @@ class OrdersOnRos:
     def taken(self) -> list[dict[str, Any]]:
         """Newest commands, oldest first: name and content."""
         return list(self._taken)
-
-    def publish_due(self) -> None:
-        """Publish due messages; called after every simulation step."""
-        for server in self._servers:
-            server.publish_due()
 
     def stop(self) -> None:
         """Cancel pending work."""
@@ -895,7 +837,6 @@ class OrdersOnRos:
         server = ActionlibServer(
             self._wiring, order.name, order.package, order.type, on_goal=on_goal, on_cancel=on_cancel
         )
-        self._servers.append(server)
 
     def _offer_action(self, order: Order) -> None:
         type_ = action_type_name(Dialect.ROS2, order.package, order.type)

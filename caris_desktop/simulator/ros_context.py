@@ -24,6 +24,8 @@ class Wiring:
     dress: RobotInterface
     clock: RobotClock
     faults: Faults = field(default_factory=Faults)
+    _steps: int = 0
+    _periodic: list[tuple[int, str, Callable[[], None]]] = field(default_factory=list)
 
     @property
     def dialect(self) -> Dialect:
@@ -60,6 +62,17 @@ class Wiring:
         self.server.services[self.dress.absolute(name)] = SimulatedService(
             service_type_name(self.dialect, package, kind), call
         )
+
+    def every(self, steps: int, publish: Callable[[], None], topic: str = "") -> None:
+        """Call ``publish`` every ``steps`` simulation steps; with a ``topic``, only while that has subscribers."""
+        self._periodic.append((steps, topic, publish))
+
+    def publish_due(self) -> None:
+        """Publish due messages, in the order of :meth:`every`; called after every simulation step."""
+        self._steps += 1
+        for steps, topic, publish in self._periodic:
+            if self._steps % steps == 0 and (not topic or self.wanted(topic)):
+                publish()
 
     def wanted(self, name: str) -> bool:
         """True if the topic (absolute name) has subscribers."""

@@ -282,7 +282,7 @@ async def _simulate(
         filmed.append(_film_from_desk(camera, robot, desk))
     sys.stdout.write("".join(ready))
     sys.stdout.flush()
-    tasks = [asyncio.create_task(_step_forever(robot, topics)), *(asyncio.create_task(each) for each in filmed)]
+    tasks = [asyncio.create_task(_step_forever(robot, topics, wiring)), *(asyncio.create_task(each) for each in filmed)]
     voices = asyncio.create_task(topics.sound.participant.get_ready()) if topics.sound is not None else None
     waiting = asyncio.create_task(stopped.wait())
     await asyncio.wait([waiting, *tasks], return_when=asyncio.FIRST_COMPLETED)
@@ -316,7 +316,7 @@ def _call_at_end_of_stdin(loop: asyncio.AbstractEventLoop, callback: Callable[[]
     threading.Thread(target=wait, name="stdin", daemon=True).start()
 
 
-async def _step_forever(robot: Robot, topics: RobotTopics) -> None:
+async def _step_forever(robot: Robot, topics: RobotTopics, wiring: Wiring) -> None:
     loop = asyncio.get_running_loop()
     due_s = loop.time()
     while True:
@@ -328,7 +328,7 @@ async def _step_forever(robot: Robot, topics: RobotTopics) -> None:
             due_s = loop.time()
         await asyncio.sleep(max(0.0, -late_s))
         robot.step()
-        topics.publish_due()
+        wiring.publish_due()
 
 
 async def _film_forever(
