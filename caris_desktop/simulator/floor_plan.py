@@ -186,11 +186,6 @@ def _armchair(x0: float, y0: float, back: str, colour: str, size: tuple[float, f
     return Furniture("armchair", Box(x0, y0, x1, y1, 0.0, 0.84), parts)
 
 
-def _shelf(name: str, area: Area, high: float) -> Furniture:
-    """Bookshelf; the camera draws its books."""
-    return _whole(name, [*area, 0.0, high, "oak"])
-
-
 def _plant(x: float, y: float) -> Furniture:
     pot = _box(x - 0.16, y - 0.16, x + 0.16, y + 0.16, 0.0, 0.36, "clay")
     leaves = (
@@ -202,7 +197,7 @@ def _plant(x: float, y: float) -> Furniture:
 
 
 _KINDS: dict[str, Callable[..., Furniture]] = {
-    "whole": _whole, "table": _table, "chair": _chair, "armchair": _armchair, "shelf": _shelf, "plant": _plant
+    "whole": _whole, "table": _table, "chair": _chair, "armchair": _armchair, "plant": _plant
 }  # fmt: skip
 FURNITURE: tuple[Furniture, ...] = tuple(_KINDS[kind](*parameters) for kind, *parameters in _PLAN["furniture"])
 POSTERS: tuple[Poster, ...] = built(tuple[Poster, ...], _PLAN["posters"])

@@ -1,7 +1,6 @@
 """Simulated participant: speaks sentences in its own voice, on request or after the robot has spoken."""
 
 import asyncio
-import contextlib
 import hashlib
 import importlib.util
 import logging
@@ -20,7 +19,7 @@ import platformdirs
 from caris_desktop.domain.model_files import WrongChecksum, check_file, packaged_file
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator.simulated_microphone import Microphone, at_rate
-from caris_desktop.simulator.simulated_speech import MAX_SENTENCE_CHARS
+from caris_desktop.simulator.simulated_speech import MAX_SENTENCE_CHARS, output_of
 
 logger = logging.getLogger(__name__)
 
@@ -195,21 +194,9 @@ def _voice() -> list[str] | None:
 
 
 async def _render(command: list[str], text: str) -> bool:
-    process = await asyncio.create_subprocess_exec(
-        *command,
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.DEVNULL,
-        stderr=asyncio.subprocess.DEVNULL,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-    )
     try:
-        await asyncio.wait_for(process.communicate((" ".join(text.split()) + "\n").encode()), _RENDER_LIMIT_S)
+        status, _ = await output_of(command, " ".join(text.split()) + "\n", _RENDER_LIMIT_S)
     except TimeoutError:
         logger.warning("The participant's voice took over %.0f s", _RENDER_LIMIT_S)
         return False
-    finally:
-        if process.returncode is None:
-            with contextlib.suppress(ProcessLookupError):
-                process.kill()
-            await process.wait()
-    return process.returncode == 0
+    return status == 0

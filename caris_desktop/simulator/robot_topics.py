@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -163,9 +164,16 @@ class RobotTopics:
         self._camera: str | None = None
         self._head = HeadOnRos(wiring)
         self._offer_sensors()  # before the map, which a scan changes
-        self._map = MapOnRos(wiring, maps or MapFiles())
-        self._goals = self._navigation()
-        self._speech = self._speech_of_robot_model(muted=muted)
+        MapOnRos(wiring, maps or MapFiles())
+        self._speech: SpeechOnTopics | SpeechOnAction | None = None
+        if wiring.dress.navigation is not None:
+            kind = MoveBaseTopics if wiring.dialect is Dialect.ROS1 else NavigateToPoseAction
+            kind(wiring, wiring.dress.navigation)
+        match wiring.dress.speech:
+            case SpeechTopics() as interface:
+                self._speech = SpeechOnTopics(wiring, interface, muted=muted)
+            case SpeechAction() as action:
+                self._speech = SpeechOnAction(wiring, action, muted=muted)
         self.sound = SoundOnRos(wiring, wiring.dress.audio, lines) if wiring.dress.audio is not None else None
         if self.voice is not None and self.sound is not None:
             self.voice.on_sound = self.sound.on_voice
@@ -173,7 +181,6 @@ class RobotTopics:
         self._gadgets = DemoControls(wiring) if wiring.dress.gadgets else None
         self._orders = OrdersOnRos(wiring)
         self._offer_commands()
-        self._offer_simulator()
         wiring.server.params["/use_sim_time"] = lambda: simulation_time
         if simulation_time:
             wiring.publishes(CLOCK_TOPIC, "rosgraph_msgs", "Clock")
@@ -221,21 +228,6 @@ class RobotTopics:
             self._gadgets.stop()
         self._orders.stop()
 
-    def _navigation(self) -> MoveBaseTopics | NavigateToPoseAction | None:
-        navigation = self._wiring.dress.navigation
-        if navigation is None:
-            return None
-        kind = MoveBaseTopics if self._wiring.dialect.value == 1 else NavigateToPoseAction
-        return kind(self._wiring, navigation)
-
-    def _speech_of_robot_model(self, *, muted: bool) -> SpeechOnTopics | SpeechOnAction | None:
-        match self._wiring.dress.speech:
-            case SpeechTopics() as interface:
-                return SpeechOnTopics(self._wiring, interface, muted=muted)
-            case SpeechAction() as interface:
-                return SpeechOnAction(self._wiring, interface, muted=muted)
-        return None
-
     def _offer_sensors(self) -> None:
         wiring, dress = self._wiring, self._wiring.dress
         self._odometry = wiring.publishes(dress.odometry, "nav_msgs", "Odometry")
@@ -263,8 +255,12 @@ class RobotTopics:
 
     def _offer_commands(self) -> None:
         wiring, dress = self._wiring, self._wiring.dress
+        stamped = ("geometry_msgs/TwistStamped", "geometry_msgs/msg/TwistStamped")
         for velocity in dress.velocity:
-            self._offer_velocity(velocity)
+            kind = "TwistStamped" if velocity.type == "TwistStamped" else "Twist"
+            others = stamped if velocity.type == "either" else ()
+            on_twist = partial(self._on_twist, velocity)
+            wiring.obeys(velocity.topic, "geometry_msgs", kind, on_twist, other_types=others)
         if dress.initial_pose:
             wiring.obeys(dress.initial_pose, "geometry_msgs", "PoseWithCovarianceStamped", self._on_initial_pose)
         if dress.stop_state:
@@ -272,19 +268,7 @@ class RobotTopics:
             wiring.publish(self._stop_state, message_conversion.encode_bool(False))
         if dress.stop_service:
             service = dress.stop_service
-            wiring.serves(
-                service.name, service.package, service.type, lambda arguments: self._set_stop(service, arguments)
-            )
-
-    def _offer_velocity(self, velocity: VelocityInput) -> None:
-        kind = "TwistStamped" if velocity.type == "TwistStamped" else "Twist"
-        others = ("geometry_msgs/TwistStamped", "geometry_msgs/msg/TwistStamped") if velocity.type == "either" else ()
-        self._wiring.obeys(
-            velocity.topic, "geometry_msgs", kind, lambda message: self._on_twist(velocity, message), other_types=others
-        )
-
-    def _offer_simulator(self) -> None:
-        wiring = self._wiring
+            wiring.serves(service.name, service.package, service.type, partial(self._set_stop, service))
         wiring.obeys("/simulator/fault", "std_msgs", "String", self._on_fault)
         wiring.serves("/simulator/fault", "simulator", "Fault", self._inject_fault)
         wiring.serves("/simulator/state", "simulator", "State", lambda _: self._state())
@@ -785,7 +769,7 @@ class OrdersOnRos:
         for order in wiring.dress.orders:
             match order.kind:
                 case "topic":
-                    wiring.obeys(order.name, order.package, order.type, self._noting(order))
+                    wiring.obeys(order.name, order.package, order.type, partial(self._note, order))
                 case "service":
                     wiring.serves(order.name, order.package, order.type, self._answering(order))
                 case "action" if wiring.dialect is Dialect.ROS1:
@@ -805,9 +789,6 @@ class OrdersOnRos:
 
     def _note(self, order: Order, content: Message) -> None:
         self._taken.append({"name": self._wiring.dress.absolute(order.name), "content": content})
-
-    def _noting(self, order: Order) -> Callable[[Message], None]:
-        return lambda message: self._note(order, message)
 
     def _answering(self, order: Order) -> Callable[[Message], Message]:
         def call(arguments: Message) -> Message:

@@ -4,12 +4,13 @@ import asyncio
 import contextlib
 import io
 import logging
+import os
 import queue
 import shutil
 import threading
 import wave
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,29 +35,35 @@ class Spoken:
     duration_s: float
 
 
-async def render(text: str) -> Spoken:
-    """Audio of ``text`` from espeak-ng; without it an estimated duration."""
-    program = shutil.which("espeak-ng")
-    if program is None:
-        return estimate(text)
+async def output_of(command: Sequence[str], text: str, limit_s: float) -> tuple[int | None, bytes]:
+    """Exit status and output of a program that reads ``text``. Raises TimeoutError, and ends it, after ``limit_s``."""
     process = await asyncio.create_subprocess_exec(
-        program,
-        "--stdin",
-        "--stdout",
+        *command,
         stdin=asyncio.subprocess.PIPE,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.DEVNULL,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
     try:
-        content, _ = await asyncio.wait_for(process.communicate(text.encode("utf-8")), _RENDER_LIMIT_S)
-    except TimeoutError:
-        logger.warning("espeak-ng took over %.0f s; the robot only takes the time to speak", _RENDER_LIMIT_S)
-        return estimate(text)
+        content, _ = await asyncio.wait_for(process.communicate(text.encode("utf-8")), limit_s)
     finally:
         if process.returncode is None:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
             await process.wait()
+    return process.returncode, content
+
+
+async def render(text: str) -> Spoken:
+    """Audio of ``text`` from espeak-ng; without it an estimated duration."""
+    program = shutil.which("espeak-ng")
+    if program is None:
+        return estimate(text)
+    try:
+        _, content = await output_of([program, "--stdin", "--stdout"], text, _RENDER_LIMIT_S)
+    except TimeoutError:
+        logger.warning("espeak-ng took over %.0f s; the robot only takes the time to speak", _RENDER_LIMIT_S)
+        return estimate(text)
     return _from_wav(content) or estimate(text)
 
 

@@ -120,7 +120,7 @@ def _floor(grain: np.random.Generator) -> Image:
 def _oak(height: int, width: int, grain: np.random.Generator) -> Image:
     board = FLOOR_PX_PER_M // 5
     picture = np.zeros((height, width, 3), dtype=np.float32)
-    for row, top in enumerate(range(0, height, board)):
+    for top in range(0, height, board):
         left = -int(grain.integers(0, FLOOR_PX_PER_M))
         while left < width:
             long = int(grain.integers(FLOOR_PX_PER_M, 2 * FLOOR_PX_PER_M))
@@ -128,7 +128,7 @@ def _oak(height: int, width: int, grain: np.random.Generator) -> Image:
             picture[top : top + board, max(left, 0) : left + long] = np.array((112, 150, 184)) * tone
             left += long
         picture[top : top + 1] *= 0.86
-        picture[top : top + board] += grain.normal(0.0, 2.5, (1, width, 1)) if row % 1 == 0 else 0.0
+        picture[top : top + board] += grain.normal(0.0, 2.5, (1, width, 1))
     return _noisy(picture, grain, 2.0)
 
 
