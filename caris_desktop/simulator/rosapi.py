@@ -13,12 +13,10 @@ from caris_desktop.simulator.simulated_clock import RobotClock
 def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | None = None) -> None:
     """Add the ``/rosapi/...`` services to ``server``."""
     robot_clock = clock or RobotClock()
-
     package = "rosapi" if dialect is Dialect.ROS1 else "rosapi_msgs"
 
-    def offer(path: str, type_: str, call: object) -> None:
-        if callable(call):
-            server.services[f"/rosapi/{path}"] = SimulatedService(service_type_name(dialect, package, type_), call)
+    def offer(path: str, type_: str, call: Callable[[Message], Message]) -> None:
+        server.services[f"/rosapi/{path}"] = SimulatedService(service_type_name(dialect, package, type_), call)
 
     def name_in(arguments: Message, key: str) -> str:
         return text(arguments, key, "args", most=500)
@@ -104,11 +102,8 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | 
             return {"type": action.type}
         return {"type": goal.type.removesuffix("Goal") if goal and goal.type.endswith("ActionGoal") else ""}
 
-    def message_details(arguments: Message) -> Message:
-        return {"typedefs": typedefs.message_typedefs(dialect, installed(arguments))}
-
-    def service_details(part: int) -> Callable[[Message], Message]:
-        return lambda arguments: {"typedefs": typedefs.service_typedefs(dialect, installed(arguments), part)}
+    def details(part: int) -> Callable[[Message], Message]:
+        return lambda arguments: {"typedefs": typedefs.typedefs_of(dialect, installed(arguments), part)}
 
     def installed(arguments: Message) -> str:
         kind = name_in(arguments, "type")
@@ -142,12 +137,12 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | 
     offer("get_param", "GetParam", get_param)
     offer("get_param_names", "GetParamNames", lambda _: {"names": sorted(server.params)})
     offer("has_param", "HasParam", has_param)
-    offer("message_details", "MessageDetails", message_details)
-    offer("service_request_details", "ServiceRequestDetails", service_details(0))
-    offer("service_response_details", "ServiceResponseDetails", service_details(1))
+    offer("message_details", "MessageDetails", details(0))
+    offer("service_request_details", "ServiceRequestDetails", details(0))
+    offer("service_response_details", "ServiceResponseDetails", details(1))
     if dialect is Dialect.ROS2:
         offer("action_type", "ActionType", action_type)
         offer("get_ros_version", "GetROSVersion", get_ros_version)
-        offer("action_goal_details", "ActionGoalDetails", service_details(0))
-        offer("action_result_details", "ActionResultDetails", service_details(1))
-        offer("action_feedback_details", "ActionFeedbackDetails", service_details(2))
+        offer("action_goal_details", "ActionGoalDetails", details(0))
+        offer("action_result_details", "ActionResultDetails", details(1))
+        offer("action_feedback_details", "ActionFeedbackDetails", details(2))

@@ -17,6 +17,7 @@ _Fastest: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def shipped_file(name: str) -> Path:
+    """Path of a file of ``resources/simulator``."""
     return resources_dir() / "simulator" / name
 
 

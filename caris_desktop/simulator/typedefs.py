@@ -32,22 +32,20 @@ def _definitions(dialect: Dialect) -> dict[str, list[tuple[FieldType, ...]]]:
     """Parts of each type; the name of a constant is followed by ``=`` and its value."""
     shipped = shipped_data("ros-types.yaml")
     texts = DEFINITION_TEXTS | shipped["both"] | shipped[dialect.name.lower()]
-    header = "std_msgs/Header header; actionlib_msgs/"
-    for name in [type_.removesuffix("Goal") for type_ in texts if type_.endswith("Goal")]:
-        if dialect is Dialect.ROS1:
+    if dialect is Dialect.ROS1:
+        header = "std_msgs/Header header; actionlib_msgs/"
+        for name in [type_.removesuffix("Goal") for type_ in texts if type_.endswith("Goal")]:
             texts[f"{name}ActionGoal"] = f"{header}GoalID goal_id; {name}Goal goal"
             texts[f"{name}ActionFeedback"] = f"{header}GoalStatus status; {name}Feedback feedback"
             texts[f"{name}ActionResult"] = f"{header}GoalStatus status; {name}Result result"
     return {name: [parse_fields(part) for part in text.split("---")] for name, text in texts.items()}
 
 
-def message_typedefs(dialect: Dialect, type_: str) -> list[dict[str, Any]]:
-    """rosapi's TypeDefs of a message type and its nested types; empty if unknown."""
-    return service_typedefs(dialect, type_, 0)
+def typedefs_of(dialect: Dialect, type_: str, part: int = 0) -> list[dict[str, Any]]:
+    """rosapi's TypeDefs of a type and its nested types; empty if unknown.
 
-
-def service_typedefs(dialect: Dialect, type_: str, part: int) -> list[dict[str, Any]]:
-    """The same of a service's request (0) or response (1), or of an action's goal, result and feedback."""
+    ``part``: of a service, request (0) or response (1); of an action, goal, result and feedback.
+    """
     typedefs: list[dict[str, Any]] = []
     waiting, seen = [(plain_name(type_), part)], {plain_name(type_)}
     while waiting:

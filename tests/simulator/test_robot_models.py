@@ -235,7 +235,7 @@ def test_commands_of_a_robot_model_are_noted_and_answered(wardrobe: Wardrobe) ->
 
 def test_every_definition_can_be_resolved_to_the_last_field() -> None:
     for dialect in Dialect:
-        for typedef in typedefs.message_typedefs(dialect, "nav_msgs/Odometry"):
+        for typedef in typedefs.typedefs_of(dialect, "nav_msgs/Odometry"):
             assert len(typedef["fieldnames"]) == len(typedef["fieldtypes"]) == len(typedef["fieldarraylen"])
     assert set(robot_model_names()) == {"generic", "tiago-base", "turtlebot3-humble", *PUBLISHED}
 
