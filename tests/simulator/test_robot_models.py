@@ -10,6 +10,7 @@ import pytest
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.simulator import typedefs
 from caris_desktop.simulator.robot_models import UnknownRobotModel, robot_model_named, robot_model_names
+from caris_desktop.simulator.shipped_data import shipped_data
 from tests.support.leak_checks import share_in_module
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
@@ -234,9 +235,15 @@ def test_commands_of_a_robot_model_are_noted_and_answered(wardrobe: Wardrobe) ->
 
 
 def test_every_definition_can_be_resolved_to_the_last_field() -> None:
+    shipped = shipped_data("ros-types.yaml")
     for dialect in Dialect:
-        for typedef in typedefs.typedefs_of(dialect, "nav_msgs/Odometry"):
-            assert len(typedef["fieldnames"]) == len(typedef["fieldtypes"]) == len(typedef["fieldarraylen"])
+        for name in ("nav_msgs/Odometry", *shipped["both"], *shipped[dialect.name.lower()]):
+            parts = [typedefs.typedefs_of(dialect, name, part) for part in range(3)]
+            assert parts[0], name
+            for typedef in (each for part in parts for each in part):
+                assert len(typedef["fieldnames"]) == len(typedef["fieldtypes"]) == len(typedef["fieldarraylen"])
+                nested = [kind for kind in typedef["fieldtypes"] if "/" in kind]
+                assert all(typedefs.is_known(dialect, kind) for kind in nested), typedef["type"]
     assert set(robot_model_names()) == {"generic", "tiago-base", "turtlebot3-humble", *PUBLISHED}
 
 
