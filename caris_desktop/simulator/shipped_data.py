@@ -40,6 +40,8 @@ def built(kind: Any, data: Any) -> Any:
         return tuple(built(item_kind, item) for item_kind, item in zip(cycle(kinds), data, strict=False))
     if isinstance(kind, type) and is_dataclass(kind):
         hints = get_type_hints(kind)
+        if isinstance(data, list) and len(data) > len(hints):
+            raise ValueError(f"{kind.__name__} has {len(hints)} fields: {data}")
         named = dict(zip(hints, data, strict=False)) if isinstance(data, list) else data
         return kind(**{name: built(hints[name], value) for name, value in named.items()})
     return kind(data) if isinstance(kind, EnumType) else data
