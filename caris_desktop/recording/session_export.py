@@ -110,7 +110,7 @@ FORMATS: tuple[ExportFormat, ...] = (
     _format(
         "frames",
         QT_TR_NOOP("Training data"),
-        QT_TR_NOOP("Images and boxes for YOLO and MOT; episodes of driving and dialogue as JSONL."),
+        QT_TR_NOOP("Driving for LeRobot, images with boxes for YOLO and MOT, dialogue as JSONL."),
     ),
     _format(
         "rocrate",

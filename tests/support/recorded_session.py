@@ -210,6 +210,17 @@ def make_session(
     return RecordedSession(folder, plan, tuple(kept))
 
 
+def rerecorded(made: RecordedSession, values: list[tuple[int, Any]]) -> RecordedSession:
+    """The same session with other recorded values, in order of arrival."""
+    path = made.folder / "events.mcap"
+    path.unlink()
+    log = EventLog(DiskFile(path), anchor=_clock_of(made.plan).anchor, metadata={})
+    for arrived_ns, value in values:
+        log.write(BY_TYPE[type(value)], value, arrived_ns)
+    log.close()
+    return RecordedSession(made.folder, made.plan, tuple(values))
+
+
 def values_of(plan: SessionPlan) -> Iterator[tuple[int, Any]]:
     """All values with their arrival time at the console, ordered by it."""
     streams: list[Iterator[tuple[int, Any]]] = [

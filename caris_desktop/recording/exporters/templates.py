@@ -1,4 +1,4 @@
-"""HTML and text pages from the program's templates; values in HTML pages are escaped."""
+"""HTML and Markdown pages from the program's templates; values in HTML pages are escaped."""
 
 import functools
 from pathlib import Path
@@ -24,7 +24,7 @@ def _environment() -> Any:
 
     return jinja2.Environment(
         loader=jinja2.FileSystemLoader(resources_dir() / "templates"),
-        autoescape=True,
+        autoescape=jinja2.select_autoescape(disabled_extensions=("md.j2",), default=True),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

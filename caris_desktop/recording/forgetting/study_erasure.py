@@ -223,7 +223,7 @@ _STATISTICS = "statistics"
 _MARKS = (
     "ro-crate-metadata.json", "data_dictionary.csv", "data_dictionary.parquet", "report.html", "methods.html",
     "captions.vtt", "session.TextGrid", "session.bag", "media.txt", "data.yaml", "boxes.csv", "episodes.jsonl",
-    "turns.jsonl",
+    "turns.jsonl", "meta/info.json",
 )  # fmt: skip
 # Types that exporters write; scripts and notes next to them are the user's.
 _WRITTEN = (

@@ -1,4 +1,4 @@
-"""Training data: boxes match their images, and steps contain the known state and the action."""
+"""Training data: boxes match their images, and turns contain what was known."""
 
 import configparser
 import csv
@@ -14,31 +14,13 @@ import numpy as np
 import pytest
 import yaml
 
-from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import AnswerUsed, CommandSent, UtteranceChanged
 from caris_desktop.domain.geometry import Twist2D
-from caris_desktop.domain.sensing import FrameRef, LaserScan, People, RobotPose
-from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.domain.sensing import People
 from caris_desktop.recording.exporters.frames import write_frames
-from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportContext, export_session
-from tests.support.recorded_session import RecordedSession, make_session, number_in
-
-SECOND_NS = 1_000_000_000
-
-
-def rerecorded(made: RecordedSession, values: list[tuple[int, Any]]) -> RecordedSession:
-    """The same session with other recorded values."""
-    path = made.folder / "events.mcap"
-    anchor = open_session(made.folder).clock.anchor
-    path.unlink()
-    log = EventLog(DiskFile(path), anchor=ClockAnchor(anchor.monotonic_ns, anchor.utc_ns), metadata={})
-    for arrived_ns, value in values:
-        log.write(BY_TYPE[type(value)], value, arrived_ns)
-    log.close()
-    return RecordedSession(made.folder, made.plan, tuple(values))
+from tests.support.recorded_session import RecordedSession, make_session, number_in, rerecorded
 
 
 @pytest.fixture(scope="module")
@@ -148,68 +130,6 @@ def test_mot_sequences_are_complete_and_say_who_made_them(made: RecordedSession,
         assert len(list(csv.DictReader(file))) == len(images)
 
 
-def test_driving_is_cut_where_the_wizard_paused(made: RecordedSession, out: Path) -> None:
-    episodes = lines(out / "driving" / "episodes.jsonl")
-    assert [(round(e["start_s"], 1), round(e["end_s"], 1)) for e in episodes] == [(0.0, 5.5), (8.0, 10.5)]
-    assert episodes[0]["steps_by_source"] == {"keyboard": 50}
-    scans = [(arrived, value) for arrived, value in made.values if isinstance(value, LaserScan)]
-    poses = [(arrived, value) for arrived, value in made.values if isinstance(value, RobotPose)]
-    commands = [(arrived, value) for arrived, value in made.values if isinstance(value, CommandSent)]
-    frames = [(arrived, value) for arrived, value in made.values if isinstance(value, FrameRef)]
-    for episode in episodes:
-        steps = lines(out / "driving" / episode["file"])
-        assert [step["step"] for step in steps] == list(range(episode["steps"]))
-        for step in (*steps, episode):
-            told = (step["session"], step["participant"], step["condition"], step["trial"])
-            assert told == (made.folder.name, "P07", "B", "1")
-        for step in steps:
-            at_ns = made.plan.started_ns + round(step["session_s"] * 1e9)
-            until_ns = at_ns + SECOND_NS // 10
-            sent = [value for arrived, value in commands if arrived <= until_ns][-1]
-            action = step["action"]
-            assert (action["forward_mps"], action["turn_radps"]) == (sent.twist.forward_mps, sent.twist.turn_radps)
-            shown = [value for arrived, value in frames if arrived < at_ns]
-            assert set(step["state"]["pictures"]) == ({"front"} if shown else set())
-            if shown:
-                picture = step["state"]["pictures"]["front"]
-                assert picture["frame_sequence"] == shown[-1].sequence
-                assert number_in(cv2.imread(str(out / "driving" / picture["image"]))) == shown[-1].sequence - 1
-                taken_ns = shown[-1].stamp_ns - round(made.plan.network_delay_ms * 1e6)
-                assert picture["age_s"] == pytest.approx((at_ns - taken_ns) / 1e9, abs=0.004)
-            known = [value for arrived, value in scans if arrived < at_ns]
-            if not known:
-                assert step["state"]["scan"] is None
-                continue
-            ranges = [np.inf if value is None else value for value in step["state"]["scan"]["ranges_m"]]
-            np.testing.assert_allclose(ranges, known[-1].ranges_m, atol=1e-4)
-            # Measured by the robot 8 ms before arrival, with a clock error of up to 3 ms.
-            measured_ns = known[-1].stamp_ns - round(made.plan.network_delay_ms * 1e6)
-            assert step["state"]["scan"]["age_s"] == pytest.approx((at_ns - measured_ns) / 1e9, abs=0.004)
-            placed = [value for arrived, value in poses if arrived < at_ns]
-            if placed:
-                assert step["state"]["pose_in_map"]["x_m"] == placed[-1].pose_in_map.x_m
-    last = lines(out / "driving" / episodes[0]["file"])[-1]
-    assert len(last["state"]["people_in_map"]["people"]) == made.plan.people
-    assert last["action"]["forward_mps"] == 0.0
-
-
-def test_steps_show_large_pictures_smaller_and_cameras_without_video_not(tmp_path: Path) -> None:
-    made = make_session(
-        tmp_path / "s", seconds=2.0, cameras=("front", "rear"), size_px=(1280, 720), audio=(), keep=True
-    )
-    (made.folder / "video-rear.mp4").unlink()
-    export_session(made.folder, "frames", tmp_path / "out")
-    steps = lines(tmp_path / "out" / "driving" / "episode-0001.jsonl")
-    named = {name for step in steps for name in step["state"]["pictures"]}
-    assert named == {"front"}
-    images = [step["state"]["pictures"]["front"]["image"] for step in steps if step["state"]["pictures"]]
-    assert len(images) > 10
-    for image in images:
-        assert cv2.imread(str(tmp_path / "out" / "driving" / image)).shape == (360, 640, 3)
-    there = {f"pictures/{path.name}" for path in (tmp_path / "out" / "driving" / "pictures").iterdir()}
-    assert there == set(images)
-
-
 def test_turns_hold_what_the_wizard_could_know(made: RecordedSession, out: Path) -> None:
     turns = lines(out / "dialogue" / "turns.jsonl")
     asked = {
@@ -237,16 +157,18 @@ def test_turns_hold_what_the_wizard_could_know(made: RecordedSession, out: Path)
     assert third["context"]["people_in_view"] in ({"front": 3}, {"front": 0})
 
 
-def test_the_card_describes_every_field(made: RecordedSession, out: Path) -> None:
+def test_the_card_describes_every_field(out: Path) -> None:
     card = (out / "README.md").read_text()
-    step = lines(out / "driving" / "episode-0001.jsonl")[-1]
     turn = lines(out / "dialogue" / "turns.jsonl")[0]
-    for name in (*step["state"], *step["action"], *turn, *turn["context"], *turn["action"]):
-        told = name in card or name in ("turn", "utterance_id", "voice", "forward_mps", "left_mps", "turn_radps")
+    features = json.loads((out / "lerobot" / "meta" / "info.json").read_text())["features"]
+    own = [name for name in features if "images" not in name and "index" not in name and name != "timestamp"]
+    for name in (*own, *turn, *turn["context"], *turn["action"]):
+        told = name in card or name in ("turn", "utterance_id", "voice")
         assert told or name.endswith(("_s", "utc")), name
     assert "machine-made" in card
     assert "monotonic" in card
     assert re.search(r"accurate to \d\.\d ms \(16 measurements\)", card)
+    assert "&" not in card
 
 
 def test_sessions_without_video_or_driving_are_exported_too(tmp_path: Path) -> None:
@@ -255,6 +177,6 @@ def test_sessions_without_video_or_driving_are_exported_too(tmp_path: Path) -> N
     (tmp_path / "out").mkdir()
     written = write_frames(open_session(made.folder), tmp_path / "out", ExportContext(progress=fractions.append))
     assert all(path.is_file() for path in written)
-    assert lines(tmp_path / "out" / "driving" / "episodes.jsonl") == []
     assert "without a frame in the video" in (tmp_path / "out" / "README.md").read_text()
     assert fractions == sorted(fractions)
+    assert fractions[-1] == pytest.approx(0.95)

@@ -1,0 +1,153 @@
+"""Dialogue turns of the robot as JSON lines: what was known, what the wizard had it say, and how soon."""
+
+import bisect
+import json
+from pathlib import Path
+from typing import Any
+
+from caris_desktop.domain.events import AnswerUsed, LlmExchange
+from caris_desktop.recording.exporters.tables import key_columns
+from caris_desktop.recording.session.answers import LlmUse, answer_uses, questions_of
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.utterances import SpokenUtterance
+from caris_desktop.recording.studies.measures import reaction_times, read_facts, response_times
+
+TURNS_BEFORE = 20
+"""A turn contains at most so many utterances before it."""
+_EDIT_WITHIN_NS = 5_000_000_000
+
+
+def session_columns(session: Session) -> dict[str, str]:
+    """Session columns that begin every line, so that lines of several sessions can be distinguished."""
+    return {column.name: column.read(None, None) for column in key_columns(session)}  # type: ignore[arg-type] # constants
+
+
+def write_dialogue(session: Session, path: Path) -> int:
+    """Write one line per robot utterance; return their number. Raises OSError, SessionError."""
+    facts = read_facts(session)
+    spoken = [utterance for utterance in facts.utterances if utterance.said]
+    responses = {reply.utterance.utterance_id: reply.delay_s for reply in response_times(spoken, facts.pauses)}
+    exchanges = questions_of(facts.of(LlmExchange))
+    became = answer_uses(exchanges, facts.of(AnswerUsed), facts.utterances)
+    reactions = {
+        reply.utterance.utterance_id: reply.delay_s
+        for reply in reaction_times(facts.utterances, exchanges, facts.pauses)
+    }
+    in_view, of_this = _counts_in_view(session), session_columns(session)
+    turns, before_ns = 0, -(2**62)
+    with path.open("w", encoding="utf-8", errors="replace") as file:
+        for utterance in facts.utterances:
+            if utterance.speaker != "robot":
+                continue
+            at_ns = _decided_ns(utterance)
+            if at_ns is None:
+                continue
+            known = [other for other in spoken if other is not utterance and _known_at(other, at_ns)]
+            preceding = [exchange for exchange in exchanges if before_ns < exchange.stamp_ns <= at_ns]
+            edited = _edited_answer(utterance.text, at_ns, facts.of(AnswerUsed))
+            line = {
+                **of_this,
+                "turn": turns + 1,
+                "utterance_id": utterance.utterance_id,
+                "decided_s": _seconds(session, at_ns),
+                "utc": session.clock.utc(at_ns),
+                "context": {
+                    "transcript": [_as_heard(session, other, at_ns) for other in known[-TURNS_BEFORE:]],
+                    "people_in_view": _count_at(in_view, at_ns),
+                    "assistant": [_exchange(session, exchange, became[exchange.exchange_id]) for exchange in preceding],
+                },
+                "action": {
+                    "text": utterance.text,
+                    "origin": "edited" if edited else utterance.origin,
+                    "voice": utterance.voice,
+                    "started_s": _seconds(session, utterance.start_ns),
+                    "ended_s": _seconds(session, utterance.end_ns),
+                    "state": utterance.state,
+                    "said": utterance.said,
+                },
+                "response_time_s": _rounded(responses.get(utterance.utterance_id)),
+                "wizard_reaction_time_s": _rounded(reactions.get(utterance.utterance_id)),
+            }
+            file.write(_line(line))
+            turns, before_ns = turns + 1, at_ns
+    return turns
+
+
+def _decided_ns(utterance: SpokenUtterance) -> int | None:
+    return utterance.start_ns if utterance.requested_ns is None else utterance.requested_ns
+
+
+def _known_at(utterance: SpokenUtterance, at_ns: int) -> bool:
+    """True if the utterance had begun; transcripts of heard speech are known only after its end."""
+    if utterance.start_ns is None or utterance.start_ns >= at_ns:
+        return False
+    return utterance.speaker == "robot" or (utterance.end_ns is not None and utterance.end_ns <= at_ns)
+
+
+def _as_heard(session: Session, utterance: SpokenUtterance, at_ns: int) -> dict[str, Any]:
+    ended = utterance.end_ns is not None and utterance.end_ns <= at_ns
+    return {
+        "speaker": utterance.speaker,
+        "text": utterance.text,
+        "origin": utterance.origin,
+        "started_s": _seconds(session, utterance.start_ns),
+        "ended_s": _seconds(session, utterance.end_ns) if ended else None,
+    }
+
+
+def _exchange(session: Session, exchange: LlmExchange, use: LlmUse) -> dict[str, Any]:
+    return {
+        "exchange_id": exchange.exchange_id,
+        "provider": exchange.provider,
+        "model": exchange.model,
+        "model_version": exchange.model_version,
+        "server": exchange.server,
+        "seed": exchange.seed,
+        "parameters": exchange.parameters,
+        "messages": [{"role": message.role, "content": message.content} for message in exchange.messages],
+        "answer": exchange.answer,
+        "outcome": exchange.outcome,
+        "cut": exchange.cut,
+        "asked_s": _seconds(session, exchange.asked_ns),
+        "answered_s": _seconds(session, exchange.stamp_ns),
+        "use": use,
+    }
+
+
+def _edited_answer(text: str, at_ns: int, uses: tuple[AnswerUsed, ...]) -> bool:
+    return any(
+        use.use == "edited" and use.text.strip() == text.strip() and abs(use.stamp_ns - at_ns) <= _EDIT_WITHIN_NS
+        for use in uses
+    )
+
+
+def _counts_in_view(session: Session) -> dict[str, tuple[list[int], list[int]]]:
+    """Times and numbers of people per camera, at each change."""
+    counts: dict[str, tuple[list[int], list[int]]] = {}
+    for _, people in session.values("people"):
+        moments, numbers = counts.setdefault(people.camera, ([], []))
+        if not numbers or numbers[-1] != len(people.boxes):
+            moments.append(people.stamp_ns)
+            numbers.append(len(people.boxes))
+    return counts
+
+
+def _count_at(counts: dict[str, tuple[list[int], list[int]]], at_ns: int) -> dict[str, int]:
+    found = {}
+    for camera, (moments, numbers) in counts.items():
+        index = bisect.bisect_right(moments, at_ns) - 1
+        if index >= 0:
+            found[camera] = numbers[index]
+    return found
+
+
+def _seconds(session: Session, stamp_ns: int | None) -> float | None:
+    return None if stamp_ns is None else round(session.clock.session_s(stamp_ns), 4)
+
+
+def _rounded(seconds: float | None) -> float | None:
+    return None if seconds is None else round(seconds, 4)
+
+
+def _line(value: dict[str, Any]) -> str:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False) + "\n"
