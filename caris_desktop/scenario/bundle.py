@@ -19,8 +19,13 @@ from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.scenario.scenario_file import MAX_FILE_BYTES, ScenarioError, parse_scenario, scenario_data
-from caris_desktop.scenario.text_editing import edited
+from caris_desktop.scenario.scenario_file import (
+    MAX_FILE_BYTES,
+    ScenarioError,
+    changed_text,
+    parse_scenario,
+    scenario_data,
+)
 
 SUFFIX = ".caris"
 BUNDLE_VERSION = 1
@@ -283,11 +288,12 @@ def _kind_and_name(entry: str) -> tuple[PartKind, str]:
 
 def _referring(text: str, names: Mapping[tuple[PartKind, str], str]) -> str:
     """``text`` with renamed robot and face."""
-    scenario = parse_scenario(text, path=Path("scenario.yaml"))
+    path = Path("scenario.yaml")
+    scenario = parse_scenario(text, path=path)
     robot = names.get(("robot", scenario.robot), scenario.robot)
     face = names.get(("face", scenario.face.face), scenario.face.face)
     changed = replace(scenario, robot=robot, face=replace(scenario.face, face=face))
-    return text if changed == scenario else edited(text, scenario_data(scenario), scenario_data(changed))
+    return text if changed == scenario else changed_text(text, scenario, scenario_data(changed), path)[0]
 
 
 def names_of(parts: Iterable[tuple[BundledFile, str]]) -> str:

@@ -5,6 +5,7 @@ tolerated: the text contains them, their messages give line and place, and only 
 """
 
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -41,14 +42,7 @@ from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.scenario.scenario_file import mistakes
 from caris_desktop.scenario.scenario_migrations import migrate
 from caris_desktop.scenario.scenario_model import Scenario
-from caris_desktop.scenario.text_editing import (
-    UnusualLayoutError,
-    quick_data,
-    with_entry,
-    with_entry_moved,
-    with_value,
-    without,
-)
+from caris_desktop.scenario.text_editing import edited, quick_data, with_entry_moved
 
 MOST_STEPS = 500
 _ID = "id"
@@ -64,13 +58,20 @@ class Mistake:
     message: str
 
 
-@dataclass(frozen=True, slots=True)
 class _State:
-    """``unreadable`` is the reason why ``data`` are from an earlier text."""
+    """``unreadable`` is the reason why ``data`` are from an earlier text.
 
-    text: str
-    data: dict[str, Any]
-    unreadable: Mistake | None = None
+    ``write`` is called when the text is first asked for, not on each key: it takes up to 60 ms.
+    """
+
+    def __init__(self, data: dict[str, Any], write: Callable[[], str], unreadable: Mistake | None = None) -> None:
+        self.data = data
+        self.unreadable = unreadable
+        self._write = write
+
+    @cached_property
+    def text(self) -> str:
+        return self._write()
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +134,7 @@ class ScenarioDocument:
 
     @property
     def changed(self) -> bool:
-        return self._state.text != self._saved.text
+        return self.data != self.saved_data or self._state.text != self._saved.text
 
     def value(self, path: KeyPath) -> Any:
         """Value at a place or its default; ABSENT if there is none."""
@@ -190,7 +191,7 @@ class ScenarioDocument:
         if self._lines is None or self._lines[0] != self.text:
             try:
                 self._lines = (self.text, quick_data(self.text))
-            except (UnusualLayoutError, YamlSourceError):
+            except YamlSourceError:
                 self._lines = (self.text, LocatedData({}))
         return self._lines[1].line_of(path)
 
@@ -214,18 +215,18 @@ class ScenarioDocument:
             return
         place, placed = self._placed(path, value)
         if place != path:
-            self._change(path, with_value_at(self.data, place, placed), place, placed)
+            self._persist(path, self._with(place, placed), goes_on=True)
         elif value == self._left_out(path) and (value == "" or value_at(self.saved_data, path) is ABSENT):
             self.clear(path)
         else:
-            self._change(path, with_value_at(self.data, path, value), path, value)
+            self._persist(path, self._with(path, value), goes_on=True)
 
     def clear(self, path: KeyPath) -> None:
         """Remove a value, so that the default applies."""
         if value_at(self.data, path) is ABSENT or isinstance(path[-1], int):
             return
         if (shorter := self._as_text(path)) is not None:
-            self._change(path, with_value_at(self.data, path[:-1], shorter), path[:-1], shorter)
+            self._persist(path, with_value_at(self.data, path[:-1], shorter), goes_on=True)
             return
         removed = path
         data = without_at(self.data, path)
@@ -237,7 +238,7 @@ class ScenarioDocument:
         ):
             removed = removed[:-1]
             data = without_at(data, removed)
-        self._change(path, data, removed, ABSENT)
+        self._persist(path, data, goes_on=False)
 
     def add(self, path: KeyPath, entry: Any) -> None:
         """Insert an entry into a list, at the index at the end of ``path``."""
@@ -245,15 +246,7 @@ class ScenarioDocument:
         entries = self.value(above)
         entries = list(entries) if isinstance(entries, list) else []
         entries.insert(int(place), copied(entry))
-        data = with_value_at(self.data, above, entries)
-
-        def write(text: str) -> str:
-            try:
-                return with_entry(text, path, entry)
-            except UnusualLayoutError:
-                return with_value(text, above, entries, self._names_before(above))
-
-        self._persist(path, data, write, goes_on=False)
+        self._persist(path, self._with(above, entries), goes_on=False)
 
     def remove(self, path: KeyPath) -> None:
         """Remove an entry from its list."""
@@ -266,14 +259,7 @@ class ScenarioDocument:
         if value_at(data, above) == [] and value_at(self.saved_data, above) in (ABSENT, []):
             self.clear(above)
             return
-
-        def write(text: str) -> str:
-            try:
-                return without(text, path)
-            except UnusualLayoutError:
-                return with_value(text, above, value_at(data, above))
-
-        self._persist(path, data, write, goes_on=False)
+        self._persist(path, data, goes_on=False)
 
     def move(self, path: KeyPath, place: int) -> None:
         """Move an entry within its list."""
@@ -283,14 +269,7 @@ class ScenarioDocument:
             return
         entries.insert(place, entries.pop(index))
         data = with_value_at(self.data, above, entries)
-
-        def write(text: str) -> str:
-            try:
-                return with_entry_moved(text, path, place)
-            except UnusualLayoutError:
-                return with_value(text, above, entries)
-
-        self._persist(path, data, write, goes_on=False)
+        self._persist(path, data, goes_on=False, text=with_entry_moved(self.text, path, place))
 
     def set_text(self, text: str) -> None:
         """Replace the whole text. If a form cannot show it, the form's data stay."""
@@ -379,15 +358,6 @@ class ScenarioDocument:
 
     # ---- within
 
-    def _change(self, changed: KeyPath, data: dict[str, Any], path: KeyPath, value: Any) -> None:
-        """``data`` include ``value`` at ``path``; ``changed`` is the place that the user changed."""
-        names = self._names_before(path)
-
-        def write(text: str) -> str:
-            return without(text, path) if value is ABSENT else with_value(text, path, value, names)
-
-        self._persist(changed, data, write, goes_on=value is not ABSENT)
-
     def _before_step(self, path: KeyPath) -> _State:
         """State before the present undo step, if it continues at that place."""
         last = self._done[-1] if self._done else None
@@ -423,46 +393,47 @@ class ScenarioDocument:
         data = before.data
         for place in places:
             data = with_value_at(data, place, name)
+        self._persist(path, data, goes_on=True)
 
-        def write(_text: str) -> str:
-            text = before.text
-            for place in places:
-                text = with_value(text, place, name)
-            return text
-
-        self._persist(path, data, write, goes_on=True)
-
-    def _persist(self, path: KeyPath, data: dict[str, Any], write: Callable[[str], str], *, goes_on: bool) -> None:
+    def _persist(self, path: KeyPath, data: dict[str, Any], *, goes_on: bool, text: str = "") -> None:
+        """Go on with ``data``; ``text`` is used if it says that."""
         if self.unreadable is not None:
             return
-        try:
-            text = write(self.text)
-            written = quick_data(text).data == data
-        except (UnusualLayoutError, YamlSourceError):
-            written = False
-        if not written:
+        before = self._before_step(path) if goes_on else self._state
+
+        def write() -> str:
+            changed = text if _says(text, data) else edited(before.text, before.data, data)
             # Unusual layout: the content matters more than the formatting.
-            text = yaml_text(data)
-        self._push(path, _State(text, data), goes_on=goes_on)
+            return changed if _says(changed, data) else yaml_text(data)
+
+        self._push(path, _State(data, write), goes_on=goes_on)
 
     def _push(self, path: KeyPath, state: _State, *, goes_on: bool) -> None:
         last = self._done[-1] if self._done else None
         words = self.words(path)
         if last is None or not (goes_on and last.goes_on and last.path == path):
+            self._state.text  # noqa: B018 - written once, so that no chain of unwritten texts grows
             self._done.append(UndoStep(self._state, path, words, goes_on))
             del self._done[:-MOST_STEPS]
         self._undone.clear()
         self._state = state
 
-    def _names_before(self, path: KeyPath) -> tuple[str, ...]:
-        """Keys that precede the first missing one on the path."""
+    def _with(self, path: KeyPath, value: Any) -> dict[str, Any]:
+        """Data with ``value`` at ``path``; a new key comes after those that precede it in the schema."""
+        data: dict[str, Any] = with_value_at(self.data, path, value)
         for number, part in enumerate(path):
-            if value_at(self.data, path[: number + 1]) is ABSENT and isinstance(part, str):
-                above = path[:number]
-                group = group_at(form_at(Scenario, self.data, above), value_at(self.data, above))
+            above = path[:number]
+            present = value_at(self.data, above)
+            if isinstance(part, str) and isinstance(present, dict) and part not in present:
+                group = group_at(form_at(Scenario, self.data, above), present)
                 names = [key.name for key in keys_of(group)] if group is not None else []
-                return tuple(names[: names.index(part)]) if part in names else tuple(names)
-        return ()
+                before = names[: names.index(part)] if part in names else names
+                entries = list(present.items())
+                place = max((at for at, (name, _value) in enumerate(entries, 1) if name in before), default=0)
+                entries.insert(place, (part, value_at(data, (*above, part))))
+                data = with_value_at(data, above, dict(entries))
+                break
+        return data
 
     def _left_out(self, path: KeyPath) -> Any:
         """Default value of a place."""
@@ -511,6 +482,13 @@ class ScenarioDocument:
         return text if isinstance(text, str) else None
 
 
+def _says(text: str, data: dict[str, Any]) -> bool:
+    try:
+        return bool(quick_data(text).data == data)
+    except YamlSourceError:
+        return False
+
+
 def _same(one: str, other: str) -> bool:
     return one.casefold() == other.casefold()
 
@@ -527,14 +505,14 @@ def _read(text: str, last: dict[str, Any] | None = None) -> _State:
             migrate(source.data)
             found = _out_of_shape(Scenario, source.data, ())
             if found is None:
-                return _State(text, source.data)
+                return _State(source.data, lambda: text)
             path, message = found
             line = source.line_of(path)
     except YamlSourceError as error:
         line, path, message = error.line, (), f"{error}"
     except ValueError as error:
         message = f"{error}"
-    return _State(text, last or {}, Mistake(path, line, message))
+    return _State(last or {}, lambda: text, Mistake(path, line, message))
 
 
 def _out_of_shape(hint: Any, data: Any, path: KeyPath) -> tuple[KeyPath, str] | None:

@@ -22,7 +22,6 @@ from caris_desktop.scenario.phrases import PhraseEntry, phrase_groups, phrase_pr
 from caris_desktop.scenario.protocol_steps import ProtocolSettings, protocol_problems
 from caris_desktop.scenario.scenario_migrations import migrate
 from caris_desktop.scenario.scenario_model import DEFAULT_ROBOT, Scenario
-from caris_desktop.scenario.text_editing import UnusualLayoutError, edited
 
 MAX_FILE_BYTES = 256 * 1024
 _SCHEMA_ON_THIS_COMPUTER = re.compile(
@@ -140,7 +139,7 @@ def _save(scenario: Scenario, path: Path, known: tuple[str, Scenario] | None) ->
     wrong = next(iter([*problems(Scenario, data), *_meaning_problems(data)]), None)
     if wrong is not None:
         raise ScenarioError(tr("{path} was not written: {wrong}").format(path=_shown(path), wrong=wrong[1]))
-    text, saved = _new_file(scenario, data, path) if known is None else _changed(*known, data, path)
+    text, saved = _new_file(scenario, data, path) if known is None else changed_text(*known, data, path)
     _write_or_report(path, text)
     return saved
 
@@ -205,7 +204,7 @@ def _new_file(scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str
     try:
         origin = None if scenario.path is None else _known(scenario.path)
         if origin is not None:
-            text, _scenario = _changed(*origin, data, path)
+            text, _scenario = changed_text(*origin, data, path)
     except ScenarioError:
         # The source file has changed; there is nothing to preserve.
         pass
@@ -215,14 +214,17 @@ def _new_file(scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str
     return text, parse_scenario(text, path=path.resolve())
 
 
-def _changed(before: str, scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:
+def changed_text(before: str, scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:
     """``before`` with content ``scenario``, changed to ``data``; unchanged where both agree."""
+    # Not imported with the first window: ruamel.yaml takes a tenth of a second.
+    from caris_desktop.scenario.text_editing import edited
+
+    text = edited(before, scenario_data(scenario), data)
     try:
-        text = edited(before, scenario_data(scenario), data)
         saved = parse_scenario(text, path=path.resolve())
         if scenario_data(saved) == data:
             return text, saved
-    except (UnusualLayoutError, ScenarioError):
+    except ScenarioError:
         pass
     text = yaml_text(data)
     return text, parse_scenario(text, path=path.resolve())

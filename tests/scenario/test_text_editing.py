@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.domain.shipped import layouts_dir, resources_dir
+from caris_desktop.domain.yaml_source import parse_yaml
 from caris_desktop.scenario.scenario_file import (
     OtherFileError,
     ScenarioError,
@@ -22,7 +23,7 @@ from caris_desktop.scenario.scenario_file import (
     schema_path,
 )
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, Place, Scenario, SplitNode, TabNode
-from caris_desktop.scenario.text_editing import UnusualLayoutError, edited
+from caris_desktop.scenario.text_editing import edited, with_entry_moved
 from tests.support.examples import examples
 
 WRITTEN = """\
@@ -134,10 +135,12 @@ def test_a_place_that_is_gone_takes_its_lines_along(path: Path, places: tuple[Pl
 def test_no_place_at_all_is_an_empty_list(path: Path) -> None:
     changed_places(path)
     text = path.read_text(encoding="utf-8")
-    assert "places:   # measured with a tape\n  # the door\n  []   # sunny\n  # nothing after this one\n" in text
-    assert changed_places(path, KITCHEN)[-1] == (
-        "+   [{name: 'Kitchen, large', x_m: 1.25, y_m: -2, heading_deg: 0}]   # sunny"
-    )
+    assert "places: []   # measured with a tape\n  # the door\n  # nothing after this one\n" in text
+    changed_places(path, KITCHEN)
+    assert (
+        "places:   # measured with a tape\n  - {name: 'Kitchen, large', x_m: 1.25, y_m: -2, heading_deg: 0}\n"
+        "  # the door\n  # nothing after this one\n"
+    ) in path.read_text(encoding="utf-8")
 
 
 def test_a_renamed_place_keeps_its_line(path: Path) -> None:
@@ -160,7 +163,7 @@ def test_another_layout_changes_what_moved(path: Path) -> None:
     assert changed_layout(path, SplitNode("horizontal", (VIDEO, more), (60.0, 40.0))) == [
         "-     - tabs: [speak, map]   # both",
         "-       current: map",
-        "+     - split: vertical",
+        "+     - split: vertical   # both",
         "+       weights: [2, 1]",
         "+       children:",
         "+         - tabs: [speak, map]",
@@ -172,8 +175,7 @@ def test_another_layout_changes_what_moved(path: Path) -> None:
 def test_a_layout_of_one_panel_leaves_the_comments_around_it(path: Path) -> None:
     changed_layout(path, PanelLeaf("map"))
     text = path.read_text(encoding="utf-8")
-    assert text.startswith(WRITTEN.partition("  split: horizontal")[0])
-    assert text.endswith("layout:   # by Anna\n  {panel: map}\n# end of the file\n")
+    assert text == WRITTEN.partition("layout:")[0] + "layout: {panel: map}   # by Anna\n# end of the file\n"
 
 
 def test_every_setting_can_change_in_its_place(path: Path) -> None:
@@ -189,7 +191,7 @@ def test_every_setting_can_change_in_its_place(path: Path) -> None:
     save_scenario(changed, path)
     assert changes(WRITTEN, path.read_text(encoding="utf-8")) == [
         "- title:   Café study     # shown in the menu",
-        "+ title:   'Bar: study'     # shown in the menu",
+        "+ title: 'Bar: study'     # shown in the menu",
         "+ - Wait",
         "- filler: >-   # folded",
         "-   Let me",
@@ -208,6 +210,59 @@ def test_a_setting_back_at_its_default_goes(path: Path) -> None:
     scenario = load_scenario(path)
     save_scenario(dataclasses.replace(scenario, recording=dataclasses.replace(scenario.recording, lsl=False)), path)
     assert path.read_text(encoding="utf-8") == WRITTEN + "recording:  # marks\n  labels: [Laughs]\n"
+
+
+SHIPPED = [
+    *layouts_dir().glob("*.yaml"),
+    *(resources_dir() / "robots").glob("*.yaml"),
+    *(resources_dir() / "faces").glob("*.yaml"),
+]
+
+
+@pytest.mark.parametrize("shipped", sorted(SHIPPED), ids=lambda path: path.stem)
+def test_each_section_of_a_shipped_file_is_written_as_it_is_read(shipped: Path) -> None:
+    text = shipped.read_text(encoding="utf-8")
+    data = parse_yaml(text).data
+    for name in data:
+        others = {key: value for key, value in data.items() if key != name}
+        changed = edited(text, data, others | {name: "other", "new": [1]})
+        assert parse_yaml(changed).data == others | {name: "other", "new": [1]}
+        # Only lines of that section go, and no comment outside of it.
+        kept = edited(changed, others | {name: "other", "new": [1]}, others)
+        assert [line for line in changes(text, kept) if line[0] == "+" and line != "+ "] == []
+    assert edited(text, data, data) == text
+
+
+def test_an_entry_moves_with_its_comments() -> None:
+    text = "a:\n  # one\n  - x   # X\n  # two\n  - y: 1\n    # in it\n  - [z]\n# after\nb: 1\n"
+    moved = "a:\n  # two\n  - y: 1\n    # in it\n  - [z]\n  # one\n  - x   # X\n# after\nb: 1\n"
+    assert with_entry_moved(text, ("a", 0), 2) == moved
+    assert with_entry_moved(moved, ("a", 2), 0) == text
+    assert with_entry_moved("a: [x, y]\n", ("a", 0), 1) == "a: [x, y]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "changed"),
+    [
+        ("a: [x]  # c\n", ["x"], "m\nn", "a: >-  # c\n  m\n\n  n\n"),
+        ("a: >-   # c\n  one\n  two\n\nb: 1\n", "one two", "three", "a: three   # c\n\nb: 1\n"),
+        (
+            "a: >-   # c\n  one\n  two\n\n  three\n\nb: 1\n",
+            "one two\nthree",
+            "one two\nfour",
+            "a: >-   # c\n  one\n  two\n\n  four\n\nb: 1\n",
+        ),
+        ("a:\n    - 'x'   # c\n    - 2\n", ["x", 2], ["y # z", 2], "a:\n    - 'y # z'   # c\n    - 2\n"),
+        ("a: [on, 1:30, 2001-01-01, 1_0]\n", ["on", "1:30", "2001-01-01", "1_0"], ["on"], "a: [on]\n"),
+        ('a: {b: "x",   c: y}\n', {"b": "x", "c": "y"}, {"b": "yes?", "c": "y"}, 'a: {b: "yes?", c: y}\n'),
+        ("a:\n  b: 1\n  # c\n  d: 2\n", {"b": 1, "d": 2}, {"d": 2}, "a:\n  # c\n  d: 2\n"),
+    ],
+)
+def test_a_value_of_another_kind_keeps_the_comments_around_it(
+    text: str, old: object, new: object, changed: str
+) -> None:
+    rest = {"b": 1} if "\nb:" in text else {}
+    assert edited(text, {"a": old} | rest, {"a": new} | rest) == changed
 
 
 @pytest.mark.parametrize("shipped", sorted(layouts_dir().glob("*.yaml")), ids=lambda path: path.stem)
@@ -302,9 +357,8 @@ def test_any_save_keeps_the_comments_outside(
         assert text.endswith(tail)
 
 
-def test_a_text_that_is_no_list_of_keys_cannot_be_edited() -> None:
-    with pytest.raises(UnusualLayoutError):
-        edited("- a\n", {}, {"title": "A"})
+def test_a_text_that_is_no_list_of_keys_is_written_anew() -> None:
+    assert edited("- a\n", {}, {"title": "A"}) == "title: A\n"
 
 
 def test_a_text_is_written_only_over_what_it_was_made_from(path: Path, tmp_path: Path) -> None:
