@@ -44,9 +44,8 @@ from caris_desktop.recording.session.recovery import needs_repair
 from caris_desktop.recording.session.session_header import is_session
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from caris_desktop.robot.profile import RobotProfile, parse_profile
-from caris_desktop.scenario.layout import checked_layout
 from caris_desktop.scenario.scenario_file import ScenarioError, parse_scenario
-from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
+from caris_desktop.scenario.scenario_model import LayoutNode, Scenario, checked_layout
 from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice

@@ -12,10 +12,16 @@ from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.intents import SaveLayout, SizeClass
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.confirmed_files import carry
-from caris_desktop.scenario.layout import checked_layout, layout_data, own_layout, with_layout
 from caris_desktop.scenario.scenario_file import ScenarioError, save_layout, save_scenario
 from caris_desktop.scenario.scenario_library import own_file, own_file_called
-from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
+from caris_desktop.scenario.scenario_model import (
+    LayoutNode,
+    Scenario,
+    checked_layout,
+    layout_data,
+    own_layout,
+    with_layout,
+)
 from caris_desktop.ui.window_place import Settings
 
 _log = logging.getLogger(__name__)

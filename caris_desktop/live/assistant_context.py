@@ -17,7 +17,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ContextPartStatus
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.scenario.assistant_settings import AssistantPeople
+from caris_desktop.scenario.scenario_model import AssistantPeople
 
 
 class AssistantContext:

@@ -27,8 +27,7 @@ from caris_desktop.live.status import (
 )
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.robot.profile import RobotProfile
-from caris_desktop.scenario.checklist_settings import ManualCheck, manual_checks
-from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.scenario.scenario_model import ManualCheck, Scenario, manual_checks
 
 SIMULATED = "simulated"
 _CONNECTS_WITHIN_S = 10.0

@@ -27,7 +27,7 @@ from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
-from caris_desktop.scenario.assistant_settings import NamedText
+from caris_desktop.scenario.scenario_model import NamedText
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Phrases of a scenario: plain, with options, or in titled groups."""
+"""Phrases of a scenario (plain, with options, or in titled groups), its gestures, and their keys."""
 
 from collections.abc import Iterable, Iterator
 from typing import Annotated
@@ -7,7 +7,16 @@ from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.schema_fields import FieldSpec
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.scenario.own_key import own_key
+
+_OF_TEXT_FIELDS = "ACVXYZ"
+_PATTERN = rf"^(Ctrl\+(?![{_OF_TEXT_FIELDS}]$)(Shift\+)?[A-Z0-9])?$"
+_ALLOWED = "Ctrl or Ctrl+Shift with a letter or digit, such as Ctrl+G; not the keys for editing text."
+
+
+def own_key(meaning: str) -> FieldSpec:
+    """Field declaration; ``meaning`` is the key's function."""
+    return FieldSpec(meaning, pressed=True, pattern=_PATTERN, allowed=_ALLOWED, quiet=True)
+
 
 KEYS_OF_A_GROUP = 8
 """F1 to F8."""
@@ -135,3 +144,43 @@ def phrase_problems(entries: Iterable[PhraseEntry]) -> Iterator[Problem]:
                     taken = tr("the key {key} is already assigned to '{phrase}'.")
                     yield (*path, "key"), taken.format(key=phrase.key, phrase=phrase_by_key[phrase.key])
                 phrase_by_key.setdefault(phrase.key, phrase.say)
+
+
+NOD, LOOK = "nod", "look"
+MOST_GESTURES = 6
+KEYS_BY_PLACE = tuple(f"Ctrl+{number}" for number in range(4, 4 + MOST_GESTURES))
+"""Of those that have no key of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gesture:
+    """A gesture with the name shown to the wizard."""
+
+    title: Annotated[str, FieldSpec("Text shown to the wizard.", shortest=1, longest=40)]
+    does: Annotated[
+        str,
+        FieldSpec(
+            "`nod`, `look` to turn the head to the person addressed, or the id of a control of the Robot panel.",
+            knows="gestures",
+            shortest=1,
+            longest=80,
+        ),
+    ]
+    key: Annotated[str, own_key("Its own key, instead of the default key for its position.")] = ""
+
+
+def gesture_problems(gestures: Iterable[Gesture], of_phrases: Iterable[str]) -> Iterator[Problem]:
+    """Duplicate keys, including those ``of_phrases``; paths are relative to their list."""
+    gestures = tuple(gestures)
+    by_place = tr("the key {key} is already assigned to the gesture '{title}' by its position.")
+    taken_text = tr("the key {key} is already assigned to the gesture '{title}'.")
+    taken = {
+        key: by_place.format(key=key, title=gesture.title)
+        for key, gesture in zip(KEYS_BY_PLACE, gestures, strict=False)
+        if not gesture.key
+    }
+    taken |= {key: tr("the key {key} is already assigned to a phrase.").format(key=key) for key in of_phrases}
+    for index, gesture in enumerate(gestures):
+        if gesture.key and gesture.key in taken:
+            yield (index, "key"), taken[gesture.key]
+        taken[gesture.key] = taken_text.format(key=gesture.key, title=gesture.title)

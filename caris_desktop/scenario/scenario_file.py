@@ -16,12 +16,10 @@ from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
-from caris_desktop.scenario.gestures import Gesture, gesture_problems
-from caris_desktop.scenario.layout import layout_problems
-from caris_desktop.scenario.phrases import PhraseEntry, phrase_groups, phrase_problems
+from caris_desktop.scenario.phrases import Gesture, PhraseEntry, gesture_problems, phrase_groups, phrase_problems
 from caris_desktop.scenario.protocol_steps import ProtocolSettings, protocol_problems
 from caris_desktop.scenario.scenario_migrations import migrate
-from caris_desktop.scenario.scenario_model import DEFAULT_ROBOT, Scenario
+from caris_desktop.scenario.scenario_model import DEFAULT_ROBOT, Scenario, layout_problems
 
 MAX_FILE_BYTES = 256 * 1024
 _SCHEMA_ON_THIS_COMPUTER = re.compile(

@@ -4,28 +4,344 @@ Settings are declared only here. Validation, messages, the JSON Schema for edito
 declarations; ``python -m caris_desktop.app.generated_reference`` rewrites the latter two.
 """
 
+import json
 import math
-from collections.abc import Iterable
-from dataclasses import field
+from collections.abc import Iterable, Iterator
+from dataclasses import field, replace
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from caris_desktop.domain.camera_keys import CameraModelKeys
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.control_definitions import CONTROL
 from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.intents import Permission
-from caris_desktop.domain.schema_fields import Excluded, FieldSpec, Flattened, StoredAs
+from caris_desktop.domain.intents import Permission, PromptPart, SizeClass
+from caris_desktop.domain.key_path import KeyPath, Problem
+from caris_desktop.domain.schema_fields import Excluded, FieldSpec, Flattened, StoredAs, data_of, value_from
+from caris_desktop.domain.schema_validation import allowed_words, problems
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.scenario.assistance import AssistanceSettings
-from caris_desktop.scenario.assistant_settings import AssistantSettings
-from caris_desktop.scenario.checklist_settings import PreflightEntry
-from caris_desktop.scenario.gestures import MOST_GESTURES, Gesture
-from caris_desktop.scenario.panel_settings import PanelSettings
-from caris_desktop.scenario.phrases import PhraseEntry, Sentence
+from caris_desktop.scenario.phrases import MOST_GESTURES, Gesture, PhraseEntry, Sentence
 from caris_desktop.scenario.protocol_steps import ProtocolSettings
-from caris_desktop.scenario.recording_settings import RecordingSettings
+
+CheckTitle = Annotated[str, FieldSpec(shortest=1, longest=80)]
+
+
+@dataclass(frozen=True, slots=True)
+class ManualCheck:
+    """A check with what to do about it."""
+
+    check: Annotated[CheckTitle, FieldSpec("Condition to check, as shown to the wizard.")]
+    advice: Annotated[str, FieldSpec("What to do if the condition is not met.", longest=300, quiet=True)] = ""
+    needed: Annotated[
+        bool, FieldSpec("`false`: a recording starts without asking, even if this check is not ticked.", quiet=True)
+    ] = True
+
+
+PreflightEntry = CheckTitle | ManualCheck
+
+
+def manual_checks(entries: tuple[PreflightEntry, ...]) -> tuple[ManualCheck, ...]:
+    """Checks in full form, without duplicate titles."""
+    full = (entry if isinstance(entry, ManualCheck) else ManualCheck(entry) for entry in entries)
+    return tuple({each.check: each for each in full}.values())
+
+
+ERROR_KEYS = "FGHRUX"
+"""Keys near the driving hand, or without another function: a digit that comes too late would send the robot to a
+place."""
+
+_ErrorName = Annotated[str, FieldSpec(shortest=1, longest=40)]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorKind:
+    """A kind of wizard error with what is meant by it."""
+
+    kind: Annotated[_ErrorName, FieldSpec("Word that is recorded and shown on its button.")]
+    meaning: Annotated[str, FieldSpec("Meaning, for the person who marks it.", longest=200)] = ""
+
+
+ErrorEntry = _ErrorName | ErrorKind
+USUAL_ERRORS = (
+    ErrorKind(QT_TR_NOOP("slip"), QT_TR_NOOP("You did something unintended: a wrong key, a wrong phrase.")),
+    ErrorKind(QT_TR_NOOP("late"), QT_TR_NOOP("You did the right thing too late.")),
+    ErrorKind(QT_TR_NOOP("wrong branch"), QT_TR_NOOP("You continued with the wrong step or answer.")),
+)
+"""The recorded words stay English; what is shown of them is translated."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingSettings:
+    """Recording settings of this scenario."""
+
+    labels: Annotated[
+        tuple[Annotated[str, FieldSpec(shortest=1, longest=40)], ...],
+        FieldSpec(
+            "Mark labels, on Shift+F1 to Shift+F8 in this order.",
+            title="Mark labels",
+            longest=8,
+            unique=True,
+            quiet=True,
+        ),
+    ] = ()
+    errors: Annotated[
+        tuple[ErrorEntry, ...],
+        FieldSpec(
+            "Kinds of wizard error, offered on F, G, H, R, U and X in this order when an error is marked: "
+            "plain, or with a meaning. If not given: slip, late, wrong branch.",
+            title="Kinds of wizard error",
+            longest=len(ERROR_KEYS),
+            unique=True,
+            quiet=True,
+        ),
+    ] = ()
+    lsl: Annotated[
+        bool,
+        FieldSpec(
+            "Marks with their labels, and the steps of the protocol, are also sent to a Lab Streaming Layer "
+            "outlet, for anybody on the network.",
+            title="Send marks to the lab's network (LSL)",
+            external="network",
+            quiet=True,
+        ),
+    ] = False
+    lsl_words: Annotated[
+        bool,
+        FieldSpec(
+            "With `lsl`: all events are sent, with every spoken and written word. Anybody on the network can "
+            "read them.",
+            title="Send every word too",
+            external="network",
+            quiet=True,
+        ),
+    ] = False
+
+    @property
+    def error_kinds(self) -> tuple[ErrorKind, ...]:
+        """Error kinds in the order of their keys."""
+        given = (each if isinstance(each, ErrorKind) else ErrorKind(each) for each in self.errors)
+        return tuple(given) or USUAL_ERRORS
+
+
+@dataclass(frozen=True, slots=True)
+class MapSettings:
+    """The Map panel."""
+
+    follow: Annotated[
+        bool,
+        FieldSpec(
+            "The robot stays in the centre, zoomed in; otherwise the whole map is shown.", title="Follows the robot"
+        ),
+    ] = False
+    up: Annotated[
+        Literal["north", "robot"],
+        FieldSpec(
+            "Direction that points up: north, or the robot's heading. With the heading, the map rotates with the "
+            "robot.",
+            title="Up is",
+        ),
+    ] = "north"
+    trail: Annotated[bool, FieldSpec("The robot's driven path is drawn.", title="Shows the driven path")] = True
+
+
+@dataclass(frozen=True, slots=True)
+class VideoSettings:
+    """The Video panel."""
+
+    camera: Annotated[
+        str,
+        FieldSpec("Name of the camera to show, as soon as it is available; the first one if not given.", longest=40),
+    ] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveSettings:
+    """The Drive panel."""
+
+    first: Annotated[
+        Literal["arrows", "stick", "head"],
+        FieldSpec("Control to show if there is not enough room for all three.", title="Shown first"),
+    ] = "arrows"
+
+
+@dataclass(frozen=True, slots=True)
+class LogSettings:
+    """The log in the Session panel."""
+
+    shows: Annotated[
+        Literal["everything", "said", "moved", "people", "session", "problems"], FieldSpec("Kind of events to list.")
+    ] = "everything"
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionSettings:
+    """The Assistant panel."""
+
+    left_out: Annotated[
+        tuple[PromptPart, ...],
+        FieldSpec("Context that is not sent with a question, unless the wizard adds it.", longest=6, unique=True),
+    ] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PanelSettings:
+    """How panels are when the scenario is opened. The wizard can change each of it, and finds it so the next time;
+    another scenario has its own.
+    """
+
+    map: Annotated[MapSettings, FieldSpec(quiet=True)] = field(default_factory=MapSettings)
+    video: Annotated[VideoSettings, FieldSpec(quiet=True)] = field(default_factory=VideoSettings)
+    drive: Annotated[DriveSettings, FieldSpec(quiet=True)] = field(default_factory=DriveSettings)
+    session: Annotated[LogSettings, FieldSpec(quiet=True)] = field(default_factory=LogSettings)
+    assistant: Annotated[QuestionSettings, FieldSpec(quiet=True)] = field(default_factory=QuestionSettings)
+
+
+def levels_up_to(highest: AssistanceLevel) -> tuple[AssistanceLevel, ...]:
+    """Levels that a scenario with that maximum permits, from off upwards."""
+    levels: tuple[AssistanceLevel, ...] = get_args(AssistanceLevel)
+    return levels[: levels.index(highest) + 1]
+
+
+@dataclass(frozen=True, slots=True)
+class AssistanceSettings:
+    """Automation level of each function: `off`, `suggest` (the wizard's key carries it out) or `act` (carried out after
+    a countdown that the wizard sees and can stop). During a session, the wizard can lower each level, and raise it
+    again to the level in the scenario. Actions that move the robot always wait for the wizard's key.
+    """
+
+    replies: Annotated[
+        AssistanceLevel,
+        FieldSpec("Replies to participants, from the language model. With `act`, the first reply is said."),
+    ] = "suggest"
+    fillers: Annotated[
+        AssistanceLevel,
+        FieldSpec("The filler when no reply arrives in time: `suggest` highlights its key, `act` says it."),
+    ] = "off"
+    actions: Annotated[
+        AssistanceLevel,
+        FieldSpec(
+            "Next actions of the robot, from the language model: places, gestures, controls, photos. With "
+            "`act`, actions without motion are carried out."
+        ),
+    ] = "off"
+    countdown_s: Annotated[
+        float,
+        FieldSpec(
+            "Time for the wizard to stop an automatic action.",
+            title="Countdown",
+            unit="seconds",
+            at_least=1,
+            at_most=30,
+        ),
+    ] = 3.0
+    filler_after_s: Annotated[
+        float,
+        FieldSpec(
+            "Time after a participant's last word from which a reply is late.",
+            title="A reply is late after",
+            unit="seconds",
+            at_least=0.5,
+            at_most=30,
+        ),
+    ] = 1.5
+
+
+PROMPT_CHARACTERS, TEXT_CHARACTERS = 8000, 4000
+"""The longest system prompt, and the longest of the other texts: in the file and as the wizard changes them."""
+MODEL_PATTERN = "^(embedded|ollama:.+|openai:.+|gemini:.+)$"
+MODEL_ALLOWED = "embedded, ollama:NAME, openai:NAME or gemini:NAME."
+
+
+@dataclass(frozen=True, slots=True)
+class NamedText:
+    """A text that is selected by its name."""
+
+    name: Annotated[str, FieldSpec("Name shown to the wizard.", shortest=1, longest=40)]
+    text: Annotated[str, FieldSpec("The text itself.", prose=True, longest=TEXT_CHARACTERS)]
+
+
+AssistantPeople = Literal["numbers", "names", "history"]
+
+
+@dataclass(frozen=True, slots=True)
+class AssistantSettings:
+    """Settings of the language model."""
+
+    model: Annotated[
+        str,
+        FieldSpec(
+            "The built-in model, or one of Ollama, of an OpenAI-compatible server or of Gemini.",
+            pattern=MODEL_PATTERN,
+            allowed=MODEL_ALLOWED,
+            external="language_model",
+        ),
+    ] = "embedded"
+    system_prompt: Annotated[
+        str, FieldSpec("Instructions to the model before the conversation.", prose=True, longest=PROMPT_CHARACTERS)
+    ] = ""
+    max_tokens: Annotated[
+        int, FieldSpec("Maximum length of an answer, in tokens.", title="Longest answer", at_least=1, at_most=8192)
+    ] = 96
+    temperature: Annotated[
+        float, FieldSpec("0: always the most likely word; higher: more varied.", at_least=0, at_most=2)
+    ] = 0.4
+    people: Annotated[
+        AssistantPeople,
+        FieldSpec(
+            "Information for the model about the people present: `person 3`; their names; or their names "
+            "with group, tags, note and history. Names are sent to the model's computer, and never saved in "
+            "the recording.",
+            title="Information about people",
+            quiet=True,
+        ),
+    ] = "numbers"
+    pictures: Annotated[
+        bool,
+        FieldSpec(
+            "Pictures may be sent to the model with a question. `embedded` does not accept pictures.", quiet=True
+        ),
+    ] = False
+    models: Annotated[
+        tuple[Annotated[str, FieldSpec(pattern=MODEL_PATTERN, allowed=MODEL_ALLOWED, external="language_model")], ...],
+        FieldSpec(
+            "Further models that the wizard may choose, in addition to the built-in one and those listed by "
+            "Ollama and an OpenAI-compatible server on this computer.",
+            title="Further models",
+            longest=20,
+            unique=True,
+            quiet=True,
+        ),
+    ] = ()
+    roles: Annotated[
+        tuple[NamedText, ...],
+        FieldSpec(
+            "Roles of the model that the wizard can choose, one at a time; sent after `system_prompt`.",
+            longest=20,
+            quiet=True,
+        ),
+    ] = ()
+    styles: Annotated[
+        tuple[NamedText, ...],
+        FieldSpec(
+            "Styles of the answers that the wizard can choose, one at a time; sent after the role.",
+            longest=20,
+            quiet=True,
+        ),
+    ] = ()
+    templates: Annotated[
+        tuple[NamedText, ...],
+        FieldSpec(
+            "Prepared questions for the field; `{said}` stands for the participant's last utterance.",
+            longest=20,
+            quiet=True,
+        ),
+    ] = ()
+    notes: Annotated[
+        str, FieldSpec("Notes for the model, which the wizard can change.", prose=True, longest=4000, quiet=True)
+    ] = ""
+
 
 SCENARIO_VERSION: Literal[1] = 1
 DEFAULT_ROBOT = "simulated"
@@ -699,3 +1015,72 @@ class Scenario:
         """True if people must be detected in time to be blurred in stored or displayed images."""
         pictures = self.permissions.video_recording or self.permissions.photos or self.blur.shown
         return self.blur.who != "nobody" and pictures
+
+
+def own_layout(scenario: Scenario, kind: SizeClass) -> LayoutNode | None:
+    """Layout in the scenario's file for such a screen; None if it derives from the usual one."""
+    if kind == "compact":
+        return scenario.layout_compact
+    return scenario.layout_large if kind == "large" else scenario.layout
+
+
+def with_layout(scenario: Scenario, kind: SizeClass, tree: LayoutNode | None) -> Scenario:
+    """Scenario with another layout for such a screen; only the usual one is mandatory."""
+    if kind == "compact":
+        return replace(scenario, layout_compact=tree)
+    if kind == "large":
+        return replace(scenario, layout_large=tree)
+    return scenario if tree is None else replace(scenario, layout=tree)
+
+
+def layout_from_data(node: dict[str, Any]) -> LayoutNode:
+    """Layout from validated data."""
+    layout: LayoutNode = value_from(LayoutNode, node)
+    return layout
+
+
+def checked_layout(node: Any) -> LayoutNode:
+    """As :func:`layout_from_data`, for unvalidated data. Raises ValueError."""
+    for _path, problem in problems(LayoutNode, node, ("layout",)):
+        raise ValueError(tr("invalid panel layout: {problem}").format(problem=problem[:200]))
+    return layout_from_data(node)
+
+
+def layout_problems(node: dict[str, Any], path: KeyPath, seen: set[str]) -> Iterator[Problem]:
+    """Problems that the schema cannot express. ``seen`` are panels used elsewhere."""
+    if "children" in node:
+        weights = node.get("weights")
+        if weights is not None and len(weights) != len(node["children"]):
+            yield (
+                (*path, "weights"),
+                tr("{weights} weights for {children} children. Allowed: one weight for each child.").format(
+                    weights=len(weights), children=len(node["children"])
+                ),
+            )
+        for index, child in enumerate(node["children"]):
+            yield from layout_problems(child, (*path, "children", index), seen)
+        return
+    panels: list[tuple[KeyPath, str]] = [((*path, "panel"), node["panel"])] if "panel" in node else []
+    panels += [((*path, "tabs", index), panel) for index, panel in enumerate(node.get("tabs", []))]
+    for place, panel in panels:
+        if panel in seen:
+            yield place, tr("duplicate panel '{panel}'. Allowed: each panel once.").format(panel=panel)
+        seen.add(panel)
+    if "current" in node and node["current"] not in node["tabs"]:
+        yield (
+            (*path, "current"),
+            tr("'{panel}' is not one of these tabs.").format(panel=node["current"])
+            + " "
+            + allowed_words(node["current"], node["tabs"]),
+        )
+
+
+def layout_data(node: LayoutNode) -> dict[str, Any]:
+    """File content of the layout."""
+    data: dict[str, Any] = data_of(LayoutNode, node)
+    return data
+
+
+def layout_text(node: LayoutNode) -> str:
+    """Layout as one line of JSON, for recordings."""
+    return json.dumps(layout_data(node))

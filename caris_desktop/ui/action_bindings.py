@@ -16,8 +16,7 @@ from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QApplication, 
 from caris_desktop.domain.intents import Intent, Permission
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.gestures import LOOK, NOD
-from caris_desktop.scenario.phrases import Phrase, phrase_groups
+from caris_desktop.scenario.phrases import LOOK, NOD, Phrase, phrase_groups
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui.action_rows import (
     ACTIONS,

@@ -11,8 +11,15 @@ from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.state import LiveState
-from caris_desktop.scenario.gestures import KEYS_BY_PLACE, LOOK, MOST_GESTURES, NOD
-from caris_desktop.scenario.phrases import KEYS_OF_A_GROUP, Phrase, phrase_groups
+from caris_desktop.scenario.phrases import (
+    KEYS_BY_PLACE,
+    KEYS_OF_A_GROUP,
+    LOOK,
+    MOST_GESTURES,
+    NOD,
+    Phrase,
+    phrase_groups,
+)
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui.action_spec import ActionSpec, gives
 from caris_desktop.ui.mark_intents import (

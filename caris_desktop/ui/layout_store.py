@@ -17,8 +17,7 @@ from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.layout import layout_data, layout_text, own_layout
-from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
+from caris_desktop.scenario.scenario_model import LayoutNode, Scenario, layout_data, layout_text, own_layout
 from caris_desktop.ui.dock_host import LOCKED, DockHost
 from caris_desktop.ui.layout import dock_layout as edits
 from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_data, arrangement_from, arrangement_of

@@ -13,7 +13,7 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.recording_settings import ERROR_KEYS, ErrorKind
+from caris_desktop.scenario.scenario_model import ERROR_KEYS, ErrorKind
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import MARKS_GROUP

@@ -12,8 +12,7 @@ from PySide6.QtWidgets import QBoxLayout, QWidget
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.panel_settings import PanelSettings
-from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.scenario.scenario_model import PanelSettings, Scenario
 from caris_desktop.ui import tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.drive_input_filter import DriveInputFilter

@@ -16,8 +16,7 @@ from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.scenario.panel_settings import PanelSettings
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, Scenario
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, PanelSettings, Scenario
 from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.focus_widget import focus_widget
 from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of

@@ -35,8 +35,7 @@ from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session.session_suggestions import shown_replies
 from caris_desktop.recording.session_export import ExportContext, export_session
 from caris_desktop.robot.profile import load_profile, save_profile
-from caris_desktop.scenario.assistance import AssistanceSettings
-from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.scenario.scenario_model import AssistanceSettings, Scenario
 from caris_desktop.study.unfinished_trial import UnfinishedTrial
 from tests.live import bodies
 from tests.support.crashed_trial import save_crashed_trial

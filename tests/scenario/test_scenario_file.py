@@ -22,20 +22,8 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema_fields import is_group, item_of, keys_of
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario import scenario_model
-from caris_desktop.scenario.assistance import AssistanceSettings
-from caris_desktop.scenario.assistant_settings import AssistantSettings, NamedText
-from caris_desktop.scenario.checklist_settings import ManualCheck
-from caris_desktop.scenario.gestures import Gesture
-from caris_desktop.scenario.panel_settings import (
-    DriveSettings,
-    LogSettings,
-    MapSettings,
-    PanelSettings,
-    QuestionSettings,
-    VideoSettings,
-)
+from caris_desktop.scenario.phrases import Gesture
 from caris_desktop.scenario.protocol_steps import Branch, ProtocolSettings, ProtocolStep
-from caris_desktop.scenario.recording_settings import ErrorKind, RecordingSettings
 from caris_desktop.scenario.scenario_file import (
     MAX_FILE_BYTES,
     ScenarioError,
@@ -47,14 +35,26 @@ from caris_desktop.scenario.scenario_file import (
     schema_path,
 )
 from caris_desktop.scenario.scenario_model import (
+    AssistanceSettings,
+    AssistantSettings,
+    DriveSettings,
+    ErrorKind,
     FaceSettings,
     ListeningSettings,
+    LogSettings,
+    ManualCheck,
+    MapSettings,
+    NamedText,
     PanelLeaf,
+    PanelSettings,
     Place,
+    QuestionSettings,
+    RecordingSettings,
     Scenario,
     SoundSettings,
     SplitNode,
     TabNode,
+    VideoSettings,
     VoiceSettings,
 )
 from tests.support.examples import examples

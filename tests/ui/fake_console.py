@@ -68,8 +68,7 @@ from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.session.session_marks import final_marks_of, notes_among
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
-from caris_desktop.scenario.layout import layout_from_data
-from caris_desktop.scenario.scenario_model import Place, Scenario
+from caris_desktop.scenario.scenario_model import Place, Scenario, layout_from_data
 
 
 class FakeFrames:

@@ -26,8 +26,7 @@ from caris_desktop.recording.annotation.annotation_model import (
 from caris_desktop.recording.annotation.timeline_overview import Moment, SessionOverview, Waveform
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.scenario.recording_settings import RecordingSettings
-from caris_desktop.scenario.scenario_model import PanelLeaf, Scenario
+from caris_desktop.scenario.scenario_model import PanelLeaf, RecordingSettings, Scenario
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.replay.replay_bar import ReplayBar
 from caris_desktop.ui.replay.timeline_view import TimelineView

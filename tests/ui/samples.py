@@ -51,8 +51,8 @@ from caris_desktop.live.status import (
     SuggestionsStatus,
 )
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.scenario.scenario_model import (
+    AssistanceSettings,
     AssistantSettings,
     DrivingLimits,
     PanelLeaf,

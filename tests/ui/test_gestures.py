@@ -14,7 +14,7 @@ from caris_desktop.domain.control_definitions import CallService, RobotControl
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.addressee import addressee
 from caris_desktop.robot.profile import load_profile
-from caris_desktop.scenario.gestures import Gesture
+from caris_desktop.scenario.phrases import Gesture
 from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario, parse_scenario
 from caris_desktop.scenario.scenario_model import Permissions
 from caris_desktop.ui.action_rows import perform_nth_gesture

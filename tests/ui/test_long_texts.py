@@ -12,8 +12,7 @@ from PySide6.QtWidgets import QApplication, QWidget
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.status import PerceptionStatus, RecordingStatus
-from caris_desktop.scenario.recording_settings import RecordingSettings
-from caris_desktop.scenario.scenario_model import Place
+from caris_desktop.scenario.scenario_model import Place, RecordingSettings
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.top_bar import TopBar
 from caris_desktop.ui.widgets.buttons import ActionButton

@@ -13,16 +13,18 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.live.status import AssistantSetup, ContextPartStatus
-from caris_desktop.scenario.panel_settings import (
+from caris_desktop.scenario.scenario_file import ScenarioError, parse_scenario
+from caris_desktop.scenario.scenario_model import (
     DriveSettings,
     LogSettings,
     MapSettings,
+    PanelName,
     PanelSettings,
     QuestionSettings,
+    Scenario,
+    TabNode,
     VideoSettings,
 )
-from caris_desktop.scenario.scenario_file import ScenarioError, parse_scenario
-from caris_desktop.scenario.scenario_model import PanelName, Scenario, TabNode
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor
 from caris_desktop.ui.scenario_editor.opened_scenario import opened_file

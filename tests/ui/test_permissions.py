@@ -17,11 +17,16 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.control_definitions import CallService, RobotControl
 from caris_desktop.domain.events import AssistedFunction
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
-from caris_desktop.scenario.assistance import AssistanceSettings
-from caris_desktop.scenario.gestures import Gesture
-from caris_desktop.scenario.phrases import Phrase, PhraseGroup
+from caris_desktop.scenario.phrases import Gesture, Phrase, PhraseGroup
 from caris_desktop.scenario.protocol_steps import Branch, ProtocolSettings, ProtocolStep
-from caris_desktop.scenario.scenario_model import PanelName, Permissions, Scenario, SoundSettings, TabNode
+from caris_desktop.scenario.scenario_model import (
+    AssistanceSettings,
+    PanelName,
+    Permissions,
+    Scenario,
+    SoundSettings,
+    TabNode,
+)
 from caris_desktop.ui.action_bindings import actions_for
 from caris_desktop.ui.action_rows import ACTIONS
 from caris_desktop.ui.app_context import THEME_WORDS

@@ -11,9 +11,8 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import intents
 from caris_desktop.live.status import AssistantSetup, LevelsStatus, ModelChoice, PracticeStatus
 from caris_desktop.robot.profile import load_profile
-from caris_desktop.scenario.assistant_settings import NamedText
-from caris_desktop.scenario.panel_settings import MapSettings, PanelSettings
 from caris_desktop.scenario.phrases import PhraseGroup
+from caris_desktop.scenario.scenario_model import MapSettings, NamedText, PanelSettings
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.panels.session_panel import SessionPanel

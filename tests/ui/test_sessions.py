@@ -24,8 +24,7 @@ from caris_desktop.recording.session.repair_messages import read_loss
 from caris_desktop.recording.session_export import FORMATS
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.robot.profile import AudioInterface, RobotProfile
-from caris_desktop.scenario.recording_settings import RecordingSettings
-from caris_desktop.scenario.scenario_model import BlurSettings, PanelLeaf, Permissions, SplitNode
+from caris_desktop.scenario.scenario_model import BlurSettings, PanelLeaf, Permissions, RecordingSettings, SplitNode
 from caris_desktop.ui.export_dialog import ExportDialog
 from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.main_window import MainWindow

@@ -6,10 +6,9 @@ from dataclasses import fields
 import pytest
 
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.scenario.layout import layout_data
 from caris_desktop.scenario.protocol_steps import step_named
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_model import Permissions, Scenario
+from caris_desktop.scenario.scenario_model import Permissions, Scenario, layout_data
 from caris_desktop.simulator.floor_plan import SOLID, Box
 from caris_desktop.ui.action_bindings import actions_for, keyed_phrases
 from caris_desktop.ui.action_rows import say_keyed_phrase

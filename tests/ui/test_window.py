@@ -34,9 +34,8 @@ from caris_desktop.live.status import (
     RecordingStatus,
 )
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.scenario.layout import layout_from_data
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_model import LayoutNode, Permissions, SplitNode, TabNode
+from caris_desktop.scenario.scenario_model import LayoutNode, Permissions, SplitNode, TabNode, layout_from_data
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.action_rows import phrases_on_keys
 from caris_desktop.ui.connection_card import ConnectionCard

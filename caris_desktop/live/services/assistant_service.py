@@ -31,14 +31,14 @@ from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus, ModelChoice
-from caris_desktop.scenario.assistant_settings import (
+from caris_desktop.scenario.scenario_model import (
     PROMPT_CHARACTERS,
     TEXT_CHARACTERS,
     AssistantPeople,
     AssistantSettings,
     NamedText,
+    Scenario,
 )
-from caris_desktop.scenario.scenario_model import Scenario
 
 EMBEDDED = "embedded"
 _COUNT_EVERY_MS = 1000

@@ -24,8 +24,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import OpenGap
 from caris_desktop.live.template_values import given_words, name_of, words_now
 from caris_desktop.people.presence import is_unnamed_label
-from caris_desktop.scenario.gestures import LOOK, NOD
-from caris_desktop.scenario.phrases import PhraseEntry
+from caris_desktop.scenario.phrases import LOOK, NOD, PhraseEntry
 from caris_desktop.scenario.scenario_model import Scenario
 
 

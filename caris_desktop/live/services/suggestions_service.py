@@ -40,9 +40,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import DisplayedReply, LevelsStatus, SuggestionsStatus
 from caris_desktop.live.template_values import current_place
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.scenario.assistance import levels_up_to
-from caris_desktop.scenario.assistant_settings import AssistantPeople
-from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.scenario.scenario_model import AssistantPeople, Scenario, levels_up_to
 
 # The robot's last utterances are no replies to what followed.
 _NOT_AGAIN = 2

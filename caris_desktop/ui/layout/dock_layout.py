@@ -8,8 +8,14 @@ from dataclasses import replace
 from typing import Any
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.scenario.layout import checked_layout, layout_data, layout_problems
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName
+from caris_desktop.scenario.scenario_model import (
+    LayoutNode,
+    PanelLeaf,
+    PanelName,
+    checked_layout,
+    layout_data,
+    layout_problems,
+)
 from caris_desktop.ui.layout.layout_rect import Rect, on_a_screen
 from caris_desktop.ui.layout.layout_tree import (
     Side,

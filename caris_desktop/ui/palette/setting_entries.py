@@ -8,7 +8,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import AssistanceLevel
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
-from caris_desktop.scenario.assistance import levels_up_to
+from caris_desktop.scenario.scenario_model import levels_up_to
 from caris_desktop.ui import event_messages
 from caris_desktop.ui.app_context import THEME_WORDS, AppContext
 from caris_desktop.ui.palette.palette_item import PaletteItem

@@ -22,7 +22,7 @@ from caris_desktop.domain.intents import CAMERA_PICTURE, Intent
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus, ModelChoice
-from caris_desktop.scenario.panel_settings import PanelSettings
+from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.assistant.prompt_context_chips import PromptContextChips, picture_words
 from caris_desktop.ui.focus_widget import focused_widget

@@ -14,7 +14,7 @@ from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import LevelsStatus, PhotoEntry, ProposalStatus
-from caris_desktop.scenario.assistance import levels_up_to
+from caris_desktop.scenario.scenario_model import levels_up_to
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.banners import Banner
 from caris_desktop.ui.conversation.suggestion_cards import LOW_BELOW_PX, SuggestionCards

@@ -21,7 +21,7 @@ from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.teleop_command import TeleopCommand
-from caris_desktop.scenario.panel_settings import PanelSettings
+from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import layouts, speed_steps, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.drive_input_filter import STOPS, DriveInputFilter

@@ -26,7 +26,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import RecordingStatus
-from caris_desktop.scenario.panel_settings import PanelSettings
+from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import event_messages, text_formatting, tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext, show_part

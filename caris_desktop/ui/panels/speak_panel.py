@@ -16,8 +16,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MicrophoneStatus, OpenGap, SoundStatus, SpeechStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.gestures import MOST_GESTURES
-from caris_desktop.scenario.phrases import phrase_groups, sentences
+from caris_desktop.scenario.phrases import MOST_GESTURES, phrase_groups, sentences
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions, cap_text, keyed_phrases
 from caris_desktop.ui.action_rows import PHRASE_COUNT, perform_nth_gesture, phrases_on_keys

@@ -32,7 +32,7 @@ from caris_desktop.domain.yaml_source import YamlSourceError
 from caris_desktop.live.status import IN_SESSION, SavedScenario
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.document import ScenarioDocument, UndoStep
-from caris_desktop.scenario.gestures import LOOK, NOD
+from caris_desktop.scenario.phrases import LOOK, NOD
 from caris_desktop.scenario.scenario_library import own_file, own_file_called
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts, tokens

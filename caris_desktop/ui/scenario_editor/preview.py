@@ -13,13 +13,11 @@ from caris_desktop.domain.schema_paths import ABSENT, Difference, entry_name
 from caris_desktop.domain.schema_validation import quoted
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.scenario.checklist_settings import manual_checks
 from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.phrases import phrase_groups
 from caris_desktop.scenario.protocol_steps import step_named
-from caris_desktop.scenario.recording_settings import ERROR_KEYS
 from caris_desktop.scenario.scenario_migrations import migrate
-from caris_desktop.scenario.scenario_model import Permissions, Scenario
+from caris_desktop.scenario.scenario_model import ERROR_KEYS, Permissions, Scenario, manual_checks
 from caris_desktop.ui.action_bindings import rows_of
 from caris_desktop.ui.action_rows import ACTIONS, go_to_nth_place, perform_nth_gesture
 from caris_desktop.ui.action_spec import ActionSpec

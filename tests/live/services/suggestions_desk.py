@@ -21,8 +21,7 @@ from caris_desktop.live.services.suggestions_service import SuggestionsService
 from caris_desktop.live.services.transcript_service import TranscriptService
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState, PresentClock
-from caris_desktop.scenario.assistance import AssistanceSettings
-from caris_desktop.scenario.scenario_model import PanelLeaf, Scenario
+from caris_desktop.scenario.scenario_model import AssistanceSettings, PanelLeaf, Scenario
 
 MS = 1_000_000
 REPLIES = json.dumps({"answer": "It stops at once.", "ask": "Shall we go there?", "more": "There is a zone around it."})

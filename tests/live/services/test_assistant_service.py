@@ -21,7 +21,7 @@ from caris_desktop.live.services.assistant_service import AssistantAdapters, Ass
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus, ProtocolStatus
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.scenario.assistant_settings import AssistantSettings, NamedText
+from caris_desktop.scenario.scenario_model import AssistantSettings, NamedText
 
 SETTINGS = AssistantSettings(
     model="ollama:small",

@@ -17,8 +17,7 @@ from caris_desktop.domain.events import ProposalChanged, SuggestionChanged, Utte
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import INTENTS
 from caris_desktop.robot.profile import load_profile
-from caris_desktop.scenario.assistance import AssistanceSettings
-from caris_desktop.scenario.scenario_model import Place
+from caris_desktop.scenario.scenario_model import AssistanceSettings, Place
 from tests.live.services.suggestions_desk import EVERYTHING, MS, REPLIES, Desk, desk_on_its_own_clock
 
 CALL = CallService("/lights", "std_srvs/Trigger", {})

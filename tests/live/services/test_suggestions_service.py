@@ -15,9 +15,7 @@ from caris_desktop.domain.sensing import RobotPose
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, Hearing
 from caris_desktop.live.status import ProtocolStatus
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.scenario.assistance import AssistanceSettings
-from caris_desktop.scenario.assistant_settings import AssistantSettings
-from caris_desktop.scenario.scenario_model import Permissions, Place
+from caris_desktop.scenario.scenario_model import AssistanceSettings, AssistantSettings, Permissions, Place
 from tests.live.services.suggestions_desk import EVERYTHING, MS, REPLIES, Desk, desk_on_its_own_clock
 
 

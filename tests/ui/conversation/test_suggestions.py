@@ -11,7 +11,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.live.status import DisplayedReply, LevelsStatus, ProposalStatus, SuggestionsStatus
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.scenario.assistance import AssistanceSettings
+from caris_desktop.scenario.scenario_model import AssistanceSettings
 from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.conversation_panel import LevelsButton

@@ -9,9 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.scenario.layout import layout_data
 from caris_desktop.scenario.scenario_file import load_scenario, save_layout
-from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode, layout_data
 from caris_desktop.ui.layout import dock_layout as edits
 from caris_desktop.ui.layout.dock_geometry import place
 from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_data, arrangement_from, arrangement_of

@@ -14,9 +14,17 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.scenario.layout import checked_layout, layout_data, layout_from_data, layout_text
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, SplitNode, TabNode
+from caris_desktop.scenario.scenario_model import (
+    LayoutNode,
+    PanelLeaf,
+    SplitNode,
+    TabNode,
+    checked_layout,
+    layout_data,
+    layout_from_data,
+    layout_text,
+)
 from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.layout.layout_tree import panels_in, tidy

@@ -14,8 +14,8 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain.control_definitions import CallService, Choice, RobotControl
 from caris_desktop.live.status import LibraryStatus, LiveRobotsStatus, MapStatus, RecordingStatus
 from caris_desktop.recording.studies.study_query import SessionEntry, SessionQuery
-from caris_desktop.scenario.assistance import AssistanceSettings
 from caris_desktop.scenario.protocol_steps import ProtocolSettings, ProtocolStep
+from caris_desktop.scenario.scenario_model import AssistanceSettings
 from caris_desktop.ui.action_rows import go_to_nth_place
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow

@@ -10,7 +10,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ContextPartStatus, ExchangeStatus, ModelChoice
-from caris_desktop.scenario.assistant_settings import NamedText
+from caris_desktop.scenario.scenario_model import NamedText
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.assistant_panel import AssistantPanel
 from tests.ui.conftest import find
