@@ -1,6 +1,6 @@
 """Discrete events of a session. All are recorded, none may be lost.
 
-``stamp_ns`` is the session clock. People appear as opaque ``person_id``; names are only in the study's database.
+People appear as opaque ``person_id``; names are only in the study's database.
 ``actor`` requested what the event reports; events without a request, such as an arrival, have none.
 
 """
@@ -12,7 +12,609 @@ from caris_desktop.domain.control_definitions import ControlValue
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.value_class import dataclass
 
-# Events of the session: recording, photos, marks, problems and alarms.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Event:
+    """Base class of events. ``stamp_ns`` is the session clock."""
+
+    stamp_ns: int
+
+
+# Events of the robot and its link.
+
+
+LinkState = Literal["connecting", "connected", "trouble", "lost", "closed"]
+CommandSource = Literal["keyboard", "gamepad", "onscreen", "rehearsal", "stop", "lease", "none"]
+GoalState = Literal["requested", "active", "reached", "cancelled", "failed"]
+GuardState = Literal["absent", "clear", "slowing", "blocked", "blind", "overridden"]
+MovementState = Literal[
+    "unknown", "silent", "standing", "moving", "not_following", "uncommanded", "commanded_elsewhere"
+]
+MapOperation = Literal["save", "load", "start_mapping", "start_localization"]
+RequestState = Literal["requested", "succeeded", "failed"]
+
+
+@dataclass(frozen=True, slots=True)
+class TopicTraffic:
+    """Traffic of one topic in the last second. ``age_ms`` is the age of its newest message on arrival, from the robot's
+    timestamp and the estimated clock offset; None without a timestamp. ``encoding`` is empty before the first message.
+    """
+
+    topic: str
+    type: str
+    rate_hz: float
+    bytes_per_s: float
+    last_heard_s: float | None
+    age_ms: float | None
+    refused: int
+    encoding: Literal["", "cbor", "json"] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkChanged(Event):
+    """The robot link changed state; ``detail`` gives the reason in words."""
+
+    link: str
+    state: LinkState
+    address: str
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkQuality(Event):
+    """Ping result: round trip time, and robot clock minus session clock with its uncertainty."""
+
+    round_trip_ms: float
+    clock_offset_ms: float | None = None
+    clock_uncertainty_ms: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CommandSent(Event):
+    """One velocity command exactly as handed to the socket. ``actor`` held or released it, or stopped."""
+
+    sequence: int
+    twist: Twist2D
+    source: CommandSource
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveEnded(Event):
+    """Manual driving ended without a release by the wizard, or because ``actor`` set a goal.
+
+    ``drive_id`` is the id of the drive that ended; 0 in recordings before drives had ids.
+    """
+
+    reason: str
+    actor: Actor = ""
+    drive_id: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class StopRequested(Event):
+    """The wizard pressed stop."""
+
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class EmergencyStopChanged(Event):
+    """The latched emergency stop was set or cleared. ``by`` is wizard or robot."""
+
+    latched: bool
+    by: Literal["wizard", "robot"]
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class GoalChanged(Event):
+    """A navigation goal changed state. ``actor`` set it, or cancelled it if it is cancelled."""
+
+    goal_id: str
+    state: GoalState
+    target_in_map: Pose2D
+    place: str | None = None
+    distance_left_m: float | None = None
+    detail: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class NavigationSpeedChanged(Event):
+    """Speed limit of the robot's navigation to goals; None: as configured on the robot."""
+
+    limit_mps: float | None
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class GuardChanged(Event):
+    """The obstacle guard changed its limits on motion.
+
+    ``absent``: the profile names no LIDAR. ``blind``: no fresh scan, so the speed is capped; ``detail`` gives the
+    reason. ``overridden``: the wizard turned it off. ``distance_m`` is the clearance between footprint and obstacle in
+    the direction of motion. ``actor`` turned it on or off, else the console.
+    """
+
+    state: GuardState
+    distance_m: float | None = None
+    detail: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MovementChanged(Event):
+    """The agreement of the robot's odometry with this console's commands changed.
+
+    ``unknown``: no odometry, or none yet. ``silent``: odometry no longer arrives. ``standing``: at rest. ``moving``: as
+    commanded from here. ``not_following``: not as commanded. ``uncommanded``: moving without a command from here.
+    ``commanded_elsewhere``: another source sends velocities. ``stopped``: under a stop or the emergency stop.
+    ``publishers`` are the nodes that publish velocities, if the robot reports them.
+    """
+
+    state: MovementState
+    stopped: bool = False
+    publishers: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class InitialPoseSet(Event):
+    """The wizard set the robot's pose for localization."""
+
+    pose_in_map: Pose2D
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MapRequestChanged(Event):
+    """State of a request to save or load a map, or switch mapping. ``request_id`` is the same in each state."""
+
+    request_id: str
+    operation: MapOperation
+    name: str
+    state: RequestState
+    detail: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MappingChanged(Event):
+    """Mapping state: the robot builds its map (True) or only localizes in it; None: not reported.
+
+    Also sent with each connection; includes the operations that the robot offers.
+    """
+
+    mapping: bool | None
+    can_save: bool = False
+    can_load: bool = False
+    can_switch: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PlacesChanged(Event):
+    """A named place was added to the scenario, moved, or removed (``pose_in_map`` None)."""
+
+    name: str
+    pose_in_map: Pose2D | None
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class HeadMoved(Event):
+    """The wizard turned the head to these angles, pan left and tilt down positive."""
+
+    pan_rad: float
+    tilt_rad: float
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ControlUsed(Event):
+    """A control of the Robot panel was used. The same ``request_id`` returns with each state."""
+
+    request_id: str
+    control: str
+    value: ControlValue
+    state: RequestState
+    detail: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class TrafficMeasured(Event):
+    """The topics of one link, once a second. ``refused`` counts all unusable messages so far."""
+
+    link: str
+    encoding: Literal["cbor", "json", "both"]
+    refused: int
+    topics: tuple[TopicTraffic, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class GamepadChanged(Event):
+    """A gamepad was connected or removed; ``device`` is its hardware id."""
+
+    device: str
+    name: str
+    connected: bool
+
+
+# Events of the conversation and of the language model.
+
+
+Speaker = Literal["robot", "participant", "wizard"]
+UtteranceOrigin = Literal[
+    "typed", "phrase", "filler", "assistant", "suggestion", "heard", "dictated", "own_voice"
+]  # fmt: skip
+UtteranceState = Literal["requested", "started", "finished", "interrupted", "failed"]
+LlmOutcome = Literal["answered", "cancelled", "failed"]
+
+
+ReplyMeans = Literal[
+    "typed", "phrase", "suggestion", "edited_suggestion", "filler", "assistant", "own_voice", "dictated"
+]
+
+
+SuggestionState = Literal["displayed", "taken", "edited", "dismissed", "superseded", "expired"]
+
+
+ProposalState = Literal["displayed", "counting", "confirmed", "vetoed", "lapsed", "refused"]
+
+
+AssistedFunction = Literal["replies", "fillers", "actions"]
+AssistanceLevel = Literal["off", "suggest", "act"]
+
+
+VoiceOutput = Literal["robot", "computer", "both"]
+
+
+@dataclass(frozen=True, slots=True)
+class ChatMessage:
+    """One message of a prompt to a language model."""
+
+    role: Literal["system", "user", "assistant"]
+    content: str
+
+
+@dataclass(frozen=True, slots=True)
+class UtteranceChanged(Event):
+    """State of an utterance. The same ``utterance_id`` returns with each new state.
+
+    ``actor`` requested the utterance or, if it is interrupted, silenced it. ``person_id`` is the person addressed, or
+    the speaker; empty if unknown. ``{p-...}`` in ``text`` replaces the name of the person with that id. ``source`` is
+    the microphone that picked it up. ``estimated``: the time is an estimate. ``confidence`` (0 to 1) and ``language``
+    come from the speech recogniser. ``gesture`` accompanies the utterance.
+    """
+
+    utterance_id: str
+    speaker: Speaker
+    text: str
+    origin: UtteranceOrigin
+    state: UtteranceState
+    voice: str = ""
+    detail: str = ""
+    actor: Actor = ""
+    person_id: str = ""
+    source: str = ""
+    estimated: bool = False
+    confidence: float | None = None
+    language: str = ""
+    gesture: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LlmExchange(Event):
+    """One finished exchange with a language model.
+
+    ``server`` is its host and port, without credentials. ``seed`` is the random seed, None if none was sent. ``actor``
+    asked the question. ``photo`` is the file name of the attached image, as in PhotoTaken, or ``camera NAME`` for its
+    frame at that time. Several are separated by commas. ``purpose``: the wizard's question, suggested replies or
+    proposed actions. ``turn_id`` and ``revision`` identify the turn that it refers to. ``cut``: the answer is
+    incomplete because of its length limit or the server's filter; ``detail`` says so in words. ``parameters`` are those
+    that the server accepted.
+    """
+
+    exchange_id: str
+    provider: str
+    model: str
+    messages: tuple[ChatMessage, ...]
+    answer: str
+    outcome: LlmOutcome
+    asked_ns: int
+    first_token_ns: int | None
+    parameters: dict[str, float | int | str]
+    detail: str = ""
+    model_version: str = ""
+    server: str = ""
+    seed: int | None = None
+    actor: Actor = ""
+    photo: str = ""
+    purpose: Literal["question", "replies", "actions"] = "question"
+    turn_id: str = ""
+    revision: int = 0
+    cut: Literal["", "length", "filter"] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerUsed(Event):
+    """Use of a language model's answer. ``utterance_id`` is the robot's utterance made from it."""
+
+    exchange_id: str
+    use: Literal["said", "edited", "dismissed"]
+    text: str
+    utterance_id: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class UtteranceCorrected(Event):
+    """Correction of an utterance: its text, speaker, person, tags or times. None: not changed.
+
+    ``speaker`` and ``person_id`` may be empty for "not sure". ``person_confidence`` is the likelihood of that person, 0
+    to 1, if the console identified the speaker. ``start_ns`` and ``end_ns`` are the start and end of the voice in the
+    samples of a microphone.
+    """
+
+    utterance_id: str
+    text: str | None = None
+    speaker: Literal["", "robot", "participant", "wizard"] | None = None
+    person_id: str | None = None
+    tags: tuple[str, ...] | None = None
+    actor: Actor = ""
+    person_confidence: float | None = None
+    start_ns: int | None = None
+    end_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseTimed(Event):
+    """Times of the robot's response to a turn of the participant, on the session clock; None: did not occur.
+
+    ``turn_id`` and ``reply_id`` are the utterances. ``voice_ended_ns``: acoustic end of the turn, later than the first
+    sound if the robot spoke over it. ``text_ns``: final transcript. ``suggested_ns``: suggestions shown. ``asked_ns``:
+    key pressed by the wizard. ``first_sound_ns``: first sound of the robot.
+    """
+
+    turn_id: str
+    reply_id: str
+    means: ReplyMeans
+    voice_ended_ns: int
+    text_ns: int | None = None
+    suggested_ns: int | None = None
+    asked_ns: int | None = None
+    first_sound_ns: int | None = None
+    person_id: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SuggestionChanged(Event):
+    """A suggested reply was shown, or its outcome is known. The same ``suggestion_id`` returns once.
+
+    ``turn_id`` and ``revision`` identify the turn. ``rank`` is its position and the number of its key (1 to 3).
+    ``latency_ms`` is from the end of the participant's voice until it was shown. ``edit_distance`` counts the
+    characters that the wizard changed. ``utterance_id`` is what was said of it.
+    """
+
+    suggestion_id: str
+    state: SuggestionState
+    turn_id: str
+    revision: int
+    rank: int
+    text: str
+    model: str
+    latency_ms: float | None = None
+    edit_distance: int | None = None
+    utterance_id: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ProposalChanged(Event):
+    """State of an action that a language model proposed.
+
+    ``intent`` is its type name in the table of intents, ``arguments`` its fields. ``refused``: by the gate, or because
+    it was outside the list or the bounds; ``detail`` gives the reason.
+    """
+
+    proposal_id: str
+    state: ProposalState
+    turn_id: str
+    revision: int
+    intent: str
+    arguments: dict[str, float | str | bool]
+    model: str
+    detail: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LevelChanged(Event):
+    """Degree of automation of the language model."""
+
+    function: AssistedFunction
+    level: AssistanceLevel
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class VoiceChanged(Event):
+    """Speech output changed: who speaks, and this computer's voice, rate and volume as in the scenario file."""
+
+    output: VoiceOutput
+    name: str = ""
+    language: str = ""
+    rate: float = 1.0
+    volume: float = 1.0
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class AssistantChanged(Event):
+    """The assistant's settings changed: model, role, style, a prompt or the notes.
+
+    ``name`` is the selection, or names the changed text; ``text`` is the new one. ``reset``: all is as in the scenario.
+    """
+
+    setting: Literal["model", "role", "style", "system_prompt", "notes", "reset"]
+    name: str = ""
+    text: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class FaceChanged(Event):
+    """The robot's face changed, on ``screens`` windows and pages.
+
+    ``image`` is the file name of an image, ``live`` whether the robot's camera image is shown.
+    """
+
+    expression: str
+    text: str = ""
+    image: str = ""
+    live: bool = False
+    screens: int = 0
+    actor: Actor = ""
+
+
+# Events of people: appearance, identification, consent.
+
+
+IdentifiedBy = Literal["wizard", "console"]
+ConsentKind = Literal["face", "photo", "video", "sound"]
+PersonDetail = Literal["group", "tags", "note"]
+PeopleDecision = Literal["named", "group", "tags", "note", "identified", "rejected", "merged", "split", "consent"]
+
+
+@dataclass(frozen=True, slots=True)
+class PersonAppeared(Event):
+    """A track was confirmed as a person; ``number`` is that of "Person 3", 0 if unknown."""
+
+    person_id: str
+    track: int
+    number: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PersonLeft(Event):
+    """A person counts as gone. ``last_seen_ns`` is the last detection; None in old recordings."""
+
+    person_id: str
+    track: int
+    last_seen_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PersonRenamed(Event):
+    """The wizard named a person. The name itself is only in the study's database."""
+
+    person_id: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonSuggested(Event):
+    """A person resembles a known one; nothing is decided. ``confidence`` is how often such a match is right.
+
+    ``runner_up_id`` is the next best match, empty if none. ``kind`` is the evidence: clothing or face.
+    """
+
+    person_id: str
+    is_person_id: str
+    confidence: float
+    runner_up_id: str = ""
+    runner_up: float = 0.0
+    kind: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonIdentified(Event):
+    """``person_id`` of this visit was identified as ``is_person_id``, the id in rows and boxes from now on.
+
+    ``runner_up`` is the confidence of the next best match. ``actor`` confirmed it; the console if it was certain.
+    """
+
+    person_id: str
+    is_person_id: str
+    by: IdentifiedBy
+    confidence: float
+    runner_up: float = 0.0
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonRejected(Event):
+    """A person is not ``is_person_id``. If already identified as such, the visit is ``person_id``'s again."""
+
+    person_id: str
+    is_person_id: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonDescribed(Event):
+    """A person's group, tags or note changed. The new values are only in the study's database."""
+
+    person_id: str
+    detail: PersonDetail
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PeopleMerged(Event):
+    """``person_id`` was merged into ``into_person_id``, in the past too."""
+
+    person_id: str
+    into_person_id: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonSplit(Event):
+    """A visit was moved from ``from_person_id`` to ``person_id``."""
+
+    person_id: str
+    from_person_id: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ConsentNoted(Event):
+    """A person gave or withdrew consent of this kind."""
+
+    person_id: str
+    kind: ConsentKind
+    given: bool
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonAttended(Event):
+    """Person that the wizard attends to from now on; empty: the nearest."""
+
+    person_id: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PeopleUndone(Event):
+    """The last decision about people was undone: ``person_id`` is as before."""
+
+    person_id: str
+    decision: PeopleDecision
+    is_person_id: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PersonForgotten(Event):
+    """All data about a person were erased from the study's database."""
+
+    person_id: str
+    actor: Actor = ""
+
+
+# Events of the session: recording, photos, marks, the steps of the protocol, problems and alarms.
 
 
 Severity = Literal["info", "warning", "error"]
@@ -45,834 +647,6 @@ LOST_ON_THE_WAY = "lost between the robot's sensor and this computer"
 """Reason of a gap that shows in the robot's timestamps alone."""
 
 
-@dataclass(frozen=True, slots=True)
-class PhotoTaken:
-    """A photo. ``file_name`` is relative to the session folder, or to the study's without a recording.
-
-    ``person_id`` is the person attended to, or the nearest; empty if none. ``person_ids`` are all people detected then.
-    ``pose_in_map`` is the pose of the robot; None if unknown.
-    """
-
-    stamp_ns: int
-    camera: str
-    frame_sequence: int
-    file_name: str
-    actor: Actor = ""
-    person_id: str = ""
-    person_ids: tuple[str, ...] = ()
-    pose_in_map: Pose2D | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class PhotoTagged:
-    """New tags of a photo; they replace all earlier ones."""
-
-    stamp_ns: int
-    file_name: str
-    tags: tuple[str, ...]
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class PhotoDeleted:
-    """A photo was deleted, or ``restored``, which is possible until the session ends."""
-
-    stamp_ns: int
-    file_name: str
-    restored: bool = False
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Marked:
-    """The wizard marked a moment or an interval of the session.
-
-    The same ``mark_id`` returns whenever the mark changes: an interval ends, the moment is moved back, a note is added.
-    The newest one counts. ``start_ns`` is the moment meant (None: ``stamp_ns``), ``end_ns`` the end of an interval.
-    ``state`` is open during an interval, and withdrawn for a mark made by mistake.
-    """
-
-    stamp_ns: int
-    label: str
-    kind: MarkKind = "mark"
-    mark_id: str = ""
-    start_ns: int | None = None
-    end_ns: int | None = None
-    state: MarkState = "done"
-    note: str = ""
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class RecordingPaused:
-    """The wizard paused or resumed the recording. Nothing is recorded in between."""
-
-    stamp_ns: int
-    paused: bool
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class ScenarioOpened:
-    """A scenario was opened. ``content`` is the text of its file."""
-
-    stamp_ns: int
-    file_name: str
-    title: str
-    sha256: str
-    content: str = ""
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class RobotChosen:
-    """The console connects to this robot from now on. ``profile`` is its profile as the text of a profile file."""
-
-    stamp_ns: int
-    name: str
-    title: str
-    address: str
-    profile: str = ""
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class LayoutChanged:
-    """The panel layout changed. ``layout`` is the tree of splits and tabs as in a scenario file, as JSON."""
-
-    stamp_ns: int
-    layout: str
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Gap:
-    """Values of ``stream`` that were not recorded."""
-
-    stamp_ns: int
-    stream: str
-    count: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class Problem:
-    """A problem: what happened, what it means for the session, what to do. ``until`` says what ends it.
-
-    ``info`` requires no action. Problems of one ``cause`` are one alarm; if empty, of one ``until`` or ``what``. The
-    cause ``answer`` raises no alarm.
-    """
-
-    stamp_ns: int
-    severity: Severity
-    what: str
-    meaning: str
-    advice: str
-    until: ProblemEnd = ""
-    cause: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class AlarmChanged:
-    """An alarm was raised, or ended: automatically by the console, or resolved by ``actor``.
-
-    An alarm that returns soon after its end is the same one; ``times`` counts how often it was raised. ``told``: a
-    Problem reported it before. Alarms active when a recording starts are raised there again with their id.
-    """
-
-    stamp_ns: int
-    alarm_id: str
-    cause: str
-    state: AlarmState
-    severity: Severity
-    what: str
-    meaning: str
-    advice: str
-    times: int = 1
-    told: bool = True
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class SessionStarted:
-    """Recording started. ``folder`` is the session folder's name, not its path."""
-
-    stamp_ns: int
-    folder: str
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class TrialResumed:
-    """A trial continues after the program ended during its recording. ``folder`` is that session's folder name."""
-
-    stamp_ns: int
-    folder: str
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class ConfirmedAsBefore:
-    """Confirmation by a person: the ``map`` shows where the robot is; the ``people`` are who the list says; recording
-    and model ``permissions`` are as wanted; the participant gave ``consent`` again. With ``person_id``, only this one
-    of the people was confirmed.
-    """
-
-    stamp_ns: int
-    what: Literal["map", "people", "permissions", "consent"]
-    actor: Actor = ""
-    person_id: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class SessionEnded:
-    """Recording ended; ``reason`` is wizard, console_closed, disk_full, disk_failed or recovered."""
-
-    stamp_ns: int
-    folder: str
-    reason: str
-    actor: Actor = ""
-
-
-# Events of the robot and its link.
-
-
-LinkState = Literal["connecting", "connected", "trouble", "lost", "closed"]
-CommandSource = Literal["keyboard", "gamepad", "onscreen", "rehearsal", "stop", "lease", "none"]
-GoalState = Literal["requested", "active", "reached", "cancelled", "failed"]
-GuardState = Literal["absent", "clear", "slowing", "blocked", "blind", "overridden"]
-MovementState = Literal[
-    "unknown", "silent", "standing", "moving", "not_following", "uncommanded", "commanded_elsewhere"
-]
-MapOperation = Literal["save", "load", "start_mapping", "start_localization"]
-RequestState = Literal["requested", "succeeded", "failed"]
-
-
-@dataclass(frozen=True, slots=True)
-class LinkChanged:
-    """The robot link changed state; ``detail`` gives the reason in words."""
-
-    stamp_ns: int
-    link: str
-    state: LinkState
-    address: str
-    detail: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class LinkQuality:
-    """Ping result: round trip time, and robot clock minus session clock with its uncertainty."""
-
-    stamp_ns: int
-    round_trip_ms: float
-    clock_offset_ms: float | None = None
-    clock_uncertainty_ms: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class CommandSent:
-    """One velocity command exactly as handed to the socket. ``actor`` held or released it, or stopped."""
-
-    stamp_ns: int
-    sequence: int
-    twist: Twist2D
-    source: CommandSource
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class DriveEnded:
-    """Manual driving ended without a release by the wizard, or because ``actor`` set a goal.
-
-    ``drive_id`` is the id of the drive that ended; 0 in recordings before drives had ids.
-    """
-
-    stamp_ns: int
-    reason: str
-    actor: Actor = ""
-    drive_id: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class StopRequested:
-    """The wizard pressed stop."""
-
-    stamp_ns: int
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class EmergencyStopChanged:
-    """The latched emergency stop was set or cleared. ``by`` is wizard or robot."""
-
-    stamp_ns: int
-    latched: bool
-    by: Literal["wizard", "robot"]
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class GoalChanged:
-    """A navigation goal changed state. ``actor`` set it, or cancelled it if it is cancelled."""
-
-    stamp_ns: int
-    goal_id: str
-    state: GoalState
-    target_in_map: Pose2D
-    place: str | None = None
-    distance_left_m: float | None = None
-    detail: str = ""
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class NavigationSpeedChanged:
-    """Speed limit of the robot's navigation to goals; None: as configured on the robot."""
-
-    stamp_ns: int
-    limit_mps: float | None
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class GuardChanged:
-    """The obstacle guard changed its limits on motion.
-
-    ``absent``: the profile names no LIDAR. ``blind``: no fresh scan, so the speed is capped; ``detail`` gives the
-    reason. ``overridden``: the wizard turned it off. ``distance_m`` is the clearance between footprint and obstacle in
-    the direction of motion. ``actor`` turned it on or off, else the console.
-    """
-
-    stamp_ns: int
-    state: GuardState
-    distance_m: float | None = None
-    detail: str = ""
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class MovementChanged:
-    """The agreement of the robot's odometry with this console's commands changed.
-
-    ``unknown``: no odometry, or none yet. ``silent``: odometry no longer arrives. ``standing``: at rest. ``moving``: as
-    commanded from here. ``not_following``: not as commanded. ``uncommanded``: moving without a command from here.
-    ``commanded_elsewhere``: another source sends velocities. ``stopped``: under a stop or the emergency stop.
-    ``publishers`` are the nodes that publish velocities, if the robot reports them.
-    """
-
-    stamp_ns: int
-    state: MovementState
-    stopped: bool = False
-    publishers: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class InitialPoseSet:
-    """The wizard set the robot's pose for localization."""
-
-    stamp_ns: int
-    pose_in_map: Pose2D
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class MapRequestChanged:
-    """State of a request to save or load a map, or switch mapping. ``request_id`` is the same in each state."""
-
-    stamp_ns: int
-    request_id: str
-    operation: MapOperation
-    name: str
-    state: RequestState
-    detail: str = ""
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class MappingChanged:
-    """Mapping state: the robot builds its map (True) or only localizes in it; None: not reported.
-
-    Also sent with each connection; includes the operations that the robot offers.
-    """
-
-    stamp_ns: int
-    mapping: bool | None
-    can_save: bool = False
-    can_load: bool = False
-    can_switch: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class PlacesChanged:
-    """A named place was added to the scenario, moved, or removed (``pose_in_map`` None)."""
-
-    stamp_ns: int
-    name: str
-    pose_in_map: Pose2D | None
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class HeadMoved:
-    """The wizard turned the head to these angles, pan left and tilt down positive."""
-
-    stamp_ns: int
-    pan_rad: float
-    tilt_rad: float
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class ControlUsed:
-    """A control of the Robot panel was used. The same ``request_id`` returns with each state."""
-
-    stamp_ns: int
-    request_id: str
-    control: str
-    value: ControlValue
-    state: RequestState
-    detail: str = ""
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class TopicTraffic:
-    """Traffic of one topic in the last second. ``age_ms`` is the age of its newest message on arrival, from the robot's
-    timestamp and the estimated clock offset; None without a timestamp. ``encoding`` is empty before the first message.
-    """
-
-    topic: str
-    type: str
-    rate_hz: float
-    bytes_per_s: float
-    last_heard_s: float | None
-    age_ms: float | None
-    refused: int
-    encoding: Literal["", "cbor", "json"] = ""
-
-
-@dataclass(frozen=True, slots=True)
-class TrafficMeasured:
-    """The topics of one link, once a second. ``refused`` counts all unusable messages so far."""
-
-    stamp_ns: int
-    link: str
-    encoding: Literal["cbor", "json", "both"]
-    refused: int
-    topics: tuple[TopicTraffic, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class GamepadChanged:
-    """A gamepad was connected or removed; ``device`` is its hardware id."""
-
-    stamp_ns: int
-    device: str
-    name: str
-    connected: bool
-
-
-# Events of the conversation and of the language model.
-
-
-Speaker = Literal["robot", "participant", "wizard"]
-UtteranceOrigin = Literal[
-    "typed", "phrase", "filler", "assistant", "suggestion", "heard", "dictated", "own_voice"
-]  # fmt: skip
-UtteranceState = Literal["requested", "started", "finished", "interrupted", "failed"]
-LlmOutcome = Literal["answered", "cancelled", "failed"]
-
-
-@dataclass(frozen=True, slots=True)
-class UtteranceChanged:
-    """State of an utterance. The same ``utterance_id`` returns with each new state.
-
-    ``actor`` requested the utterance or, if it is interrupted, silenced it. ``person_id`` is the person addressed, or
-    the speaker; empty if unknown. ``{p-...}`` in ``text`` replaces the name of the person with that id. ``source`` is
-    the microphone that picked it up. ``estimated``: the time is an estimate. ``confidence`` (0 to 1) and ``language``
-    come from the speech recogniser. ``gesture`` accompanies the utterance.
-    """
-
-    stamp_ns: int
-    utterance_id: str
-    speaker: Speaker
-    text: str
-    origin: UtteranceOrigin
-    state: UtteranceState
-    voice: str = ""
-    detail: str = ""
-    actor: Actor = ""
-    person_id: str = ""
-    source: str = ""
-    estimated: bool = False
-    confidence: float | None = None
-    language: str = ""
-    gesture: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class UtteranceCorrected:
-    """Correction of an utterance: its text, speaker, person, tags or times. None: not changed.
-
-    ``speaker`` and ``person_id`` may be empty for "not sure". ``person_confidence`` is the likelihood of that person, 0
-    to 1, if the console identified the speaker. ``start_ns`` and ``end_ns`` are the start and end of the voice in the
-    samples of a microphone.
-    """
-
-    stamp_ns: int
-    utterance_id: str
-    text: str | None = None
-    speaker: Literal["", "robot", "participant", "wizard"] | None = None
-    person_id: str | None = None
-    tags: tuple[str, ...] | None = None
-    actor: Actor = ""
-    person_confidence: float | None = None
-    start_ns: int | None = None
-    end_ns: int | None = None
-
-
-ReplyMeans = Literal[
-    "typed", "phrase", "suggestion", "edited_suggestion", "filler", "assistant", "own_voice", "dictated"
-]
-
-
-@dataclass(frozen=True, slots=True)
-class ResponseTimed:
-    """Times of the robot's response to a turn of the participant, on the session clock; None: did not occur.
-
-    ``turn_id`` and ``reply_id`` are the utterances. ``voice_ended_ns``: acoustic end of the turn, later than the first
-    sound if the robot spoke over it. ``text_ns``: final transcript. ``suggested_ns``: suggestions shown. ``asked_ns``:
-    key pressed by the wizard. ``first_sound_ns``: first sound of the robot.
-    """
-
-    stamp_ns: int
-    turn_id: str
-    reply_id: str
-    means: ReplyMeans
-    voice_ended_ns: int
-    text_ns: int | None = None
-    suggested_ns: int | None = None
-    asked_ns: int | None = None
-    first_sound_ns: int | None = None
-    person_id: str = ""
-
-
-SuggestionState = Literal["displayed", "taken", "edited", "dismissed", "superseded", "expired"]
-
-
-@dataclass(frozen=True, slots=True)
-class SuggestionChanged:
-    """A suggested reply was shown, or its outcome is known. The same ``suggestion_id`` returns once.
-
-    ``turn_id`` and ``revision`` identify the turn. ``rank`` is its position and the number of its key (1 to 3).
-    ``latency_ms`` is from the end of the participant's voice until it was shown. ``edit_distance`` counts the
-    characters that the wizard changed. ``utterance_id`` is what was said of it.
-    """
-
-    stamp_ns: int
-    suggestion_id: str
-    state: SuggestionState
-    turn_id: str
-    revision: int
-    rank: int
-    text: str
-    model: str
-    latency_ms: float | None = None
-    edit_distance: int | None = None
-    utterance_id: str = ""
-    actor: Actor = ""
-
-
-ProposalState = Literal["displayed", "counting", "confirmed", "vetoed", "lapsed", "refused"]
-
-
-@dataclass(frozen=True, slots=True)
-class ProposalChanged:
-    """State of an action that a language model proposed.
-
-    ``intent`` is its type name in the table of intents, ``arguments`` its fields. ``refused``: by the gate, or because
-    it was outside the list or the bounds; ``detail`` gives the reason.
-    """
-
-    stamp_ns: int
-    proposal_id: str
-    state: ProposalState
-    turn_id: str
-    revision: int
-    intent: str
-    arguments: dict[str, float | str | bool]
-    model: str
-    detail: str = ""
-    actor: Actor = ""
-
-
-AssistedFunction = Literal["replies", "fillers", "actions"]
-AssistanceLevel = Literal["off", "suggest", "act"]
-
-
-@dataclass(frozen=True, slots=True)
-class LevelChanged:
-    """Degree of automation of the language model."""
-
-    stamp_ns: int
-    function: AssistedFunction
-    level: AssistanceLevel
-    actor: Actor = ""
-
-
-VoiceOutput = Literal["robot", "computer", "both"]
-
-
-@dataclass(frozen=True, slots=True)
-class VoiceChanged:
-    """Speech output changed: who speaks, and this computer's voice, rate and volume as in the scenario file."""
-
-    stamp_ns: int
-    output: VoiceOutput
-    name: str = ""
-    language: str = ""
-    rate: float = 1.0
-    volume: float = 1.0
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class FaceChanged:
-    """The robot's face changed, on ``screens`` windows and pages.
-
-    ``image`` is the file name of an image, ``live`` whether the robot's camera image is shown.
-    """
-
-    stamp_ns: int
-    expression: str
-    text: str = ""
-    image: str = ""
-    live: bool = False
-    screens: int = 0
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class ChatMessage:
-    """One message of a prompt to a language model."""
-
-    role: Literal["system", "user", "assistant"]
-    content: str
-
-
-@dataclass(frozen=True, slots=True)
-class LlmExchange:
-    """One finished exchange with a language model.
-
-    ``server`` is its host and port, without credentials. ``seed`` is the random seed, None if none was sent. ``actor``
-    asked the question. ``photo`` is the file name of the attached image, as in PhotoTaken, or ``camera NAME`` for its
-    frame at that time. Several are separated by commas. ``purpose``: the wizard's question, suggested replies or
-    proposed actions. ``turn_id`` and ``revision`` identify the turn that it refers to. ``cut``: the answer is
-    incomplete because of its length limit or the server's filter; ``detail`` says so in words. ``parameters`` are those
-    that the server accepted.
-    """
-
-    stamp_ns: int
-    exchange_id: str
-    provider: str
-    model: str
-    messages: tuple[ChatMessage, ...]
-    answer: str
-    outcome: LlmOutcome
-    asked_ns: int
-    first_token_ns: int | None
-    parameters: dict[str, float | int | str]
-    detail: str = ""
-    model_version: str = ""
-    server: str = ""
-    seed: int | None = None
-    actor: Actor = ""
-    photo: str = ""
-    purpose: Literal["question", "replies", "actions"] = "question"
-    turn_id: str = ""
-    revision: int = 0
-    cut: Literal["", "length", "filter"] = ""
-
-
-@dataclass(frozen=True, slots=True)
-class AssistantChanged:
-    """The assistant's settings changed: model, role, style, a prompt or the notes.
-
-    ``name`` is the selection, or names the changed text; ``text`` is the new one. ``reset``: all is as in the scenario.
-    """
-
-    stamp_ns: int
-    setting: Literal["model", "role", "style", "system_prompt", "notes", "reset"]
-    name: str = ""
-    text: str = ""
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class AnswerUsed:
-    """Use of a language model's answer. ``utterance_id`` is the robot's utterance made from it."""
-
-    stamp_ns: int
-    exchange_id: str
-    use: Literal["said", "edited", "dismissed"]
-    text: str
-    utterance_id: str = ""
-    actor: Actor = ""
-
-
-# Events of people: appearance, identification, consent.
-
-
-IdentifiedBy = Literal["wizard", "console"]
-ConsentKind = Literal["face", "photo", "video", "sound"]
-PersonDetail = Literal["group", "tags", "note"]
-PeopleDecision = Literal["named", "group", "tags", "note", "identified", "rejected", "merged", "split", "consent"]
-
-
-@dataclass(frozen=True, slots=True)
-class PersonAppeared:
-    """A track was confirmed as a person; ``number`` is that of "Person 3", 0 if unknown."""
-
-    stamp_ns: int
-    person_id: str
-    track: int
-    number: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class PersonLeft:
-    """A person counts as gone. ``last_seen_ns`` is the last detection; None in old recordings."""
-
-    stamp_ns: int
-    person_id: str
-    track: int
-    last_seen_ns: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class PersonRenamed:
-    """The wizard named a person. The name itself is only in the study's database."""
-
-    stamp_ns: int
-    person_id: str
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class PersonSuggested:
-    """A person resembles a known one; nothing is decided. ``confidence`` is how often such a match is right.
-
-    ``runner_up_id`` is the next best match, empty if none. ``kind`` is the evidence: clothing or face.
-    """
-
-    stamp_ns: int
-    person_id: str
-    is_person_id: str
-    confidence: float
-    runner_up_id: str = ""
-    runner_up: float = 0.0
-    kind: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class PersonIdentified:
-    """``person_id`` of this visit was identified as ``is_person_id``, the id in rows and boxes from now on.
-
-    ``runner_up`` is the confidence of the next best match. ``actor`` confirmed it; the console if it was certain.
-    """
-
-    stamp_ns: int
-    person_id: str
-    is_person_id: str
-    by: IdentifiedBy
-    confidence: float
-    runner_up: float = 0.0
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class PersonRejected:
-    """A person is not ``is_person_id``. If already identified as such, the visit is ``person_id``'s again."""
-
-    stamp_ns: int
-    person_id: str
-    is_person_id: str
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class PersonDescribed:
-    """A person's group, tags or note changed. The new values are only in the study's database."""
-
-    stamp_ns: int
-    person_id: str
-    detail: PersonDetail
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class PeopleMerged:
-    """``person_id`` was merged into ``into_person_id``, in the past too."""
-
-    stamp_ns: int
-    person_id: str
-    into_person_id: str
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class PersonSplit:
-    """A visit was moved from ``from_person_id`` to ``person_id``."""
-
-    stamp_ns: int
-    person_id: str
-    from_person_id: str
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class ConsentNoted:
-    """A person gave or withdrew consent of this kind."""
-
-    stamp_ns: int
-    person_id: str
-    kind: ConsentKind
-    given: bool
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class PersonAttended:
-    """Person that the wizard attends to from now on; empty: the nearest."""
-
-    stamp_ns: int
-    person_id: str
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class PeopleUndone:
-    """The last decision about people was undone: ``person_id`` is as before."""
-
-    stamp_ns: int
-    person_id: str
-    decision: PeopleDecision
-    is_person_id: str = ""
-    actor: Actor = ""
-
-
-@dataclass(frozen=True, slots=True)
-class PersonForgotten:
-    """All data about a person were erased from the study's database."""
-
-    stamp_ns: int
-    person_id: str
-    actor: Actor = ""
-
-
-# Events of the study protocol: planned and entered steps.
-
-
 LATE_FROM_S = 1.0
 """Least overrun of a late step; a shorter one counts as in time."""
 StepHow = Literal["started", "next", "skipped", "back", "branch", "chosen"]
@@ -890,21 +664,77 @@ class PlannedStep:
     tick: tuple[str, ...] = ()
 
 
+PreflightState = Literal["not checked", "pending", "minor", "major", "passed"]
+"""``pending``: in progress. ``minor``: a recording lacks something. ``major``: it should not start."""
+
+
 @dataclass(frozen=True, slots=True)
-class ProtocolOpened:
+class PhotoTaken(Event):
+    """A photo. ``file_name`` is relative to the session folder, or to the study's without a recording.
+
+    ``person_id`` is the person attended to, or the nearest; empty if none. ``person_ids`` are all people detected then.
+    ``pose_in_map`` is the pose of the robot; None if unknown.
+    """
+
+    camera: str
+    frame_sequence: int
+    file_name: str
+    actor: Actor = ""
+    person_id: str = ""
+    person_ids: tuple[str, ...] = ()
+    pose_in_map: Pose2D | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoTagged(Event):
+    """New tags of a photo; they replace all earlier ones."""
+
+    file_name: str
+    tags: tuple[str, ...]
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoDeleted(Event):
+    """A photo was deleted, or ``restored``, which is possible until the session ends."""
+
+    file_name: str
+    restored: bool = False
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Marked(Event):
+    """The wizard marked a moment or an interval of the session.
+
+    The same ``mark_id`` returns whenever the mark changes: an interval ends, the moment is moved back, a note is added.
+    The newest one counts. ``start_ns`` is the moment meant (None: ``stamp_ns``), ``end_ns`` the end of an interval.
+    ``state`` is open during an interval, and withdrawn for a mark made by mistake.
+    """
+
+    label: str
+    kind: MarkKind = "mark"
+    mark_id: str = ""
+    start_ns: int | None = None
+    end_ns: int | None = None
+    state: MarkState = "done"
+    note: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ProtocolOpened(Event):
     """A protocol is in force from now on; without steps: none."""
 
-    stamp_ns: int
     steps: tuple[PlannedStep, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class StepEntered:
+class StepEntered(Event):
     """A step started. ``left_step_id`` is the step before, skipped if ``how`` says so; empty if there was none.
     ``branch`` is what the participant did, if a branch led here.
     """
 
-    stamp_ns: int
     step_id: str
     title: str = ""
     number: int = 0
@@ -915,10 +745,9 @@ class StepEntered:
 
 
 @dataclass(frozen=True, slots=True)
-class StepTicked:
+class StepTicked(Event):
     """A checklist item of a step was ticked off, or unticked (not ``on``)."""
 
-    stamp_ns: int
     step_id: str
     item: str
     on: bool = True
@@ -926,52 +755,30 @@ class StepTicked:
 
 
 @dataclass(frozen=True, slots=True)
-class ProtocolEnded:
+class ProtocolEnded(Event):
     """The wizard finished the last step, or ``skipped`` it."""
 
-    stamp_ns: int
     left_step_id: str
     skipped: bool = False
     actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
-class PracticeStepEnded:
-    """A step was completed (``done``) or skipped, ``took_s`` after its start."""
+class RecordingPaused(Event):
+    """The wizard paused or resumed the recording. Nothing is recorded in between."""
 
-    stamp_ns: int
-    step_id: str
-    number: int
-    done: bool = True
-    took_s: float = 0.0
+    paused: bool
     actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
-class PracticeEnded:
-    """The exercise ended: ``done`` of ``steps`` completed, in ``minutes``. ``score`` is out of 100."""
-
-    stamp_ns: int
-    done: int
-    steps: int
-    minutes: float
-    score: int
-    actor: Actor = ""
-
-
-PreflightState = Literal["not checked", "pending", "minor", "major", "passed"]
-"""``pending``: in progress. ``minor``: a recording lacks something. ``major``: it should not start."""
-
-
-@dataclass(frozen=True, slots=True)
-class PreflightChecked:
+class PreflightChecked(Event):
     """State of one check. A recording starts with all of them (``at_start``); manual ticks may follow.
 
     ``checked_ns`` is when ``actor`` ticked a ``manual`` check, possibly before the recording; None if not ticked.
     ``accepted``: the wizard was asked about it and started anyway.
     """
 
-    stamp_ns: int
     check_id: str
     title: str
     state: PreflightState
@@ -983,69 +790,141 @@ class PreflightChecked:
     actor: Actor = ""
 
 
-Event = (
-    LinkChanged
-    | LinkQuality
-    | CommandSent
-    | DriveEnded
-    | StopRequested
-    | EmergencyStopChanged
-    | GoalChanged
-    | NavigationSpeedChanged
-    | GuardChanged
-    | MovementChanged
-    | InitialPoseSet
-    | MapRequestChanged
-    | MappingChanged
-    | PlacesChanged
-    | HeadMoved
-    | ControlUsed
-    | TrafficMeasured
-    | GamepadChanged
-    | UtteranceChanged
-    | LlmExchange
-    | AnswerUsed
-    | UtteranceCorrected
-    | ResponseTimed
-    | SuggestionChanged
-    | ProposalChanged
-    | LevelChanged
-    | VoiceChanged
-    | AssistantChanged
-    | FaceChanged
-    | PersonAppeared
-    | PersonLeft
-    | PersonRenamed
-    | PersonSuggested
-    | PersonIdentified
-    | PersonRejected
-    | PersonDescribed
-    | PeopleMerged
-    | PersonSplit
-    | ConsentNoted
-    | PersonAttended
-    | PeopleUndone
-    | PersonForgotten
-    | PhotoTaken
-    | PhotoTagged
-    | PhotoDeleted
-    | Marked
-    | ProtocolOpened
-    | StepEntered
-    | StepTicked
-    | ProtocolEnded
-    | RecordingPaused
-    | PreflightChecked
-    | ScenarioOpened
-    | RobotChosen
-    | LayoutChanged
-    | Gap
-    | Problem
-    | AlarmChanged
-    | SessionStarted
-    | SessionEnded
-    | TrialResumed
-    | ConfirmedAsBefore
-    | PracticeStepEnded
-    | PracticeEnded
+@dataclass(frozen=True, slots=True)
+class ScenarioOpened(Event):
+    """A scenario was opened. ``content`` is the text of its file."""
+
+    file_name: str
+    title: str
+    sha256: str
+    content: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotChosen(Event):
+    """The console connects to this robot from now on. ``profile`` is its profile as the text of a profile file."""
+
+    name: str
+    title: str
+    address: str
+    profile: str = ""
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LayoutChanged(Event):
+    """The panel layout changed. ``layout`` is the tree of splits and tabs as in a scenario file, as JSON."""
+
+    layout: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Gap(Event):
+    """Values of ``stream`` that were not recorded."""
+
+    stream: str
+    count: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Problem(Event):
+    """A problem: what happened, what it means for the session, what to do. ``until`` says what ends it.
+
+    ``info`` requires no action. Problems of one ``cause`` are one alarm; if empty, of one ``until`` or ``what``. The
+    cause ``answer`` raises no alarm.
+    """
+
+    severity: Severity
+    what: str
+    meaning: str
+    advice: str
+    until: ProblemEnd = ""
+    cause: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmChanged(Event):
+    """An alarm was raised, or ended: automatically by the console, or resolved by ``actor``.
+
+    An alarm that returns soon after its end is the same one; ``times`` counts how often it was raised. ``told``: a
+    Problem reported it before. Alarms active when a recording starts are raised there again with their id.
+    """
+
+    alarm_id: str
+    cause: str
+    state: AlarmState
+    severity: Severity
+    what: str
+    meaning: str
+    advice: str
+    times: int = 1
+    told: bool = True
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionStarted(Event):
+    """Recording started. ``folder`` is the session folder's name, not its path."""
+
+    folder: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionEnded(Event):
+    """Recording ended; ``reason`` is wizard, console_closed, disk_full, disk_failed or recovered."""
+
+    folder: str
+    reason: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class TrialResumed(Event):
+    """A trial continues after the program ended during its recording. ``folder`` is that session's folder name."""
+
+    folder: str
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ConfirmedAsBefore(Event):
+    """Confirmation by a person: the ``map`` shows where the robot is; the ``people`` are who the list says; recording
+    and model ``permissions`` are as wanted; the participant gave ``consent`` again. With ``person_id``, only this one
+    of the people was confirmed.
+    """
+
+    what: Literal["map", "people", "permissions", "consent"]
+    actor: Actor = ""
+    person_id: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PracticeStepEnded(Event):
+    """A step was completed (``done``) or skipped, ``took_s`` after its start."""
+
+    step_id: str
+    number: int
+    done: bool = True
+    took_s: float = 0.0
+    actor: Actor = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PracticeEnded(Event):
+    """The exercise ended: ``done`` of ``steps`` completed, in ``minutes``. ``score`` is out of 100."""
+
+    done: int
+    steps: int
+    minutes: float
+    score: int
+    actor: Actor = ""
+
+
+EVENTS: tuple[type[Event], ...] = tuple(
+    kind for kind in vars().copy().values() if isinstance(kind, type) and issubclass(kind, Event) and kind is not Event
 )
+"""All kinds; tables and tiers come in this order."""

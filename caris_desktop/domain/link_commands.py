@@ -14,14 +14,20 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.value_class import dataclass
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotCommand:
+    """Base class of commands."""
+
+    stamp_ns: int
+
+
 @dataclass(frozen=True, slots=True)
-class Drive:
+class Drive(RobotCommand):
     """Take or change the motion lease: ramp to ``target`` and hold it. Also renews the lease.
 
     ``drive_id`` counts the drives of the console: a drive after a release is a new one.
     """
 
-    stamp_ns: int
     target: Twist2D
     source: CommandSource
     actor: Actor = ""
@@ -29,43 +35,37 @@ class Drive:
 
 
 @dataclass(frozen=True, slots=True)
-class RenewLease:
+class RenewLease(RobotCommand):
     """Sent every 50 ms while a drive key is held; 150 ms without one ends the motion."""
-
-    stamp_ns: int
 
 
 @dataclass(frozen=True, slots=True)
-class Release:
+class Release(RobotCommand):
     """Release the motion lease: zero at once, repeated for 0.5 s, then silence."""
 
-    stamp_ns: int
     reason: str = ""
     actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
-class StopMotion:
+class StopMotion(RobotCommand):
     """Zero at once, and cancel every navigation goal and every action of a control."""
 
-    stamp_ns: int
     actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
-class SetEmergencyStop:
+class SetEmergencyStop(RobotCommand):
     """Latch or clear the emergency stop. While latched nothing moves; goals and controls that move are refused."""
 
-    stamp_ns: int
     latched: bool
     actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
-class GoTo:
+class GoTo(RobotCommand):
     """Start a navigation goal; it replaces one in progress."""
 
-    stamp_ns: int
     goal_id: str
     target_in_map: Pose2D
     place: str | None = None
@@ -73,36 +73,32 @@ class GoTo:
 
 
 @dataclass(frozen=True, slots=True)
-class LimitGoals:
+class LimitGoals(RobotCommand):
     """Limit the speed to goals from now on, if the robot's navigation supports it."""
 
-    stamp_ns: int
     forward_mps: float
     actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
-class CancelGoal:
+class CancelGoal(RobotCommand):
     """Cancel the navigation goal in any state."""
 
-    stamp_ns: int
     actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
-class SetGuard:
+class SetGuard(RobotCommand):
     """Turn the obstacle guard on, or off on the wizard's own responsibility. Each connection starts with it on."""
 
-    stamp_ns: int
     on: bool
     actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
-class SetInitialPose:
+class SetInitialPose(RobotCommand):
     """Set the pose for localization, with one standard deviation of position and heading."""
 
-    stamp_ns: int
     pose_in_map: Pose2D
     spread_m: float = 0.5
     spread_rad: float = 0.26
@@ -110,10 +106,9 @@ class SetInitialPose:
 
 
 @dataclass(frozen=True, slots=True)
-class RequestMap:
+class RequestMap(RobotCommand):
     """Save or load a map by ``name``, or switch between mapping and localization (``name`` is then unused)."""
 
-    stamp_ns: int
     request_id: str
     operation: MapOperation
     name: str = ""
@@ -121,32 +116,29 @@ class RequestMap:
 
 
 @dataclass(frozen=True, slots=True)
-class MoveHead:
+class MoveHead(RobotCommand):
     """Turn the head to these angles: pan left positive, tilt down positive. Newer ones replace older ones."""
 
-    stamp_ns: int
     pan_rad: float
     tilt_rad: float
     actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
-class OfferControls:
+class OfferControls(RobotCommand):
     """Add the scenario's controls to the profile's own, so that their readings are received.
 
     If it does not permit driving, no control moves the robot, the profile's own included.
     """
 
-    stamp_ns: int
     controls: tuple[RobotControl, ...]
     driving_permitted: bool = True
 
 
 @dataclass(frozen=True, slots=True)
-class UseControl:
+class UseControl(RobotCommand):
     """Use a control of the profile or the scenario; a button's ``value`` is True."""
 
-    stamp_ns: int
     request_id: str
     control: str
     value: ControlValue
@@ -154,14 +146,13 @@ class UseControl:
 
 
 @dataclass(frozen=True, slots=True)
-class Say:
+class Say(RobotCommand):
     """Speak ``text`` through the robot's own voice.
 
     ``recorded`` (empty: ``text`` itself), ``origin`` and ``person_id`` return in the reports: names are spoken, and
     never recorded. ``language``, if known, serves to estimate the duration.
     """
 
-    stamp_ns: int
     utterance_id: str
     text: str
     actor: Actor = ""
@@ -172,57 +163,29 @@ class Say:
 
 
 @dataclass(frozen=True, slots=True)
-class Silence:
+class Silence(RobotCommand):
     """Stop the robot's own voice, if the robot supports that."""
 
-    stamp_ns: int
     actor: Actor = ""
 
 
 @dataclass(frozen=True, slots=True)
-class ListenToRobot:
+class ListenToRobot(RobotCommand):
     """Start or stop the sound of the robot's microphone. For the media link."""
 
-    stamp_ns: int
     on: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlayOnRobot:
+class PlayOnRobot(RobotCommand):
     """Sound for the robot's loudspeaker, now or not at all. For the media link.
 
     ``samples`` is int16, shape (samples, 1), at the rate that the profile gives.
     """
 
-    stamp_ns: int
     samples: NDArray[np.int16]
 
 
 @dataclass(frozen=True, slots=True)
-class CloseLink:
+class CloseLink(RobotCommand):
     """Zero, cancel goals, close the socket and end the link process."""
-
-    stamp_ns: int
-
-
-RobotCommand = (
-    Drive
-    | RenewLease
-    | Release
-    | StopMotion
-    | SetEmergencyStop
-    | SetGuard
-    | GoTo
-    | LimitGoals
-    | CancelGoal
-    | SetInitialPose
-    | RequestMap
-    | MoveHead
-    | OfferControls
-    | UseControl
-    | Say
-    | Silence
-    | ListenToRobot
-    | PlayOnRobot
-    | CloseLink
-)

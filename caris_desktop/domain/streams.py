@@ -6,7 +6,7 @@ only.
 
 import re
 from enum import Enum
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from caris_desktop.domain import events, foxglove, sensing, sound_values
 from caris_desktop.domain.foxglove import WellKnown
@@ -109,7 +109,7 @@ _WELL_KNOWN_EVENTS: dict[type[Any], WellKnown] = {
 
 EVENT_STREAMS: tuple[StreamSpec, ...] = tuple(
     StreamSpec(_event_name(kind), kind, Delivery.LOSSLESS, well_known=_WELL_KNOWN_EVENTS.get(kind))
-    for kind in get_args(events.Event)
+    for kind in events.EVENTS
 )
 
 STREAMS: tuple[StreamSpec, ...] = STATE_STREAMS + EVENT_STREAMS

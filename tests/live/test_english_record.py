@@ -23,7 +23,7 @@ _IN_WIZARDS_LANGUAGE = ("tr", "told_here")
 
 def _recorded() -> frozenset[str]:
     """Names of all recorded types."""
-    kinds = [*get_args(events.Event)]
+    kinds = [*events.EVENTS]
     for kind in STATUS_TYPES.values():
         kinds += get_args(kind) or [kind]
     return frozenset(kind.__name__ for kind in kinds if isinstance(kind, type)).difference(_AS_READ)
