@@ -18,7 +18,7 @@ from caris_desktop.domain.schema_json import schema_text
 from caris_desktop.domain.schema_labels import texts_of
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.recording.annotation.coding_file import Coding
-from caris_desktop.recording.exporters import tables_page
+from caris_desktop.recording.tables import tables_page
 from caris_desktop.robot.profile_model import ProfileFile
 from caris_desktop.scenario.scenario_file import schema_path
 from caris_desktop.scenario.scenario_model import Scenario

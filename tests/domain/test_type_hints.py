@@ -15,7 +15,7 @@ from caris_desktop.domain import schema_fields, schema_validation
 from caris_desktop.domain.schema import array_dtype, from_jsonable, json_schema, require_recordable, to_jsonable
 from caris_desktop.domain.streams import Delivery, StreamSpec
 from caris_desktop.domain.type_hints import union_members, without_alias
-from caris_desktop.recording.exporters.tables import tables_of
+from caris_desktop.recording.tables.catalog import tables_of
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 # As declared by numpy 2.5.

@@ -32,11 +32,11 @@ from caris_desktop.domain.sensing import (
     RobotPose,
 )
 from caris_desktop.domain.streams import BY_TYPE, STREAMS
-from caris_desktop.recording.exporters.tables import RowTimes, tables_of
 from caris_desktop.recording.session.robot_clock_mapping import RobotClock
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportError, ExportRequest, export_all, export_session
+from caris_desktop.recording.tables.catalog import Moment, RowTimes, tables_of
 from tests.recording.driving import command, mark, pose, scan
 from tests.recording.session.test_session_reader import record, write_raw
 from tests.recording.told_session import at, exchange, tell
@@ -232,7 +232,8 @@ def rows(value: Any) -> list[dict[str, Any]]:
     table_ = tables_of(BY_TYPE[type(value)])[0]
     times = RowTimes(SessionClock(ClockAnchor(0, 0), 0), RobotClock(()))
     names = [column.name for column in table_.columns]
-    return [dict(zip(names, row, strict=True)) for row in table_.rows(value, times)]
+    cells = table_.cells([(Moment(value.stamp_ns), item) for item in table_.items(value)], times)
+    return [dict(zip(names, row, strict=True)) for row in zip(*cells, strict=True)]
 
 
 def test_missing_values_are_empty() -> None:
@@ -242,7 +243,7 @@ def test_missing_values_are_empty() -> None:
     assert list(row.values())[4:] == ["Kitchen", None, None, None, ""]
 
 
-@pytest.mark.logs(r"session\.session_reader: ", r"exporters\.tables: ", r"exporters\.html: ")
+@pytest.mark.logs(r"session\.session_reader: ", r"tables\.build: ", r"exporters\.html: ")
 def test_tampered_values_cost_themselves_and_no_export(tmp_path: Path) -> None:
     bent: Any = exchange(1, 1.0, 2.0, "never read")
     values = [

@@ -284,7 +284,7 @@ class TimelineBuilder:
         ended_ns = self._session.ended_ns
         commands = sorted(self._commands, key=itemgetter(0))
         stamps_ns = np.array([stamp_ns for stamp_ns, _, _ in commands], np.int64)
-        held_ns = held_until_ns(stamps_ns, ended_ns=ended_ns, pauses=self._paused_spans()).tolist()
+        held_ns = held_until_ns(stamps_ns, ended_ns, self._paused_spans()).tolist()
         driven = [(*one, end_ns) for one, end_ns in zip(commands, held_ns, strict=True) if one[1] != Twist2D()]
         motion = _joined([_TierInterval(stamp_ns, end_ns, motion_of(twist)) for stamp_ns, twist, _, end_ns in driven])
         if commands:

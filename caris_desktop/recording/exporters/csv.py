@@ -10,18 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from caris_desktop.recording.exporters.tables import (
-    DICTIONARY_TABLE,
-    Column,
-    Table,
-    dictionary_rows,
-    json_text,
-    key_columns,
-    scalar_text,
-    session_rows,
-)
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
+from caris_desktop.recording.tables.build import DICTIONARY_TABLE, dictionary_columns, session_batches
+from caris_desktop.recording.tables.catalog import Column, Table, json_text, key_columns, scalar_text
 
 
 def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]:
@@ -31,21 +23,20 @@ def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]
     of_this = [_cell(column, column.read(None, None)) for column in whose]  # type: ignore[arg-type] # constants
     with ExitStack() as files:
 
-        def write(table: Table, row: list[Any]) -> None:
+        def write(table: Table, columns: list[list[Any]]) -> None:
             if table.name not in writers:
                 path = out / f"{table.name}.csv"
                 file = files.enter_context(path.open("w", encoding=context.csv.encoding, newline=""))
                 writers[table.name] = (table, context.csv.writer(file))
                 writers[table.name][1].writerow([column.name for column in (*whose, *table.columns)])
-            writers[table.name][1].writerow(
-                [*of_this, *(_cell(column, value) for column, value in zip(table.columns, row, strict=True))]
-            )
+            each = zip(table.columns, columns, strict=True)
+            cells = [[_cell(column, value) for value in values] for column, values in each]
+            writers[table.name][1].writerows([*of_this, *row] for row in zip(*cells, strict=True))
 
-        for table, row in session_rows(session, context):
-            write(table, row)
+        for batch in session_batches(session, context.progress, context.warn):
+            write(*batch)
         described = [table for table, _ in writers.values()]
-        for row in dictionary_rows([*described, DICTIONARY_TABLE], whose):
-            write(DICTIONARY_TABLE, row)
+        write(DICTIONARY_TABLE, dictionary_columns([*described, DICTIONARY_TABLE], whose))
     return [out / f"{name}.csv" for name in writers]
 
 

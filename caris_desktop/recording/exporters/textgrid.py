@@ -8,10 +8,10 @@ from pathlib import Path, PurePath
 
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.annotation_model import shown_names
-from caris_desktop.recording.exporters.tables import plain_text
 from caris_desktop.recording.session.session_marks import final_marks
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
+from caris_desktop.recording.tables.catalog import plain_text
 
 FILE_NAME = "session.TextGrid"
 _MARKS_TIER = "Moments of marks"

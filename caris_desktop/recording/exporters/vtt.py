@@ -9,11 +9,11 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.exporters.tables import plain_text
 from caris_desktop.recording.session.frame_times import moments_words
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 from caris_desktop.recording.session_export import ExportContext
+from caris_desktop.recording.tables.catalog import plain_text
 
 # Of heard speech, often only the time of recognition is known.
 _MOMENT_SHOWN_NS = 2_000_000_000

@@ -4,10 +4,28 @@ from collections.abc import Iterable, Sequence
 from typing import Literal
 
 from caris_desktop.domain.events import AnswerUsed, LlmExchange
+from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.utterances import SpokenUtterance
 
-LlmUse = Literal["said", "edited", "dismissed", "unused"]
+LlmUse = Literal["", "said", "edited", "dismissed", "unused"]
 _SAID_WITHIN_NS = 5_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class LlmAnswer:
+    """Question to a language model, and the use of its answer: empty if it gave none."""
+
+    exchange: LlmExchange
+    use: LlmUse
+
+
+def answers_of(
+    exchanges: Iterable[LlmExchange], uses: Iterable[AnswerUsed], utterances: Sequence[SpokenUtterance]
+) -> tuple[LlmAnswer, ...]:
+    """The wizard's questions in recording order."""
+    questions = questions_of(exchanges)
+    became = answer_uses(questions, uses, utterances)
+    return tuple(LlmAnswer(one, became[one.exchange_id] if one.outcome == "answered" else "") for one in questions)
 
 
 def questions_of(exchanges: Iterable[LlmExchange]) -> tuple[LlmExchange, ...]:

@@ -24,6 +24,10 @@ class NavigationGoal:
     state: GoalState
     actor: Actor = ""
 
+    @property
+    def duration_s(self) -> float | None:
+        return None if self.end_ns is None else (self.end_ns - self.start_ns) / 1e9
+
 
 def navigation_goals(
     events: Iterable[GoalChanged], *, started_ns: int, pauses: Sequence[tuple[int, int]] = ()

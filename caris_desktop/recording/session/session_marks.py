@@ -37,6 +37,10 @@ class FinalMark:
     rewritten: bool = False
 
     @property
+    def duration_s(self) -> float | None:
+        return None if self.end_ns is None else (self.end_ns - self.start_ns) / 1e9
+
+    @property
     def tags(self) -> tuple[str, ...]:
         """Words of the note after a #, in order."""
         return tuple(dict.fromkeys(_TAG.findall(self.note)))

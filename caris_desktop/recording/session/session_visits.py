@@ -50,6 +50,18 @@ class Visit:
     end_ns: int
     last_seen_ns: int | None = None
 
+    @property
+    def person_number(self) -> int | None:
+        return self.number or None
+
+    @property
+    def duration_s(self) -> float:
+        return (self.end_ns - self.start_ns) / 1e9
+
+    @property
+    def seen_s(self) -> float | None:
+        return None if self.last_seen_ns is None else (self.last_seen_ns - self.start_ns) / 1e9
+
 
 def visits_of(
     events: Iterable[VisitEvent], *, started_ns: int, ended_ns: int, pauses: Sequence[tuple[int, int]] = ()

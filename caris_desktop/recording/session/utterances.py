@@ -75,6 +75,10 @@ class SpokenUtterance:
         cut_short = self.state in ("interrupted", "failed") and self.end_ns is not None
         return not cut_short or (self.end_ns or 0) - self.start_ns >= HEARD_FROM_NS
 
+    @property
+    def duration_s(self) -> float | None:
+        return None if self.start_ns is None or self.end_ns is None else (self.end_ns - self.start_ns) / 1e9
+
 
 def spoken(session: Session) -> tuple[SpokenUtterance, ...]:
     """Utterances of a session in order of their start (or request). Raises SessionError."""

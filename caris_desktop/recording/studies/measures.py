@@ -538,7 +538,7 @@ def driving_intervals(facts: SessionData) -> tuple[Interval, ...]:
 
 def _commanded(facts: SessionData) -> list[tuple[int, int, str]]:
     moving = (facts.commands != 0.0).any(axis=1)
-    until_ns = held_until_ns(facts.command_ns, ended_ns=facts.session.ended_ns, pauses=_spans(facts.pauses))
+    until_ns = held_until_ns(facts.command_ns, facts.session.ended_ns, _spans(facts.pauses))
     return [
         (int(facts.command_ns[index]), int(until_ns[index]), facts.command_sources[index])
         for index in np.flatnonzero(moving)

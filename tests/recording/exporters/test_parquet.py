@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from caris_desktop.domain import json_encoding
-from caris_desktop.recording.exporters import parquet
 from caris_desktop.recording.session_export import ExportContext, ExportRequest, export_all, export_session
+from caris_desktop.recording.tables import build
 from tests.recording.minute import S, everything, make_session
 
 
@@ -125,8 +125,8 @@ def test_one_query_reads_a_whole_study(out: Path) -> None:
 
 
 def test_row_groups_are_written_as_they_fill(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parquet, "_ROWS_PER_GROUP", 50)
-    monkeypatch.setattr(parquet, "_BYTES_PER_GROUP", 5_000)
+    monkeypatch.setattr(build, "_BATCH_ROWS", 50)
+    monkeypatch.setattr(build, "_BATCH_BYTES", 5_000)
     make_session(tmp_path / "s", everything)
     fractions: list[float] = []
     export_session(tmp_path / "s", "parquet", tmp_path / "out", ExportContext(progress=fractions.append))

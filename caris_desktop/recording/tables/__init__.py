@@ -1,0 +1,1 @@
+"""Tidy tables of a session, for exports, measures and the guide."""

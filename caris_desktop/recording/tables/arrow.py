@@ -1,0 +1,86 @@
+"""Arrow arrays of the columns of tables."""
+
+import logging
+from typing import Any
+
+import numpy as np
+
+from caris_desktop.recording.tables.catalog import Column, Kind, json_text, plain_text, scalar_text
+
+_log = logging.getLogger(__name__)
+# Values that Arrow takes as they are.
+_PLAIN: tuple[Kind, ...] = ("integer", "number", "true or false", "integers")
+
+
+def array(table: str, column: Column, values: list[Any]) -> Any:
+    """Arrow array of a column; values that do not fit (damaged recording) become missing and are logged."""
+    import pyarrow as pa
+
+    kind = arrow_type(column.kind)
+    if column.kind not in _PLAIN:
+        values = [None if value is None else _ready(column.kind, value) for value in values]
+    try:
+        return pa.array(values, kind)
+    except (pa.ArrowException, OverflowError, TypeError, ValueError):
+        fitting = [_fitting(value, kind) for value in values]
+        left_out = sum(one is None for one in fitting) - sum(one is None for one in values)
+        _log.warning("%s: %d values are left out: no %s", table, left_out, kind)
+        return pa.array(fitting, kind)
+
+
+def arrow_type(kind: Kind) -> Any:
+    import pyarrow as pa
+
+    match kind:
+        case "integer":
+            return pa.int64()
+        case "number":
+            return pa.float64()
+        case "true or false":
+            return pa.bool_()
+        case "utc":
+            return pa.timestamp("us", tz="UTC")
+        case "integers":
+            return pa.list_(pa.int64())
+        case "numbers":
+            return pa.list_(pa.float32())
+        case "texts":
+            return pa.list_(pa.string())
+        case "points":
+            return pa.list_(pa.list_(pa.float32()))
+        case "cells":
+            return pa.list_(pa.int8())
+        case "depths":
+            return pa.list_(pa.uint16())
+        case "text" | "json":
+            return pa.string()
+
+
+def _ready(kind: Kind, value: Any) -> Any:
+    """Value converted for the column's type."""
+    match kind:
+        case "text":
+            return scalar_text(value)
+        case "json":
+            return json_text(value)
+        case "utc":
+            return value // 1000
+        case "numbers":
+            return np.asarray(value, dtype=np.float32).ravel()
+        case "points":
+            return [point.tolist() for point in value]
+        case "cells" | "depths":
+            return value.ravel()
+        case "texts":
+            return [plain_text(str(item)) for item in value]
+    return value
+
+
+def _fitting(value: Any, kind: Any) -> Any:
+    import pyarrow as pa
+
+    try:
+        pa.scalar(value, kind)
+    except (pa.ArrowException, OverflowError, TypeError, ValueError):
+        return None
+    return value

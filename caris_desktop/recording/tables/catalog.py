@@ -1,0 +1,516 @@
+"""Columns of tidy tables, derived from value types: name, unit, type and meaning.
+
+Long because it holds the whole mapping from types to columns.
+"""
+
+import dataclasses
+import json
+import math
+import re
+import typing
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from enum import Enum
+from operator import attrgetter
+from typing import Any, Literal, NamedTuple, get_args, get_origin
+
+import numpy as np
+
+from caris_desktop.domain.schema import array_dtype, to_jsonable
+from caris_desktop.domain.streams import StreamSpec
+from caris_desktop.domain.type_hints import union_members, without_alias
+from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.session.robot_clock_mapping import Measured, RobotClock
+from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_reader import Session
+
+Kind = Literal[
+    "integer",
+    "number",
+    "text",
+    "true or false",
+    "json",
+    "utc",
+    "integers",
+    "numbers",
+    "texts",
+    "points",
+    "cells",
+    "depths",
+]
+"""What the values of a column are in Python: utc is nanoseconds since 1970; numbers, points, cells (int8) and depths
+(uint16) are arrays.
+"""
+ClockName = Literal["", "session", "UTC", "robot"]
+
+_UNITS = {
+    "ns": "nanoseconds",
+    "ms": "milliseconds",
+    "s": "seconds",
+    "m": "metres",
+    "mm": "millimetres",
+    "mps": "metres per second",
+    "rad": "radians",
+    "radps": "radians per second",
+    "px": "pixels",
+    "hz": "hertz",
+    "bytes": "bytes",
+    "fraction": "0 to 1",
+}
+# Columns before or after those of a value's own fields, here or in one of the formats.
+_RESERVED = (
+    "session",
+    "participant",
+    "condition",
+    "trial",
+    "session_s",
+    "utc",
+    "stamp_ns",
+    "arrived_session_s",
+    "number",
+)
+_MEANINGS = {
+    "actor": (
+        "Actor: wizard (of this computer), wizard:NAME (another wizard), console, model or script. Empty: "
+        "another actor, or not recorded, as before version 3."
+    ),
+    "bytes_per_s": "Bytes per second.",
+    "cut": "Why the answer is incomplete; empty if it is complete.",
+    "edit_distance": "Number of characters that the wizard changed.",
+    "expected_s": "Expected time.",
+    "fps": "Frames per second.",
+    "from_person_id": "Id of the person to whom the visit belonged before.",
+    "gap_s": "Time from the end of the participant's voice to the robot's first sound.",
+    "heard_text": "Transcript before a correction.",
+    "how": "How the step was entered.",
+    "inference_ms": "Time of the detection.",
+    "into_person_id": "Id of the person into whom the other was merged.",
+    "is_person_id": "Id of the known person.",
+    "late_s": "Time beyond the expected time.",
+    "left": "How the step was left.",
+    "left_step_id": "Id of the step that was left.",
+    "means": "How the reply was made.",
+    "number": "Number of the person or step.",
+    "on": "True: ticked off; false: unticked.",
+    "open_at_end": "The interval was not ended before the end of the session.",
+    "person_by": "Who identified the person.",
+    "rewritten": "The note was changed.",
+    "runner_up": "Confidence of the next best match.",
+    "runner_up_id": "Id of the next best match.",
+    "seen_s": "Time from the start of the visit to the last detection.",
+    "seen_to_by": "Actor who resolved the alarm.",
+    "sha256": "SHA-256 checksum of the file.",
+    "stood_s": "Time for which the alarm was active, without pauses.",
+    "tick": "Checklist items.",
+    "ticked": "Number of checklist items that were ticked off.",
+    "times": "How often the alarm was raised.",
+    "to_tick": "Number of checklist items.",
+    "told": "A problem was reported before.",
+    "took_s": "Time that the step took.",
+    "turn_over": "Probability that the turn is over.",
+    "until": "What ends the problem.",
+    "use": "What became of the answer.",
+}
+# Seconds that were computed from nanoseconds.
+_COMPUTED_S = ("duration_s", "late_s", "seen_s", "stood_s", "time_s")
+_HALVES = re.compile("[\ud800-\udfff]")
+
+
+@dataclass(frozen=True, slots=True)
+class RowTimes:
+    """Turns stamps into what columns show."""
+
+    clock: SessionClock
+    robot: RobotClock
+
+    def session_s(self, stamp_ns: int | None) -> float | None:
+        return None if stamp_ns is None else round(self.clock.session_s(stamp_ns), 6)
+
+    def measured(self, value: Any) -> Measured | None:
+        return self.robot.measured(value.robot_stamp_ns, arrival_ns=value.stamp_ns)
+
+
+class Moment(NamedTuple):
+    """When the value of a row was, and when it reached the console; ``arrival_ns`` is None for derived values."""
+
+    stamp_ns: int
+    arrival_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column. ``read`` takes the value of a row, in time columns its moment; ``clock`` is the one that a time is
+    told by.
+    """
+
+    name: str
+    unit: str
+    kind: Kind
+    description: str
+    read: Callable[[Any, RowTimes], Any]
+    clock: ClockName = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """One table. ``items`` gives the values of the rows that one recorded value makes.
+
+    ``time_columns`` precede the others, and tell when that value was.
+    """
+
+    name: str
+    description: str
+    own_columns: tuple[Column, ...]
+    items: Callable[[Any], Iterable[Any]] = lambda value: (value,)
+    time_columns: tuple[Column, ...] = ()
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return self.time_columns + self.own_columns
+
+    def cells(self, rows: Sequence[tuple[Moment, Any]], times: RowTimes) -> list[list[Any]]:
+        """Cells by column of rows, each given as its moment and value."""
+        return [
+            *([column.read(moment, times) for moment, _ in rows] for column in self.time_columns),
+            *([column.read(value, times) for _, value in rows] for column in self.own_columns),
+        ]
+
+
+def key_columns(session: Session) -> tuple[Column, ...]:
+    """Leading columns of every row, in formats whose files are joined across sessions."""
+    trial = session.trial
+    columns = (
+        ("session", "Name of the session folder.", session.folder.name),
+        ("participant", "The participant, as entered at the start.", trial.get("participant", "")),
+        ("condition", "The condition, as entered at the start.", trial.get("condition", "")),
+        ("trial", "The trial, as entered at the start.", trial.get("trial", "")),
+    )
+    return tuple(_constant(name, description, plain_text(value)) for name, description, value in columns)
+
+
+def _constant(name: str, description: str, value: str) -> Column:
+    return Column(name, "", "text", description, lambda _row, _times: value)
+
+
+TIME_COLUMNS = (
+    Column(
+        "session_s",
+        "seconds",
+        "number",
+        "Time since the start of the session; negative: known before the start.",
+        lambda moment, times: times.session_s(moment.stamp_ns),
+        "session",
+    ),
+    Column(
+        "utc",
+        "",
+        "utc",
+        "The same time in UTC, from the clock of this computer at the start of the session.",
+        lambda moment, times: times.clock.anchor.utc_ns_at(moment.stamp_ns),
+        "UTC",
+    ),
+    Column(
+        "stamp_ns",
+        "nanoseconds",
+        "integer",
+        "The same time on the session's monotonic clock, for joining tables.",
+        lambda moment, _times: moment.stamp_ns,
+        "session",
+    ),
+)
+STREAM_TIME_COLUMNS = (
+    *TIME_COLUMNS,
+    Column(
+        "arrived_session_s",
+        "seconds",
+        "number",
+        "Arrival time at the console, since the start of the session; rows are in this order.",
+        lambda moment, times: times.session_s(moment.arrival_ns),
+        "session",
+    ),
+)
+
+
+def tables_of(spec: StreamSpec) -> tuple[Table, ...]:
+    """Table of one stream, and one for each of its fields that holds a list of records."""
+    name = spec.name.replace("/", "_")
+    columns = tuple(_columns(spec.value_type))
+    tables = [Table(name, _doc(spec.value_type), columns, time_columns=STREAM_TIME_COLUMNS)]
+    for field, hint in _fields(spec.value_type):
+        item_type = _record_list(hint)
+        if item_type is not None:
+            tables.append(_list_table(name, field, item_type))
+    return tuple(tables)
+
+
+def plain_text(text: str) -> str:
+    """``text`` without lone surrogates, which JSON can hold and UTF-8 cannot."""
+    return text if text.isascii() else _HALVES.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
+# Columns from the fields of dataclasses
+
+
+def derived_columns(value_type: type[Any], names: str) -> tuple[Column, ...]:
+    """Columns of a derived value: ``name`` of an attribute, or ``name=path`` of one that is called otherwise there."""
+    columns: list[Column] = []
+    for entry in names.split():
+        name, _, path = entry.partition("=")
+        hint: Any = value_type
+        for part in (path or name).split("."):
+            found = getattr(hint, part, None)
+            hints = typing.get_type_hints(found.fget if isinstance(found, property) else hint)
+            hint = without_alias(hints["return" if isinstance(found, property) else part])
+        read = attrgetter(path or name)
+        computed = name in _COMPUTED_S
+        columns += _columns_of_field((name,), hint, item=False, read=_rounded(read) if computed else read)
+    return tuple(columns)
+
+
+def _columns(
+    value_type: type[Any],
+    path: tuple[str, ...] = (),
+    *,
+    item: bool = False,
+    within: Callable[[Any], Any] | None = None,
+) -> Iterator[Column]:
+    """Columns of the fields of ``value_type``, found under ``path``, or by ``within``, in the value of a row.
+
+    An ``item`` of a list also gets columns for its time and its own lists.
+    """
+    for name, hint in _fields(value_type):
+        if path or item or name != "stamp_ns":
+            read = None if within is None else _reader((name,), within)
+            yield from _columns_of_field((*path, name), hint, item=item, read=read)
+
+
+def _columns_of_field(
+    path: tuple[str, ...], hint: Any, *, item: bool, read: Callable[[Any], Any] | None = None
+) -> Iterator[Column]:
+    name = "_".join(path)
+    if name in _RESERVED:
+        name = f"value_{name}"
+    within, read = read, read or _reader(path)
+    hint, optional = _without_none(hint)
+    unit = _unit(path[-1])
+    words = _MEANINGS.get(path[-1]) or _in_words(name, unit)
+    unknown = " Empty if unknown." if optional else ""
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+        yield from _columns(hint, path, item=item, within=within)
+    elif _record_list(hint) is not None and len(path) == 1 and not item:
+        yield Column(
+            f"{name}_count", "", "integer", f"Number of entries; each is a row of the table of {name}.{unknown}",
+            lambda row, _: None if (records := read(row)) is None else len(records),
+        )  # fmt: skip
+    elif dtype := array_dtype(hint):
+        yield from _columns_of_array(name, unit, dtype, read)
+    elif name == "robot_stamp_ns" and not item:
+        yield from _columns_of_robot_stamp(unit, read)
+    else:
+        kind, description = _kind(hint)
+        clock: ClockName = "" if unit != _UNITS["ns"] else "robot" if path[-1].startswith("robot_") else "session"
+        convert = to_jsonable if kind == "json" else _plain
+        yield Column(
+            name, unit, kind, f"{words} {description}".strip() + unknown, lambda row, _: convert(read(row)), clock
+        )
+        if clock == "session":
+            yield Column(
+                f"{name.removesuffix('_ns')}_session_s",
+                "seconds",
+                "number",
+                f"{name} as time since the start of the session.{unknown}",
+                lambda row, times: times.session_s(read(row)),
+                clock,
+            )
+
+
+def _columns_of_robot_stamp(unit: str, read: Callable[[Any], Any]) -> Iterator[Column]:
+    yield Column(
+        "robot_stamp_ns",
+        unit,
+        "integer",
+        "The robot's own timestamp, on the robot's clock; empty if it sent none.",
+        lambda row, _: read(row),
+        "robot",
+    )
+    yield Column(
+        "measured_session_s",
+        "seconds",
+        "number",
+        (
+            "Measurement time, since the start of the session: the robot's timestamp minus the offset of its "
+            "clock. Empty if the offset is unknown; session_s gives the arrival time."
+        ),
+        lambda row, times: None if (found := times.measured(row)) is None else times.session_s(found.stamp_ns),
+        "session",
+    )
+    yield Column(
+        "measured_uncertainty_s",
+        "seconds",
+        "number",
+        "Uncertainty of measured_session_s (plus or minus).",
+        lambda row, times: None if (found := times.measured(row)) is None else round(found.uncertainty_ns / 1e9, 6),
+        "session",
+    )
+
+
+def _columns_of_array(name: str, unit: str, dtype: "np.dtype[Any]", read: Callable[[Any], Any]) -> Iterator[Column]:
+    points = name.startswith("points_") or "_points_" in name
+    plain_kind: Kind = "cells" if dtype.itemsize == 1 else "depths"
+    kind: Kind = plain_kind if dtype.kind in "iu" else "points" if points else "numbers"
+    yield Column(
+        f"{name}_shape", "", "integers", "Number of values; for a grid rows and columns, for points their number "
+            "and coordinates.",
+        lambda row, _: None if (array := read(row)) is None else list(array.shape),
+    )  # fmt: skip
+    yield Column(
+        f"{name}_min", unit, "number", "The smallest finite value.", lambda row, _: _smallest(read(row))
+    )  # fmt: skip
+    description = {
+        "cells": "The grid row by row, from its origin. Not in CSV files, because it is large.",
+        "depths": "The depths row by row, from the upper left; 0 if unknown. Not in CSV files.",
+        "points": "The points, as x and y.",
+        "numbers": "The values; inf: no return.",
+    }[kind]
+    yield Column(name, unit, kind, description, lambda row, _: read(row))
+
+
+def _fields(value_type: type[Any]) -> list[tuple[str, Any]]:
+    hints = typing.get_type_hints(value_type)
+    return [(field.name, without_alias(hints[field.name])) for field in dataclasses.fields(value_type)]
+
+
+def _record_list(hint: Any) -> type[Any] | None:
+    if get_origin(hint) not in (tuple, list):
+        return None
+    item = without_alias(get_args(hint)[0])
+    return item if isinstance(item, type) and dataclasses.is_dataclass(item) else None
+
+
+def _list_table(parent: str, field: str, item_type: type[Any]) -> Table:
+    """Table of a list field; its rows are (number, item)."""
+    columns = [_of_item(column) for column in _columns(item_type, item=True)]
+    index = Column("number", "", "integer", f"Position among the {field} at this time, from 1.", lambda row, _: row[0])
+    return Table(
+        f"{parent}_{field}",
+        f"One row per entry of {field} in {parent}. {_doc(item_type)}".strip(),
+        (index, *columns),
+        lambda value: enumerate(getattr(value, field) or (), start=1),
+        STREAM_TIME_COLUMNS,
+    )
+
+
+def _of_item(column: Column) -> Column:
+    read = column.read
+    return dataclasses.replace(column, read=lambda row, times: read(row[1], times))
+
+
+def _without_none(hint: Any) -> tuple[Any, bool]:
+    """``hint`` without None, and whether it was optional."""
+    some = [member for member in union_members(hint) if member is not type(None)]
+    return some[0] if len(some) == 1 else hint, type(None) in union_members(hint)
+
+
+def _itself(value: Any) -> Any:
+    return value
+
+
+def _rounded(read: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Reader of seconds, to the microsecond."""
+    return lambda value: None if (number := read(value)) is None else round(number, 6)
+
+
+def _reader(path: tuple[str, ...], within: Callable[[Any], Any] = _itself) -> Callable[[Any], Any]:
+    """Reader of a nested field; columns of a missing record are empty."""
+    if len(path) == 1 and within is _itself:
+        return attrgetter(path[0])
+
+    def read(value: Any) -> Any:
+        value = within(value)
+        for name in path:
+            if value is None:
+                return None
+            value = getattr(value, name)
+        return value
+
+    return read
+
+
+def _unit(name: str) -> str:
+    match name.split("_"):
+        case [*_, amount, "per", "s"]:
+            return f"{_UNITS[amount]} per second"
+        case [_, *_, last]:
+            return _UNITS.get(last, "")
+    return ""
+
+
+def _in_words(name: str, unit: str) -> str:
+    """``pose_in_map_x_m`` as ``Pose in map, x.``"""
+    words = name.rpartition("_")[0] if unit else name
+    frame = words.find("_in_")
+    if frame > 0:
+        end = words.find("_", frame + 4)
+        words = words if end < 0 else f"{words[:end]},{words[end:]}"
+    return f"{words.replace('_', ' ').capitalize()}."
+
+
+def _kind(hint: Any) -> tuple[Kind, str]:
+    """Kind of a column, and its allowed values or how to read it. Mappings and untyped values are JSON.
+
+    Raises TypeError for types without a column kind.
+    """
+    origin = get_origin(hint)
+    if origin is Literal:
+        values = [str(value) for value in get_args(hint) if value != ""]
+        return "text", f"One of: {', '.join(values)}{'; or empty' if '' in get_args(hint) else ''}."
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return "text", f"One of: {', '.join(str(member.value) for member in hint)}."
+    if members := set(union_members(hint)) - {type(None)}:
+        if members == {int, float}:
+            return "number", ""
+        if str in members and all(get_origin(one) is Literal for one in members - {str}):
+            return "text", ""
+        if members <= {int, float, bool, str}:
+            return "text", "A number, true or false, or text."
+    if origin in (tuple, list):
+        item = without_alias(get_args(hint)[0])
+        kinds: dict[Any, Kind] = {int: "integers", float: "numbers", str: "texts"}
+        if item in kinds:
+            written = "as JSON" if item is str else "separated by semicolons"
+            return kinds[item], f"A list; in CSV files {written}."
+    if origin in (dict, tuple, list) or hint is Any:
+        return "json", "As JSON."
+    plain: dict[Any, Kind] = {int: "integer", float: "number", bool: "true or false", str: "text"}
+    if hint not in plain:
+        raise TypeError(f"no column type is defined for {hint}")
+    return plain[hint], ""
+
+
+def _plain(value: Any) -> Any:
+    return value.value if isinstance(value, Enum) else value
+
+
+def _smallest(array: Any) -> float | None:
+    if array is None:
+        return None
+    finite = array[np.isfinite(array)]
+    # By its digits: a float32 has fewer than the float it would become.
+    return None if finite.size == 0 else float(str(finite.min()))
+
+
+def _doc(value_type: type[Any]) -> str:
+    return " ".join((value_type.__doc__ or "").split())
+
+
+def scalar_text(value: Any) -> str:
+    """Number, true or false, or text, in spellings that stay distinguishable."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float) and math.isfinite(value) and value == int(value) and abs(value) < 1e15:
+        return f"{value:.1f}"
+    return plain_text(str(value))
+
+
+def json_text(value: Any) -> str:
+    """Canonical JSON: equal text for equal content."""
+    return plain_text(json.dumps(value, ensure_ascii=False, sort_keys=True))
