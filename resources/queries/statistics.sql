@@ -34,129 +34,142 @@ SELECT session, start_ns, coalesce(next_ns, ended_ns) AS end_ns
 FROM stretches JOIN sessions USING (session)
 WHERE paused AND coalesce(next_ns, ended_ns) > start_ns;
 
--- Response times: the robot speaks right after a participant, within 30 s, with no pause in between.
+-- Response times: the robot speaks right after a participant, soon enough, with no pause in between.
 CREATE VIEW turns AS
 SELECT
-    session, speaker, end_ns,
+    session, speaker, end_ns, true AS with_fillers,
     lead(speaker) OVER following AS next_speaker,
-    lead(start_ns) OVER following AS next_start_ns
+    lead(start_ns) OVER following AS next_start_ns,
+    lead(utterance_id) OVER following AS reply_id
 FROM utterances
 WHERE said AND speaker IN ('participant', 'robot')
+WINDOW following AS (PARTITION BY session ORDER BY start_ns, speaker = 'robot')
+UNION ALL
+-- The same to the first answer that is no filler.
+SELECT
+    session, speaker, end_ns, false,
+    lead(speaker) OVER following,
+    lead(start_ns) OVER following,
+    lead(utterance_id) OVER following
+FROM utterances
+WHERE said AND speaker IN ('participant', 'robot') AND origin != 'filler'
 WINDOW following AS (PARTITION BY session ORDER BY start_ns, speaker = 'robot');
 
-CREATE TABLE response_times AS
-SELECT session, next_start_ns AS at_ns, (next_start_ns - end_ns) / 1e9 AS delay_s
+CREATE TABLE all_responses AS
+SELECT session, with_fillers, next_start_ns AS at_ns, reply_id, (next_start_ns - end_ns) / 1e9 AS delay_s
 FROM turns
-WHERE speaker = 'participant' AND next_speaker = 'robot' AND next_start_ns - end_ns BETWEEN 0 AND 30 * 1e9
+WHERE speaker = 'participant' AND next_speaker = 'robot'
+    AND next_start_ns - end_ns BETWEEN 0 AND getvariable('response_limit_s') * 1e9
     AND NOT EXISTS (
         FROM pauses
         WHERE pauses.session = turns.session AND start_ns < turns.next_start_ns AND pauses.end_ns > turns.end_ns
     );
 
--- The same to the first answer that is no filler.
-CREATE VIEW content_turns AS
-SELECT
-    session, speaker, end_ns,
-    lead(speaker) OVER following AS next_speaker,
-    lead(start_ns) OVER following AS next_start_ns
-FROM utterances
-WHERE said AND speaker IN ('participant', 'robot') AND origin != 'filler'
-WINDOW following AS (PARTITION BY session ORDER BY start_ns, speaker = 'robot');
+CREATE VIEW response_times AS SELECT * EXCLUDE (with_fillers) FROM all_responses WHERE with_fillers;
 
-CREATE TABLE content_responses AS
-SELECT session, next_start_ns AS at_ns, (next_start_ns - end_ns) / 1e9 AS delay_s
-FROM content_turns
-WHERE speaker = 'participant' AND next_speaker = 'robot' AND next_start_ns - end_ns BETWEEN 0 AND 30 * 1e9
-    AND NOT EXISTS (
-        FROM pauses
-        WHERE pauses.session = content_turns.session
-            AND start_ns < content_turns.next_start_ns AND pauses.end_ns > content_turns.end_ns
-    );
+CREATE VIEW content_responses AS SELECT * EXCLUDE (with_fillers) FROM all_responses WHERE NOT with_fillers;
 
 -- Reaction times of the wizard: from the end of a participant's utterance, or a language model's answer, to the request.
 CREATE VIEW moments AS
 WITH happened AS (
-    SELECT session, end_ns AS at_ns, 0 AS request
+    SELECT session, end_ns AS at_ns, 0 AS request, NULL AS utterance_id
     FROM utterances WHERE speaker = 'participant' AND end_ns IS NOT NULL
     UNION ALL
-    SELECT session, stamp_ns, 0 FROM event_llm_exchange
+    SELECT session, stamp_ns, 0, NULL FROM event_llm_exchange
     WHERE outcome = 'answered' AND coalesce(purpose, 'question') = 'question'
     UNION ALL
-    SELECT session, requested_ns, 1 FROM utterances WHERE speaker = 'robot' AND requested_ns IS NOT NULL
+    SELECT session, requested_ns, 1, utterance_id FROM utterances WHERE speaker = 'robot' AND requested_ns IS NOT NULL
 )
 SELECT
     session, at_ns, request,
     lead(at_ns) OVER following AS next_ns,
-    lead(request) OVER following AS next_request
+    lead(request) OVER following AS next_request,
+    lead(utterance_id) OVER following AS reply_id
 FROM happened
 WINDOW following AS (PARTITION BY session ORDER BY at_ns, request);
 
 CREATE TABLE reactions AS
-SELECT session, next_ns AS at_ns, (next_ns - at_ns) / 1e9 AS delay_s
+SELECT session, next_ns AS at_ns, reply_id, (next_ns - at_ns) / 1e9 AS delay_s
 FROM moments
-WHERE request = 0 AND next_request = 1 AND next_ns - at_ns <= 30 * 1e9
+WHERE request = 0 AND next_request = 1 AND next_ns - at_ns <= getvariable('response_limit_s') * 1e9
     AND NOT EXISTS (
         FROM pauses
         WHERE pauses.session = moments.session AND start_ns < moments.next_ns AND end_ns > moments.at_ns
     );
 
--- Driving: a command other than zero counts until the next one, at most 0.3 s.
-CREATE VIEW driving AS
-SELECT session, source, least(lead(stamp_ns) OVER following - stamp_ns, 300000000) / 1e9 AS held_s
-FROM event_command_sent
-WINDOW following AS (PARTITION BY session ORDER BY stamp_ns)
-QUALIFY held_s IS NOT NULL AND (twist_forward_mps != 0 OR twist_left_mps != 0 OR twist_turn_radps != 0);
-
--- The way by odometry, without jumps of more than 5 m/s.
+-- The way by odometry, without jumps; from the velocities where it reports no place.
 CREATE VIEW odometry_steps AS
 SELECT
     session,
+    pose_in_odom_x_m AS x_m,
+    pose_in_odom_y_m AS y_m,
     sqrt(pow(pose_in_odom_x_m - lag(pose_in_odom_x_m) OVER before, 2)
         + pow(pose_in_odom_y_m - lag(pose_in_odom_y_m) OVER before, 2)) AS step_m,
     (stamp_ns - lag(stamp_ns) OVER before) / 1e9 AS step_s,
-    sqrt(pow(twist_forward_mps, 2) + pow(twist_left_mps, 2)) AS speed_mps
+    sqrt(pow(twist_forward_mps, 2) + pow(twist_left_mps, 2)) AS speed_mps,
+    lag(sqrt(pow(twist_forward_mps, 2) + pow(twist_left_mps, 2))) OVER before AS speed_before_mps
 FROM odometry
 WINDOW before AS (PARTITION BY session ORDER BY stamp_ns);
 
-CREATE VIEW pose_steps AS
+CREATE VIEW ways AS
 SELECT
     session,
-    sqrt(pow(pose_in_map_x_m - lag(pose_in_map_x_m) OVER before, 2)
-        + pow(pose_in_map_y_m - lag(pose_in_map_y_m) OVER before, 2)) AS step_m,
-    (stamp_ns - lag(stamp_ns) OVER before) / 1e9 AS step_s
-FROM pose
-WINDOW before AS (PARTITION BY session ORDER BY stamp_ns);
+    CASE
+        WHEN min(x_m) = max(x_m) AND min(y_m) = max(y_m)
+            THEN coalesce(sum(speed_before_mps * least(step_s, getvariable('velocity_holds_s'))), 0)
+        ELSE coalesce(sum(step_m) FILTER (step_m <= getvariable('plausible_speed_mps') * step_s), 0)
+    END AS distance_m,
+    max(speed_mps) AS max_speed_mps
+FROM odometry_steps GROUP BY session;
 
-CREATE VIEW ways AS
-SELECT session, coalesce(sum(step_m) FILTER (step_m <= 5.0 * step_s), 0) AS distance_m, max(speed_mps) AS max_speed_mps
-FROM odometry_steps GROUP BY session
-UNION ALL
-SELECT session, coalesce(sum(step_m) FILTER (step_m <= 5.0 * step_s), 0), NULL
-FROM pose_steps WHERE session NOT IN (SELECT session FROM odometry) GROUP BY session;
+-- Autonomous driving: each moment once, even if goals overlap.
+CREATE VIEW goal_spans AS
+SELECT
+    session, stamp_ns AS start_ns, coalesce(end_ns, greatest(ended_ns, stamp_ns)) AS end_ns,
+    CASE WHEN end_ns IS NULL THEN 'unfinished' ELSE state END AS outcome
+FROM (SELECT session, stamp_ns, end_ns, state FROM goals) JOIN sessions USING (session);
+
+CREATE VIEW navigated AS
+SELECT session, sum(greatest(0, end_ns - greatest(start_ns, coalesce(covered_ns, start_ns)))) / 1e9 AS seconds
+FROM (
+    SELECT *, max(end_ns) OVER (
+        PARTITION BY session ORDER BY start_ns ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING
+    ) AS covered_ns
+    FROM goal_spans
+)
+GROUP BY session;
 
 -- The link to the robot, from its first connection on.
 CREATE VIEW link_states AS
 SELECT
-    session, state,
-    (coalesce(lead(stamp_ns) OVER (PARTITION BY session ORDER BY stamp_ns), greatest(ended_ns, stamp_ns)) - stamp_ns)
-        / 1e9 AS lasted_s
+    session, state, stamp_ns AS start_ns,
+    coalesce(lead(stamp_ns) OVER (PARTITION BY session ORDER BY stamp_ns), greatest(ended_ns, stamp_ns)) AS end_ns
 FROM event_link_changed JOIN sessions USING (session)
 WHERE link = 'control' AND stamp_ns >= (
     SELECT min(stamp_ns) FROM event_link_changed first
     WHERE first.session = event_link_changed.session AND first.link = 'control' AND first.state = 'connected'
 );
 
--- The most people who were there together for 2 s: somebody whom the tracker loses stands there twice for a moment.
+CREATE VIEW link_trouble AS FROM link_states WHERE state IN ('trouble', 'lost', 'connecting');
+
+CREATE VIEW guard_states AS
+SELECT
+    session, state, stamp_ns,
+    (coalesce(lead(stamp_ns) OVER (PARTITION BY session ORDER BY stamp_ns), greatest(ended_ns, stamp_ns)) - stamp_ns)
+        / 1e9 AS lasted_s
+FROM event_guard_changed JOIN sessions USING (session);
+
+-- The most people who were there together for a while: somebody whom the tracker loses stands there twice for a moment.
 CREATE VIEW crowds AS
 SELECT one.session, count(*) AS n
 FROM visits one JOIN visits other ON other.session = one.session
-    AND other.stamp_ns <= one.stamp_ns AND other.end_ns >= one.stamp_ns + 2000000000
+    AND other.stamp_ns <= one.stamp_ns AND other.end_ns >= one.stamp_ns + getvariable('together_s') * 1e9
 GROUP BY one.session, one.stamp_ns, one.person_id;
 
 -- One row for each session.
 CREATE TABLE measures AS
 WITH
-paused AS (SELECT session, sum(end_ns - start_ns) / 1e9 AS seconds FROM pauses GROUP BY session),
+paused AS (SELECT session, count(*) AS n, sum(end_ns - start_ns) / 1e9 AS seconds FROM pauses GROUP BY session),
 response AS (SELECT session, count(*) AS n, median(delay_s) AS middle_s FROM response_times GROUP BY session),
 content AS (SELECT session, median(delay_s) AS middle_s FROM content_responses GROUP BY session),
 reaction AS (SELECT session, median(delay_s) AS middle_s FROM reactions GROUP BY session),
@@ -166,7 +179,7 @@ gap AS (
         median(gap_s) AS middle_s,
         quantile_cont(gap_s, 0.25) AS lower_s,
         quantile_cont(gap_s, 0.75) AS upper_s,
-        count(*) FILTER (gap_s < 1.0) / count(*) AS at_once,
+        count(*) FILTER (gap_s < getvariable('short_gap_s')) / count(*) AS at_once,
         count(*) FILTER (gap_s < 0.0) AS overlaps
     FROM responses WHERE first GROUP BY session
 ),
@@ -192,7 +205,14 @@ llm AS (
         count(*) FILTER (use IN ('said', 'edited')) / nullif(count(*) FILTER (outcome = 'answered'), 0) AS accepted
     FROM answers GROUP BY session
 ),
-driven AS (SELECT session, sum(held_s) AS seconds FROM driving GROUP BY session),
+silent AS (
+    SELECT
+        session,
+        count(*) FILTER (NOT said) AS unsaid,
+        count(*) FILTER (said AND state = 'interrupted') AS interrupted
+    FROM utterances WHERE speaker = 'robot' GROUP BY session
+),
+driven AS (SELECT session, sum(duration_s) AS seconds FROM drives GROUP BY session),
 stopped AS (SELECT session, count(*) AS n FROM event_stop_requested GROUP BY session),
 emergency AS (
     SELECT session, count(*) AS n
@@ -203,7 +223,7 @@ emergency AS (
     GROUP BY session
 ),
 goal AS (
-    SELECT session, count(*) AS n, count(*) FILTER (state = 'reached') AS reached FROM goals GROUP BY session
+    SELECT session, count(*) AS n, count(*) FILTER (outcome = 'reached') AS reached FROM goal_spans GROUP BY session
 ),
 guard AS (
     SELECT session, count(*) AS n
@@ -222,7 +242,7 @@ step AS (
         count(*) AS planned,
         count(*) FILTER (visits > 0) AS visited,
         count(*) FILTER (skipped > 0) AS skipped,
-        count(*) FILTER (late_s >= 1.0) AS late,
+        count(*) FILTER (late_s >= getvariable('late_from_s')) AS late,
         sum(late_s) AS late_s
     FROM protocol GROUP BY session
 ),
@@ -234,8 +254,7 @@ marked AS (
     FROM marks GROUP BY session
 ),
 link AS (
-    SELECT session, sum(lasted_s) FILTER (state IN ('trouble', 'lost', 'connecting')) AS seconds
-    FROM link_states GROUP BY session
+    SELECT session, sum(end_ns - start_ns) / 1e9 AS seconds FROM link_trouble GROUP BY session
 ),
 lost AS (SELECT session, sum(count) AS n FROM event_gap GROUP BY session),
 problem AS (SELECT session, count(*) AS n FROM event_problem GROUP BY session),
@@ -249,6 +268,7 @@ SELECT
     session, participant, condition, trial, wizard, purpose, scenario,
     greatest(0, lasts_s - coalesce(paused.seconds, 0)) AS recorded_s,
     coalesce(paused.seconds, 0) AS paused_s,
+    coalesce(paused.n, 0) AS pauses,
     -- Nothing, rather than none, where nobody was transcribed.
     CASE WHEN talk.participant_n > 0 THEN coalesce(response.n, 0) END AS responses,
     response.middle_s AS response_time_s,
@@ -270,10 +290,13 @@ SELECT
     coalesce(talk.suggestion, 0) AS suggestion_utterances,
     coalesce(talk.dictated, 0) AS dictated_utterances,
     coalesce(talk.own_voice, 0) AS own_voice_utterances,
+    coalesce(silent.unsaid, 0) AS unsaid_utterances,
+    coalesce(silent.interrupted, 0) AS interrupted_utterances,
     coalesce(llm.n, 0) AS llm_exchanges,
     llm.accepted AS llm_accepted_fraction,
     ways.distance_m AS distance_m,
     coalesce(driven.seconds, 0) AS driving_s,
+    coalesce(navigated.seconds, 0) AS navigating_s,
     ways.max_speed_mps AS max_speed_mps,
     coalesce(stopped.n, 0) AS stops,
     coalesce(emergency.n, 0) AS emergency_stops,
@@ -307,9 +330,11 @@ LEFT JOIN content USING (session)
 LEFT JOIN reaction USING (session)
 LEFT JOIN gap USING (session)
 LEFT JOIN talk USING (session)
+LEFT JOIN silent USING (session)
 LEFT JOIN llm USING (session)
 LEFT JOIN ways USING (session)
 LEFT JOIN driven USING (session)
+LEFT JOIN navigated USING (session)
 LEFT JOIN stopped USING (session)
 LEFT JOIN emergency USING (session)
 LEFT JOIN goal USING (session)
@@ -323,6 +348,62 @@ LEFT JOIN alarm USING (session)
 LEFT JOIN person USING (session)
 LEFT JOIN crowd USING (session)
 ORDER BY session;
+
+-- What measures consist of, by a label, in order of first occurrence.
+CREATE VIEW parts AS
+SELECT session, measure, label, value
+FROM (
+    SELECT session, 'driving_s' AS measure, source AS label, sum(duration_s) AS value, min(stamp_ns) AS first_ns
+    FROM drives GROUP BY session, source
+    UNION ALL
+    SELECT session, 'drives_ended', reason, count(*), min(stamp_ns) FROM event_drive_ended GROUP BY session, reason
+    UNION ALL
+    SELECT session, 'goals', outcome, count(*), min(start_ns) FROM goal_spans GROUP BY session, outcome
+    UNION ALL
+    SELECT session, 'guard_s', state, sum(lasted_s), min(stamp_ns) FROM guard_states GROUP BY session, state
+    UNION ALL
+    SELECT session, unnest(['talk_s', 'utterances', 'words']), speaker,
+        unnest([
+            sum(end_ns - start_ns) / 1e9, count(*), sum(len(regexp_extract_all(text, '[^\s\pZ]+')))
+        ]),
+        min(CASE speaker WHEN 'participant' THEN 1 WHEN 'robot' THEN 2 ELSE 3 END)
+    FROM utterances WHERE said AND speaker != '' GROUP BY session, speaker
+    UNION ALL
+    SELECT session, 'robot_utterances', origin, count(*), min(start_ns)
+    FROM utterances WHERE said AND speaker = 'robot' GROUP BY session, origin
+    UNION ALL
+    SELECT session, CASE kind WHEN 'mark' THEN 'marks' ELSE 'wizard_errors' END, label, count(*), min(stamp_ns)
+    FROM marks WHERE kind IN ('mark', 'wizard_error') GROUP BY session, kind, label
+    UNION ALL
+    SELECT session, 'lost_values', stream, sum(count), min(stamp_ns) FROM event_gap GROUP BY session, stream
+)
+ORDER BY session, measure, first_ns;
+
+-- Which language models were asked by the wizard, what became of their answers, and with which parameters.
+CREATE VIEW model_uses AS
+SELECT
+    session, provider, model, model_version,
+    CASE
+        WHEN provider = 'embedded' OR regexp_matches(server, '^(localhost|127\.[0-9.]+|\[::1\])(:[0-9]+)?$')
+            THEN 'this computer'
+        ELSE server
+    END AS place,
+    count(*) AS asked,
+    count(*) FILTER (outcome = 'answered') AS answered,
+    count(*) FILTER (outcome = 'cancelled') AS cancelled,
+    count(*) FILTER (outcome = 'failed') AS failed,
+    count(*) FILTER (use = 'said') AS said,
+    count(*) FILTER (use = 'edited') AS edited,
+    count(*) FILTER (use = 'dismissed') AS dismissed,
+    count(*) FILTER (use = 'unused') AS unused,
+    coalesce(list((first_token_ns - asked_ns) / 1e9 ORDER BY stamp_ns)
+        FILTER (outcome = 'answered' AND first_token_ns IS NOT NULL), []) AS first_token_s,
+    coalesce(list((stamp_ns - asked_ns) / 1e9 ORDER BY stamp_ns) FILTER (outcome = 'answered'), []) AS answer_s,
+    list(parameters ORDER BY stamp_ns) AS settings
+FROM answers JOIN (SELECT session, exchange_id, server, parameters FROM event_llm_exchange)
+    USING (session, exchange_id)
+GROUP BY ALL
+ORDER BY min(stamp_ns);
 
 -- Each figure as a row of its own. Practice sessions are in measures, not in here.
 CREATE VIEW each_value AS
@@ -371,7 +452,7 @@ SELECT
     median(gap_s) AS median_s,
     quantile_cont(gap_s, 0.25) AS lower_quartile_s,
     quantile_cont(gap_s, 0.75) AS upper_quartile_s,
-    count(*) FILTER (gap_s < 1.0) / count(*) AS under_1_s_fraction,
+    count(*) FILTER (gap_s < getvariable('short_gap_s')) / count(*) AS under_1_s_fraction,
     count(*) FILTER (gap_s < 0.0) AS overlaps
 FROM (SELECT session, means, gap_s FROM responses) JOIN sessions USING (session) WHERE lower(purpose) != 'practice'
 GROUP BY GROUPING SETS ((means), (means, condition))
@@ -390,7 +471,7 @@ SELECT
     count(*) AS sessions,
     count(*) FILTER (visits > 0) AS visited_in,
     count(*) FILTER (skipped > 0) AS skipped_in,
-    count(*) FILTER (late_s >= 1.0) AS late_in,
+    count(*) FILTER (late_s >= getvariable('late_from_s')) AS late_in,
     CAST(sum(visits) AS BIGINT) AS visits,
     max(expected_s) AS expected_s,
     median(time_s) FILTER (visits > 0) AS median_s,

@@ -27,7 +27,7 @@ from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.studies.measures import measure, read_facts
+from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
 from caris_desktop.scenario.scenario_model import Scenario
 from tests.live import bodies
@@ -207,7 +207,7 @@ def test_a_recording_begins_with_what_is_in_progress_and_shows_what_the_closing_
     # The goal ended before the recording and is recorded once, after the pause.
     assert [event.state for _, event in session.values("event/goal_changed")] == ["cancelled"]
     assert "Navigation goals" not in {tier.name for tier in tiers.tiers}
-    assert measure(read_facts(session)).driving.goals == {}
+    assert measure(read_facts(session)).of("goals") == {}
 
 
 def _robot(camera: str) -> RobotConnection:

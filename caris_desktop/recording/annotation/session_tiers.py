@@ -7,35 +7,28 @@ Names and states are English in files and translated for display; texts by peopl
 import dataclasses
 import re
 from collections.abc import Callable, Iterable
-from operator import itemgetter
 from typing import Any, get_args
-
-import numpy as np
 
 from caris_desktop.domain.actor import CONSOLE, WIZARD
 from caris_desktop.domain.events import (
+    AlarmChanged,
     AnswerUsed,
     CommandSent,
     CommandSource,
     EmergencyStopChanged,
-    GoalChanged,
     GuardChanged,
     LinkChanged,
     LinkQuality,
     LlmExchange,
-    Marked,
     PersonAppeared,
-    ProtocolEnded,
-    ProtocolOpened,
-    RecordingPaused,
+    PhotoDeleted,
+    PhotoTaken,
+    ResponseTimed,
     ScenarioOpened,
     SessionEnded,
     SessionStarted,
-    StepEntered,
     StepTicked,
     TrafficMeasured,
-    UtteranceChanged,
-    UtteranceCorrected,
     UtteranceOrigin,
 )
 from caris_desktop.domain.geometry import Pose2D, Twist2D
@@ -52,21 +45,13 @@ from caris_desktop.recording.annotation.annotation_model import (
     VocabularyEntry,
 )
 from caris_desktop.recording.session.answers import unheard
-from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
-from caris_desktop.recording.session.pauses import pauses_of
+from caris_desktop.recording.session.goals import NavigationGoal
 from caris_desktop.recording.session.scenario_text import read_scenario
-from caris_desktop.recording.session.session_driving import held_until_ns
-from caris_desktop.recording.session.session_marks import FinalMark, final_marks_of
-from caris_desktop.recording.session.session_protocol import (
-    ProtocolEvent,
-    StepRecord,
-    StepVisit,
-    step_visits_of,
-    steps_of,
-)
+from caris_desktop.recording.session.session_data import FOLDED, SessionData
+from caris_desktop.recording.session.session_driving import commanded
+from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.session_visits import VISIT_EVENTS, Visit, VisitEvent, seen_throughout, visits_of
-from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_utterances
+from caris_desktop.recording.session.session_visits import seen_throughout
 
 MARKS_VOCABULARY = QT_TR_NOOP("Wizard marks")
 ERRORS_VOCABULARY = QT_TR_NOOP("Wizard errors")
@@ -95,6 +80,12 @@ _ANSWER_USES = {
 }
 # Periodic measurements, and the ends of the timeline: shown in tables, not as tiers.
 _NO_TIERS: tuple[type[Any], ...] = (LinkQuality, TrafficMeasured, SessionStarted, SessionEnded)
+
+
+SHOWN = frozenset(
+    (*FOLDED, LinkChanged, GuardChanged, EmergencyStopChanged, ScenarioOpened)
+) - {AlarmChanged, PhotoDeleted, PhotoTaken, ResponseTimed}  # fmt: skip
+"""Types with tiers of their own."""
 
 
 def session_tiers(session: Session, progress: Callable[[float], None] | None = None) -> AnnotationDocument:
@@ -140,44 +131,15 @@ class TimelineBuilder:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._utterances: list[UtteranceChanged | UtteranceCorrected] = []
-        self._marks: list[Marked] = []
-        self._goals: list[GoalChanged] = []
-        self._pauses: list[RecordingPaused] = []
-        self._people: list[VisitEvent] = []
-        self._exchanges: list[LlmExchange] = []
-        self._answers: list[AnswerUsed] = []
-        self._links: list[LinkChanged] = []
-        self._guards: list[GuardChanged] = []
-        self._emergencies: list[EmergencyStopChanged] = []
-        self._scenarios: list[ScenarioOpened] = []
-        self._protocol: list[ProtocolEvent] = []
-        self._commands: list[tuple[int, Twist2D, str]] = []
+        self._data = SessionData(session)
         self._others: dict[type[Any], list[_TierInterval]] = {}
-        self._folded: dict[type[Any], Callable[[Any], None]] = {
-            **dict.fromkeys((UtteranceChanged, UtteranceCorrected), self._utterances.append),
-            Marked: self._marks.append,
-            CommandSent: self._add_command,
-            GoalChanged: self._goals.append,
-            RecordingPaused: self._add_pause,
-            **dict.fromkeys(VISIT_EVENTS, self._people.append),
-            LlmExchange: self._exchanges.append,
-            AnswerUsed: self._answers.append,
-            LinkChanged: self._links.append,
-            GuardChanged: self._guards.append,
-            EmergencyStopChanged: self._emergencies.append,
-            ScenarioOpened: self._scenarios.append,
-            **dict.fromkeys((ProtocolOpened, StepEntered, ProtocolEnded), self._protocol.append),
-            StepTicked: self._add_tick,
-        }
 
     def add(self, value: Any) -> None:
         """Add a value; values of non-event streams are ignored."""
         kind = type(value)
-        fold = self._folded.get(kind)
-        if fold is not None:
-            fold(value)
-        elif kind in BY_TYPE and _is_event(BY_TYPE[kind]):
+        if kind in SHOWN:
+            self._data.add(value)
+        if kind not in SHOWN - {StepTicked} and kind in BY_TYPE and _is_event(BY_TYPE[kind]):
             start_ns, end_ns = getattr(value, "start_ns", None), getattr(value, "end_ns", None)
             if isinstance(start_ns, int) and isinstance(end_ns, int):
                 stretch = _TierInterval(start_ns, max(start_ns, end_ns), summary_of(value))
@@ -190,31 +152,10 @@ class TimelineBuilder:
         whole_ns = max(self._session.ended_ns - self._session.started_ns, 1)
         return min(max((stamp_ns - self._session.started_ns) / whole_ns, 0.0), 1.0)
 
-    def utterances(self) -> tuple[SpokenUtterance, ...]:
-        return spoken_utterances(
-            self._utterances,
-            ended_ns=self._session.ended_ns,
-            paused_ns=[pause.stamp_ns for pause in self._pauses if pause.paused],
-            visits=self._visits(),
-        )
-
-    def _visits(self) -> tuple[Visit, ...]:
-        recorded = visits_of(
-            self._people,
-            started_ns=self._session.started_ns,
-            ended_ns=self._session.ended_ns,
-            pauses=self._paused_spans(),
-        )
-        return recorded or seen_throughout(self._session)
-
-    def marks(self) -> tuple[FinalMark, ...]:
-        return final_marks_of(self._marks, ended_ns=self._session.ended_ns)
-
-    def steps(self) -> tuple[StepRecord, ...]:
-        return steps_of(self._protocol, self._step_visits())
-
-    def _step_visits(self) -> tuple[StepVisit, ...]:
-        return step_visits_of(self._protocol, ended_ns=self._session.ended_ns, pauses=self._paused_spans())
+    @property
+    def data(self) -> SessionData:
+        """The values added so far."""
+        return self._data
 
     def tiers(self) -> AnnotationDocument:
         """Tiers of all values added so far."""
@@ -233,7 +174,7 @@ class TimelineBuilder:
         return self._document(rows)
 
     def _speech_rows(self) -> Iterable[_Row]:
-        spoken = [item for item in self.utterances() if item.said]
+        spoken = [item for item in self._data.utterances if item.said]
         who = {"participant": self._session.trial.get("participant", ""), "robot": "Robot", "wizard": "Wizard", "": ""}
         for speaker, participant in who.items():
             mine = [item for item in spoken if item.speaker == speaker]
@@ -262,12 +203,12 @@ class TimelineBuilder:
         )
 
     def _protocol_row(self) -> _Row:
-        visits = self._step_visits()
+        visits = self._data.step_visits
         stretches = [_TierInterval(visit.start_ns, visit.end_ns, states.step_words(visit)) for visit in visits]
         return _Row(QT_TR_NOOP("Protocol"), stretches, participant="Wizard")
 
     def _mark_rows(self) -> Iterable[_Row]:
-        marks = self.marks()
+        marks = self._data.marks
         labelled = [mark for mark in marks if mark.kind == "mark"]
         errors = [mark for mark in marks if mark.kind == "wizard_error"]
         yield _Row(MARKS_VOCABULARY, [_of_mark(mark, mark.label or UNNAMED) for mark in labelled], MARKS_VOCABULARY)
@@ -282,19 +223,16 @@ class TimelineBuilder:
 
     def _driving_rows(self) -> Iterable[_Row]:
         ended_ns = self._session.ended_ns
-        commands = sorted(self._commands, key=itemgetter(0))
-        stamps_ns = np.array([stamp_ns for stamp_ns, _, _ in commands], np.int64)
-        held_ns = held_until_ns(stamps_ns, ended_ns, self._paused_spans()).tolist()
-        driven = [(*one, end_ns) for one, end_ns in zip(commands, held_ns, strict=True) if one[1] != Twist2D()]
-        motion = _joined([_TierInterval(stamp_ns, end_ns, motion_of(twist)) for stamp_ns, twist, _, end_ns in driven])
+        commands, pauses = self._data.of(CommandSent), self._data.pauses
+        driven = commanded(commands, ended_ns=ended_ns, pauses=pauses)
+        motion = _joined([_TierInterval(start_ns, end_ns, motion_of(one.twist)) for start_ns, end_ns, one in driven])
         if commands:
             # No command means standing: before the first one and wherever commands stopped.
-            motion = _filled(motion, "standing", self._session.started_ns, ended_ns, self._paused_spans())
-        sources = _joined([_TierInterval(stamp_ns, end_ns, source) for stamp_ns, _, source, end_ns in driven])
+            motion = _filled(motion, "standing", self._session.started_ns, ended_ns, pauses)
+        sources = [_TierInterval(drive.start_ns, drive.end_ns, drive.source) for drive in self._data.drives]
         yield _Row(QT_TR_NOOP("Motion"), _in_states(motion), "Motion", "Robot")
         yield _Row(QT_TR_NOOP("Driving source"), _in_states(sources), "Driving source", "Wizard")
-        goals = navigation_goals(self._goals, started_ns=self._session.started_ns, pauses=self._paused_spans())
-        yield _Row(QT_TR_NOOP("Navigation goals"), [_of_goal(goal, ended_ns) for goal in goals], "", "Robot")
+        yield _Row(QT_TR_NOOP("Navigation goals"), [_of_goal(goal, ended_ns) for goal in self._data.goals], "", "Robot")
 
     def _people_rows(self) -> Iterable[_Row]:
         present = self._presence()
@@ -312,11 +250,7 @@ class TimelineBuilder:
         yield _Row(QT_TR_NOOP("People present"), counts)
         if len(present) > MOST_PEOPLE:
             return
-        numbers = {
-            event.person_id: event.number
-            for event in self._people
-            if isinstance(event, PersonAppeared) and event.number
-        }
+        numbers = {event.person_id: event.number for event in self._data.of(PersonAppeared) if event.number}
         for person_id, spans in present.items():
             there = [_TierInterval(*span, states.state("present")) for span in spans]
             yield _Row(_person(person_id, numbers), there, "", person_id)
@@ -324,11 +258,14 @@ class TimelineBuilder:
     def _assistant_rows(self) -> Iterable[_Row]:
         yield _Row(
             QT_TR_NOOP("LLM exchanges"),
-            [_TierInterval(item.asked_ns, item.stamp_ns, states.answer_words(item)) for item in self._exchanges],
+            [
+                _TierInterval(item.asked_ns, item.stamp_ns, states.answer_words(item))
+                for item in self._data.of(LlmExchange)
+            ],
             participant="Assistant",
         )
-        utterances = self.utterances()
-        uses = [(item, "unheard" if unheard(item, utterances) else item.use) for item in self._answers]
+        utterances, used = self._data.utterances, self._data.of(AnswerUsed)
+        uses = [(item, "unheard" if unheard(item, utterances) else item.use) for item in used]
         yield _Row(
             QT_TR_NOOP("LLM answer use"),
             [_TierInterval(item.stamp_ns, None, states.state(use)) for item, use in uses],
@@ -338,8 +275,9 @@ class TimelineBuilder:
     def _console_rows(self) -> Iterable[_Row]:
         ended_ns = self._session.ended_ns
         trouble: list[_TierInterval] = []
-        for link in dict.fromkeys(change.link for change in self._links):
-            changes = [change for change in self._links if change.link == link]
+        links = self._data.of(LinkChanged)
+        for link in dict.fromkeys(change.link for change in links):
+            changes = [change for change in links if change.link == link]
             for change, end_ns in _until_next(changes, ended_ns):
                 if change.state in _TROUBLE:
                     trouble.append(_TierInterval(change.stamp_ns, end_ns, states.link_words(change)))
@@ -348,7 +286,7 @@ class TimelineBuilder:
             QT_TR_NOOP("Obstacle guard"),
             [
                 _TierInterval(change.stamp_ns, end_ns, states.state(change.state))
-                for change, end_ns in _until_next(self._guards, ended_ns)
+                for change, end_ns in _until_next(self._data.of(GuardChanged), ended_ns)
                 if change.state not in ("absent", "clear")
             ],
         )
@@ -356,38 +294,23 @@ class TimelineBuilder:
             QT_TR_NOOP("Emergency stop"),
             [
                 _TierInterval(change.stamp_ns, end_ns, states.emergency_words(change))
-                for change, end_ns in _until_next(self._emergencies, ended_ns)
+                for change, end_ns in _until_next(self._data.of(EmergencyStopChanged), ended_ns)
                 if change.latched
             ],
         )
-        yield _Row(
-            QT_TR_NOOP("Pauses"), [_TierInterval(*span, states.state("paused")) for span in self._paused_spans()]
-        )
+        yield _Row(QT_TR_NOOP("Pauses"), [_TierInterval(*span, states.state("paused")) for span in self._data.pauses])
         yield _Row(
             QT_TR_NOOP("Scenario"),
             [
                 _TierInterval(opened.stamp_ns, end_ns, opened.title or opened.file_name)
-                for opened, end_ns in _until_next(self._scenarios, ended_ns)
+                for opened, end_ns in _until_next(self._data.of(ScenarioOpened), ended_ns)
             ],
         )
-
-    def _add_tick(self, tick: StepTicked) -> None:
-        self._protocol.append(tick)
-        self._others.setdefault(StepTicked, []).append(_TierInterval(tick.stamp_ns, None, summary_of(tick)))
-
-    def _add_command(self, command: CommandSent) -> None:
-        self._commands.append((command.stamp_ns, command.twist, command.source))
-
-    def _add_pause(self, pause: RecordingPaused) -> None:
-        self._pauses.append(pause)
-
-    def _paused_spans(self) -> list[tuple[int, int]]:
-        return pauses_of(self._pauses, ended_ns=self._session.ended_ns)
 
     def _presence(self) -> dict[str, list[tuple[int, int]]]:
         """Intervals of presence per person."""
         spans: dict[str, list[tuple[int, int]]] = {}
-        for visit in self._visits():
+        for visit in self._data.visits or seen_throughout(self._session):
             spans.setdefault(visit.person_id, []).append((visit.start_ns, visit.end_ns))
         for visit in seen_throughout(self._session):
             spans.setdefault(visit.person_id, [(visit.start_ns, visit.end_ns)])
@@ -417,7 +340,9 @@ class TimelineBuilder:
 
     def _vocabularies(self, used: dict[str, set[str]]) -> tuple[Vocabulary, ...]:
         labels = dict.fromkeys(
-            " ".join(plain_text(label).split()) for opened in self._scenarios for label in read_scenario(opened).labels
+            " ".join(plain_text(label).split())
+            for opened in self._data.of(ScenarioOpened)
+            for label in read_scenario(opened).labels
         )
         known: dict[str, tuple[str, dict[str, str]]] = {
             MARKS_VOCABULARY: ("The labels of the marks, from the scenario.", dict.fromkeys(labels, "")),

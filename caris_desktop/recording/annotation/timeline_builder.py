@@ -56,15 +56,15 @@ def build_overview(session: Session, progress: Callable[[float], None] | None = 
             tell(0.7 * record.fraction_of(value.stamp_ns))
     waveforms = tuple(sound.waveforms(lambda fraction: tell(0.7 + 0.25 * fraction)))
     tiers = record.tiers()
-    moments = [Moment("mark", mark.start_ns, _mark_text(mark)) for mark in record.marks()]
+    moments = [Moment("mark", mark.start_ns, _mark_text(mark)) for mark in record.data.marks]
     moments += [
         Moment("utterance", item.start_ns, _said(item))
-        for item in record.utterances()
+        for item in record.data.utterances
         if item.said and item.start_ns is not None
     ]
     moments.sort(key=lambda moment: moment.at_ns)
     tell(1.0)
-    return SessionOverview(tiers, tuple(moments), waveforms, speed.curve(), _cameras(session), record.steps())
+    return SessionOverview(tiers, tuple(moments), waveforms, speed.curve(), _cameras(session), record.data.steps)
 
 
 def run_overview(connection: Connection, session: Session) -> None:

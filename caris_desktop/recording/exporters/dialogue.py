@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.events import AnswerUsed, LlmExchange
-from caris_desktop.recording.exporters.tables import key_columns
-from caris_desktop.recording.session.answers import LlmUse, answer_uses, questions_of
+from caris_desktop.recording.measures.session_measures import measure, read_facts
+from caris_desktop.recording.session.answers import LlmUse
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
-from caris_desktop.recording.studies.measures import reaction_times, read_facts, response_times
+from caris_desktop.recording.tables.catalog import key_columns
 
 TURNS_BEFORE = 20
 """A turn contains at most so many utterances before it."""
@@ -26,13 +26,12 @@ def write_dialogue(session: Session, path: Path) -> int:
     """Write one line per robot utterance; return their number. Raises OSError, SessionError."""
     facts = read_facts(session)
     spoken = [utterance for utterance in facts.utterances if utterance.said]
-    responses = {reply.utterance.utterance_id: reply.delay_s for reply in response_times(spoken, facts.pauses)}
-    exchanges = questions_of(facts.of(LlmExchange))
-    became = answer_uses(exchanges, facts.of(AnswerUsed), facts.utterances)
-    reactions = {
-        reply.utterance.utterance_id: reply.delay_s
-        for reply in reaction_times(facts.utterances, exchanges, facts.pauses)
-    }
+    measures = measure(facts)
+    responses, reactions = (
+        {delay.utterance_id: delay.delay_s for delay in delays} for delays in (measures.responses, measures.reactions)
+    )
+    exchanges = [answer.exchange for answer in facts.answers]
+    became: dict[str, LlmUse] = {answer.exchange.exchange_id: answer.use or "unused" for answer in facts.answers}
     in_view, of_this = _counts_in_view(session), session_columns(session)
     turns, before_ns = 0, -(2**62)
     with path.open("w", encoding="utf-8", errors="replace") as file:
@@ -114,7 +113,7 @@ def _exchange(session: Session, exchange: LlmExchange, use: LlmUse) -> dict[str,
     }
 
 
-def _edited_answer(text: str, at_ns: int, uses: tuple[AnswerUsed, ...]) -> bool:
+def _edited_answer(text: str, at_ns: int, uses: list[AnswerUsed]) -> bool:
     return any(
         use.use == "edited" and use.text.strip() == text.strip() and abs(use.stamp_ns - at_ns) <= _EDIT_WITHIN_NS
         for use in uses

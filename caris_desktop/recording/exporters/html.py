@@ -2,8 +2,10 @@
 
 import base64
 import logging
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +16,13 @@ from numpy.typing import NDArray
 from caris_desktop.domain.actor import in_words
 from caris_desktop.domain.events import (
     LATE_FROM_S,
-    AnswerUsed,
-    LinkChanged,
-    LlmExchange,
     PreflightChecked,
     Problem,
     RobotChosen,
     ScenarioOpened,
 )
 from caris_desktop.domain.picture_checks import decoded, jpeg_of
-from caris_desktop.domain.sensing import OccupancyGrid
+from caris_desktop.domain.sensing import OccupancyGrid, Odometry, RobotPose
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
@@ -31,35 +30,27 @@ from caris_desktop.recording.exporters import drawings
 from caris_desktop.recording.exporters.drawings import Curve, Item, Part, Pin, Row, Trajectory, duration_text
 from caris_desktop.recording.exporters.methods_words import MEANS_WORDS, gaps_words
 from caris_desktop.recording.exporters.templates import write_page
+from caris_desktop.recording.measures.distributions import SummaryStats, per_10_min
+from caris_desktop.recording.measures.session_measures import (
+    THIS_COMPUTER,
+    Delay,
+    Measures,
+    ModelUse,
+    measure,
+    read_facts,
+)
 from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
-from caris_desktop.recording.session.answers import answer_uses, questions_of
 from caris_desktop.recording.session.responses import RESPONSE_LIMIT_S
 from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
 from caris_desktop.recording.session.session_checks import open_words, preflight_of
 from caris_desktop.recording.session.session_clock import clock_text
+from caris_desktop.recording.session.session_data import SessionData
 from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.studies.data_quality import counted, data_quality_problems
-from caris_desktop.recording.studies.measures import (
-    THIS_COMPUTER,
-    Measures,
-    ModelUse,
-    Reply,
-    SessionData,
-    SummaryStats,
-    driving_intervals,
-    goal_intervals,
-    link_trouble,
-    measure,
-    nearest_index,
-    per_10_min,
-    read_facts,
-    step_visits,
-    visits,
-)
 
 _log = logging.getLogger(__name__)
 _MAX_PHOTOS = 60
@@ -90,6 +81,7 @@ _SOURCES = {
 }
 _SEVERITIES = {"error": "red", "warning": "amber", "info": ""}
 _USES = {
+    "": ("", ""),
     "said": ("said", "green"),
     "edited": ("edited and said", "blue"),
     "dismissed": ("dismissed", ""),
@@ -124,7 +116,7 @@ def _report(facts: SessionData, measures: Measures, grid: OccupancyGrid | None) 
     opened = facts.of(ScenarioOpened)
     scenario = read_scenario(opened[-1]) if opened else None
     coding = _coding(session)
-    timeline = _Seen(facts, coding)
+    timeline = _Seen(facts, measures, coding)
     return {
         "title": _title(session),
         "study": session.trial.get("study", ""),
@@ -220,20 +212,20 @@ def when_text(session: Session) -> str:
 
 
 def _tiles(measures: Measures, session: Session) -> list[dict[str, str]]:
-    response = SummaryStats.of(measures.response_times_s)
-    driving = measures.driving
+    response_s, distance_m = measures.values["response_time_s"], measures.values["distance_m"]
     tiles = [("length", duration_text(session.duration_s))]
-    if response is not None:
-        tiles.append(("median response time", f"{response.median:.1f} s"))
-    if driving.distance_m is not None:
-        tiles.append(("driven", distance_text(driving.distance_m)))
-    tiles.append(("robot utterances", str(measures.talk["robot"].utterances if "robot" in measures.talk else 0)))
-    if measures.people:
-        tiles.append(("person at once" if measures.people == 1 else "people at once", str(measures.people)))
-    tiles.append(("wizard error" if measures.wizard_errors == 1 else "wizard errors", str(measures.wizard_errors)))
-    if driving.emergency_stops:
-        one = driving.emergency_stops == 1
-        tiles.append(("emergency stop" if one else "emergency stops", str(driving.emergency_stops)))
+    if response_s is not None:
+        tiles.append(("median response time", f"{response_s:.1f} s"))
+    if distance_m is not None:
+        tiles.append(("driven", distance_text(distance_m)))
+    tiles.append(("robot utterances", str(measures["robot_utterances"])))
+    for name, one, many in (
+        ("people", "person at once", "people at once"),
+        ("wizard_errors", "wizard error", "wizard errors"),
+        ("emergency_stops", "emergency stop", "emergency stops"),
+    ):
+        if measures[name] or name == "wizard_errors":
+            tiles.append((one if measures[name] == 1 else many, str(measures[name])))
     return [{"label": label, "value": value} for label, value in tiles]
 
 
@@ -255,8 +247,9 @@ def spread_text(spread: SummaryStats) -> str:
 class _Seen:
     """Rows of the time line, and the legend of those present."""
 
-    def __init__(self, facts: SessionData, coding: AnnotationDocument) -> None:
+    def __init__(self, facts: SessionData, measures: Measures, coding: AnnotationDocument) -> None:
         self._facts = facts
+        self._measures = measures
         self._s = facts.session.clock.session_s
         self._coding = coding
         self._css_classes: set[str] = set()
@@ -264,7 +257,7 @@ class _Seen:
 
     def strips(self) -> list[Markup]:
         lasts_s = self._facts.session.duration_s
-        shades = [self._item(pause.start_ns, pause.end_ns, "pause", "Recording paused") for pause in self._facts.pauses]
+        shades = [self._item(*pause, "pause", "Recording paused") for pause in self._facts.pauses]
         return drawings.time_line(self._rows, self._curves(), shades, lasts_s)
 
     def legend(self) -> list[_Legend]:
@@ -293,17 +286,16 @@ class _Seen:
         return Item(start_s, None if end_ns is None else self._s(end_ns), css_class, f"{span}  {title}", shape)
 
     def _curves(self) -> list[Curve]:
-        facts = self._facts
-        if not facts.odometry_ns.size:
+        values = sorted(self._facts.of(Odometry), key=attrgetter("stamp_ns"))
+        if not values:
             return []
-        seconds = (facts.odometry_ns - facts.session.started_ns) / 1e9
-        speed_mps = facts.odometry[:, 2]
+        seconds = np.array([self._s(value.stamp_ns) for value in values])
+        speed_mps = np.array([math.hypot(value.twist.forward_mps, value.twist.left_mps) for value in values])
         top_mps = max(0.1, float(np.nanmax(speed_mps)))
         return [Curve(f"Speed, up to {top_mps:.1f} m/s", seconds, speed_mps, top_mps, "speed")]
 
     def _all_rows(self) -> Iterator[Row]:
         facts = self._facts
-        ended_ns = facts.session.ended_ns
         for speaker, name in _SPEAKERS.items():
             yield Row(
                 name,
@@ -317,21 +309,21 @@ class _Seen:
                 ),
             )  # fmt: skip
         moves = [
-            self._item(stretch.start_ns, stretch.end_ns, "driven", _SOURCES.get(stretch.label, stretch.label))
-            for stretch in driving_intervals(facts)
+            self._item(drive.start_ns, drive.end_ns, "driven", _SOURCES.get(drive.source, drive.source))
+            for drive in facts.drives
         ]
         moves += [
             self._item(
                 stretch.start_ns, stretch.end_ns, "failed-goal" if stretch.label == "failed" else "navigated",
                 f"Navigation, {stretch.label}",
             )
-            for stretch in goal_intervals(facts)
+            for stretch in self._measures.navigation
         ]  # fmt: skip
         yield Row(
             "Protocol",
             tuple(
                 self._item(visit.start_ns, visit.end_ns, "late" if visit.late_s >= LATE_FROM_S else "step", visit.title)
-                for visit in step_visits(facts)
+                for visit in facts.step_visits
             ),
         )
         yield Row("Driving", tuple(moves))
@@ -348,7 +340,7 @@ class _Seen:
             )
         troubles = [
             self._item(stretch.start_ns, stretch.end_ns, "trouble", f"Link: {stretch.label}")
-            for stretch in link_trouble(facts.of(LinkChanged), ended_ns)
+            for stretch in self._measures.link_trouble
         ]
         troubles += [
             self._item(problem.stamp_ns, None, "trouble", f"{problem.what} {problem.meaning}", "dot")
@@ -359,7 +351,7 @@ class _Seen:
 
     def _people(self) -> Iterator[Row]:
         by_person: dict[str, list[Item]] = {}
-        for visit in visits(self._facts):
+        for visit in self._facts.visits:
             name = f"Person {visit.number or visit.person_id}"
             item = self._item(visit.start_ns, visit.end_ns, "present", f"{name} is present")
             by_person.setdefault(name, []).append(item)
@@ -411,15 +403,17 @@ def _sample(shape: str, css_class: str) -> Markup:
 def _trajectory(
     facts: SessionData, measures: Measures, grid: OccupancyGrid | None, scenario: ScenarioText | None
 ) -> dict[str, Any]:
-    in_map = facts.pose_ns.size > 0
-    stamps_ns, points = (facts.pose_ns, facts.poses) if in_map else (facts.odometry_ns, facts.odometry)
-    if not stamps_ns.size:
+    poses = [(value.stamp_ns, value.pose_in_map) for value in facts.of(RobotPose)]
+    in_map = bool(poses)
+    poses = sorted(poses or [(value.stamp_ns, value.pose_in_odom) for value in facts.of(Odometry)], key=itemgetter(0))
+    if not poses:
         return {"way": None, "way_fact": "", "way_legend": []}
+    stamps_ns = np.array([stamp_ns for stamp_ns, _ in poses], np.int64)
+    points = np.array([(pose.x_m, pose.y_m, pose.heading_rad) for _, pose in poses], np.float64)
     headings_rad = points[:, 2] if in_map else _headings(points[:, :2])
     thin = max(1, stamps_ns.size // _MAX_WAY_POINTS)
-    goals = goal_intervals(facts)
     by_itself = np.zeros(stamps_ns.size, bool)
-    for stretch in goals:
+    for stretch in measures.navigation:
         by_itself |= (stamps_ns >= stretch.start_ns) & (stamps_ns <= stretch.end_ns)
     places = [drawings.pose_pin(pose, name) for name, pose in scenario.places] if scenario and in_map else []
     way = Trajectory(
@@ -429,10 +423,10 @@ def _trajectory(
         by_itself=by_itself[::thin],
         pins=tuple(_pins(facts, stamps_ns, points)),
     )
-    driving = measures.driving
-    fact = [distance_text(driving.distance_m)] if driving.distance_m is not None else []
-    if driving.max_speed_mps is not None:
-        fact.append(f"at most {driving.max_speed_mps:.2f} m/s")
+    distance_m, speed_mps = measures.values["distance_m"], measures.values["max_speed_mps"]
+    fact = [distance_text(distance_m)] if distance_m is not None else []
+    if speed_mps is not None:
+        fact.append(f"at most {speed_mps:.2f} m/s")
     if not in_map:
         fact.append("from odometry, without a map")
     legend = [_Legend(_sample("line", "way"), "driven by the wizard; the colour gets stronger with time")]
@@ -463,10 +457,9 @@ def _pins(facts: SessionData, stamps_ns: NDArray[np.int64], points: NDArray[np.f
     from caris_desktop.domain.events import EmergencyStopChanged
 
     def pin(at_ns: int, css_class: str, words: str, shape: Any) -> Iterator[Pin]:
-        index = nearest_index(stamps_ns, at_ns)
-        if index is not None:
-            when = clock_text(facts.session.clock.session_s(at_ns))
-            yield Pin(float(points[index, 0]), float(points[index, 1]), css_class, f"{when}  {words}", "", shape)
+        index = max(0, int(np.searchsorted(stamps_ns, at_ns, side="right")) - 1)
+        when = clock_text(facts.session.clock.session_s(at_ns))
+        yield Pin(float(points[index, 0]), float(points[index, 1]), css_class, f"{when}  {words}", "", shape)
 
     for mark in facts.marks:
         if mark.kind == "mark":
@@ -519,38 +512,41 @@ def _responses(measures: Measures) -> dict[str, Any]:
 
 
 def _talk(measures: Measures) -> dict[str, Any]:
-    talked_s = sum(talk.speech_s for talk in measures.talk.values())
-    silence_s = max(0.0, measures.recorded_s - talked_s)
+    talk_s, utterances, words = (measures.of(name) for name in ("talk_s", "utterances", "words"))
+    talked_s = sum(talk_s.values())
+    silence_s = max(0.0, measures["recorded_s"] - talked_s)
     parts = [
-        Part(_SPEAKERS[speaker], talk.speech_s, _SPEAKER_LOOKS[speaker], duration_text(talk.speech_s))
-        for speaker, talk in measures.talk.items()
+        Part(_SPEAKERS[speaker], seconds, _SPEAKER_LOOKS[speaker], duration_text(seconds))
+        for speaker, seconds in talk_s.items()
     ]
     parts.append(Part("Nobody", silence_s, "silence", duration_text(silence_s)))
-    rows = [
+    rows: list[dict[str, Any]] = [
         {
             "label": _SPEAKERS[speaker],
             "css_class": _SPEAKER_LOOKS[speaker],
-            "time": duration_text(talk.speech_s),
-            "utterances": talk.utterances,
-            "words": talk.words,
+            "time": duration_text(seconds),
+            "utterances": utterances[speaker],
+            "words": words[speaker],
         }
-        for speaker, talk in measures.talk.items()
+        for speaker, seconds in talk_s.items()
     ]
     if rows:
         rows.append(
             {"label": "Nobody", "css_class": "silence", "time": duration_text(silence_s), "utterances": "", "words": ""}
         )
+    by_origin = measures.of("robot_utterances")
     origins = [
-        Part(name, float(measures.origins[origin]), css_class, str(measures.origins[origin]))
+        Part(name, float(by_origin[origin]), css_class, str(by_origin[origin]))
         for origin, (name, css_class) in _ORIGINS.items()
-        if measures.origins.get(origin)
+        if origin in by_origin
     ]
     origin_rows = list(origins)
-    if measures.interrupted:
-        origin_rows.append(Part("Interrupted", measures.interrupted, "silence", str(measures.interrupted)))
-    if measures.unsaid:
-        origin_rows.append(Part("Requested but never said", measures.unsaid, "silence", str(measures.unsaid)))
-    robot_s = measures.talk["robot"].speech_s if "robot" in measures.talk else 0.0
+    for name, label in (
+        ("interrupted_utterances", "Interrupted"), ("unsaid_utterances", "Requested but never said"),
+    ):  # fmt: skip
+        if measures[name]:
+            origin_rows.append(Part(label, measures[name], "silence", str(measures[name])))
+    robot_s = measures["robot_talk_s"]
     return {
         "talk_fact": f"robot: {robot_s / talked_s:.0%} of speech" if talked_s > 0.0 and robot_s > 0.0 else "",
         "talk_bar": drawings.share_bar(parts, title="Speaking time") if rows else Markup(""),
@@ -564,37 +560,38 @@ def _talk(measures: Measures) -> dict[str, Any]:
 
 
 def _driving(measures: Measures) -> dict[str, Any]:
-    driving = measures.driving
+    by_source, navigating_s = measures.of("driving_s"), measures["navigating_s"]
+    distance_m, speed_mps = measures.values["distance_m"], measures.values["max_speed_mps"]
     parts = [
         Part(_SOURCES.get(source, source), seconds, f"share-{min(number, 5)}", duration_text(seconds))
-        for number, (source, seconds) in enumerate(driving.seconds_by_source.items())
+        for number, (source, seconds) in enumerate(by_source.items())
     ]
-    if driving.navigating_s:
-        parts.append(Part("Driving autonomously", driving.navigating_s, "share-2", duration_text(driving.navigating_s)))
+    if navigating_s:
+        parts.append(Part("Driving autonomously", navigating_s, "share-2", duration_text(navigating_s)))
     rows = [{"label": part.label, "css_class": part.css_class, "shown": part.shown} for part in parts]
-    if not driving.seconds_by_source:
+    if not by_source:
         rows.insert(0, {"label": "Driven by the wizard", "css_class": "", "shown": "never"})
 
     def add(label: str, value: str) -> None:
         rows.append({"label": label, "css_class": "", "shown": value})
 
-    if driving.distance_m is not None:
-        add("Distance", distance_text(driving.distance_m))
-    if driving.max_speed_mps is not None:
-        add("Highest speed", f"{driving.max_speed_mps:.2f} m/s")
-    for outcome, count in driving.goals.items():
+    if distance_m is not None:
+        add("Distance", distance_text(distance_m))
+    if speed_mps is not None:
+        add("Highest speed", f"{speed_mps:.2f} m/s")
+    for outcome, count in measures.of("goals").items():
         add(f"Goals {outcome}", str(count))
-    add("Stop pressed", str(driving.stops))
-    add("Emergency stops", str(driving.emergency_stops))
-    add("Obstacle guard interventions", str(driving.guard_interventions))
-    if driving.guard_s.get("overridden"):
-        add("Obstacle guard turned off", duration_text(driving.guard_s["overridden"]))
-    for reason, count in driving.ended_by_itself.items():
+    add("Stop pressed", str(measures["stops"]))
+    add("Emergency stops", str(measures["emergency_stops"]))
+    add("Obstacle guard interventions", str(measures["guard_interventions"]))
+    if overridden_s := measures.of("guard_s").get("overridden"):
+        add("Obstacle guard turned off", duration_text(overridden_s))
+    for reason, count in measures.of("drives_ended").items():
         add(f"Driving ended: {reason}", str(count))
-    if measures.link_trouble_s:
-        add("Connection interrupted", duration_text(measures.link_trouble_s))
+    if measures["link_trouble_s"]:
+        add("Connection interrupted", duration_text(measures["link_trouble_s"]))
     return {
-        "driving_fact": duration_text(driving.driving_s) if driving.driving_s else "",
+        "driving_fact": duration_text(measures["driving_s"]) if measures["driving_s"] else "",
         "driving_bar": drawings.share_bar(parts, title="How the robot was driven"),
         "driving_rows": rows,
     }
@@ -628,15 +625,15 @@ def _protocol(measures: Measures) -> dict[str, Any]:
 def _marks(facts: SessionData, measures: Measures, coding: AnnotationDocument) -> dict[str, Any]:
     rows = [
         {"kind": "", "css_class": "", "label": label or "without a label", "shown": str(count)}
-        for label, count in sorted(measures.marks.items(), key=lambda entry: -entry[1])
+        for label, count in sorted(measures.of("marks").items(), key=lambda entry: -entry[1])
     ]
-    for label, count in sorted(measures.errors.items(), key=lambda entry: -entry[1]):
-        rate = per_10_min(count, measures.recorded_s)
+    for label, count in sorted(measures.of("wizard_errors").items(), key=lambda entry: -entry[1]):
+        rate = per_10_min(count, measures["recorded_s"])
         text = f"{count} ({rate:.1f} per 10 min)" if rate is not None else str(count)
         rows.append({"kind": "wizard error", "css_class": "red", "label": label or "not specified", "shown": text})
     when = facts.session.clock.session_s
     return {
-        "marks_fact": counted(sum(measures.marks.values()), "mark"),
+        "marks_fact": counted(int(measures["marks"]), "mark"),
         "mark_rows": rows,
         "notes": [
             {"time": clock_text(when(mark.start_ns)), "text": mark.note or mark_words(mark)}
@@ -657,8 +654,6 @@ def _marks(facts: SessionData, measures: Measures, coding: AnnotationDocument) -
 
 
 def _models(facts: SessionData, measures: Measures) -> dict[str, Any]:
-    exchanges = questions_of(facts.of(LlmExchange))
-    became = answer_uses(exchanges, facts.of(AnswerUsed), facts.utterances)
     when = facts.session.clock.session_s
     accepted = sum(model.said + model.edited for model in measures.models)
     answered = sum(model.answered for model in measures.models)
@@ -679,17 +674,18 @@ def _models(facts: SessionData, measures: Measures) -> dict[str, Any]:
             for model in measures.models
         ],
         "model_fact": f"{accepted} of {counted(answered, 'answer')} accepted",
-        "exchange_summary": f"All {len(exchanges)} exchanges" if len(exchanges) != 1 else "The exchange",
+        "exchange_summary": f"All {len(facts.answers)} exchanges" if len(facts.answers) != 1 else "The exchange",
         "exchanges": [
             {
                 "time": clock_text(when(exchange.asked_ns)),
                 "asked": exchange.messages[-1].content if exchange.messages else "",
                 "answer": exchange.answer or exchange.detail,
                 "cut": _CUTS[exchange.cut],
-                "use": exchange.outcome if exchange.outcome != "answered" else _USES[became[exchange.exchange_id]][0],
-                "css_class": "red" if exchange.outcome == "failed" else _USES[became[exchange.exchange_id]][1],
+                "use": _USES[answer.use][0] or exchange.outcome,
+                "css_class": "red" if exchange.outcome == "failed" else _USES[answer.use][1],
             }
-            for exchange in exchanges
+            for answer in facts.answers
+            for exchange in (answer.exchange,)
         ],
     }
 
@@ -744,7 +740,7 @@ def _thumbnail(folder: Path, file_name: str) -> str:
 
 
 def _transcript(facts: SessionData, measures: Measures) -> dict[str, Any]:
-    replies = {reply.utterance.utterance_id: reply for reply in measures.responses}
+    replies = {reply.utterance_id: reply for reply in measures.responses}
     turns = [*_turns(facts.utterances, replies), *_asides(facts)]
     turns.sort(key=lambda turn: turn["at_ns"])
     when = facts.session.clock.session_s
@@ -754,7 +750,7 @@ def _transcript(facts: SessionData, measures: Measures) -> dict[str, Any]:
     return {"turns": turns if facts.utterances else [], "transcript_fact": counted(spoken_count, "utterance")}
 
 
-def _turns(utterances: Iterable[SpokenUtterance], replies: dict[str, Reply]) -> Iterator[dict[str, Any]]:
+def _turns(utterances: Iterable[SpokenUtterance], replies: dict[str, Delay]) -> Iterator[dict[str, Any]]:
     for item in utterances:
         if not item.said and item.origin == "heard" and not item.text:
             continue  # without a speaker
@@ -791,8 +787,8 @@ def _asides(facts: SessionData) -> Iterator[dict[str, Any]]:
         lasted = "" if mark.end_ns is None else f" ({duration_text((mark.end_ns - mark.start_ns) / 1e9)})"
         note = f": {mark.note}" if mark.note else ""
         yield aside(mark.start_ns, f"{mark_words(mark)}{lasted}{note}", kind)
-    for pause in facts.pauses:
-        yield aside(pause.start_ns, f"The recording was paused for {duration_text(pause.duration_s)}.", "pause")
+    for start_ns, end_ns in facts.pauses:
+        yield aside(start_ns, f"The recording was paused for {duration_text((end_ns - start_ns) / 1e9)}.", "pause")
 
 
 def _alarms(facts: SessionData, measures: Measures) -> dict[str, Any]:

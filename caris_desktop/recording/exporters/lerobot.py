@@ -24,7 +24,6 @@ from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.exporters.dialogue import session_columns
 from caris_desktop.recording.exporters.exported_pictures import camera_file_name
-from caris_desktop.recording.exporters.tables import plain_text
 from caris_desktop.recording.recorder.video_encoders import x264
 from caris_desktop.recording.recorder.video_writer import KEY_FRAME_EVERY_S
 from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
@@ -35,6 +34,7 @@ from caris_desktop.recording.session.session_marks import final_marks
 from caris_desktop.recording.session.session_protocol import read_protocol
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import spoken
+from caris_desktop.recording.tables.catalog import plain_text
 
 MAX_AGE_S = 1.0
 """A frame has no value that arrived longer before it."""

@@ -19,6 +19,7 @@ from caris_desktop.domain.streams import spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.exporters.methods_words import distinct
+from caris_desktop.recording.measures.session_measures import Measures, ModelUse, measure, read_facts
 from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.responses import Response
 from caris_desktop.recording.session.robot_clock_mapping import ClockSummary, robot_clock
@@ -27,7 +28,6 @@ from caris_desktop.recording.session.session_checks import Preflight, preflight_
 from caris_desktop.recording.session.session_header import SessionError, read_header
 from caris_desktop.recording.session.session_protocol import StepRecord
 from caris_desktop.recording.session.session_reader import Session, open_session
-from caris_desktop.recording.studies.measures import Measures, ModelUse, measure, read_facts
 from caris_desktop.recording.studies.study_index import session_folders
 
 _log = logging.getLogger(__name__)
@@ -45,6 +45,7 @@ class KnownSession:
     scenarios: tuple[ScenarioText, ...]
     robots: tuple[str, ...]
     exchanges: tuple[LlmExchange, ...]
+    photos: int
     streams: frozenset[str]
     clock: ClockSummary | None
     participant_spoke: bool
@@ -73,7 +74,8 @@ def read_known(session: Session, progress: Callable[[float], None]) -> KnownSess
         measures=measure(facts),
         scenarios=tuple(scenarios),
         robots=tuple(dict.fromkeys(robots)),
-        exchanges=facts.of(LlmExchange),
+        exchanges=tuple(facts.of(LlmExchange)),
+        photos=len(facts.photos),
         streams=_streams(session),
         clock=robot_clock(session).summary(
             utc_ns_at=anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns
@@ -199,7 +201,7 @@ class StudyFacts:
         return found
 
     def recorded_s(self) -> float:
-        return sum(one.measures.recorded_s for one in self.known)
+        return sum(one.measures["recorded_s"] for one in self.known)
 
     def gaps(self) -> list[Response]:
         """All answers of all sessions."""
@@ -218,12 +220,20 @@ class StudyFacts:
                     prompts[text] += 1
         return dict(prompts)
 
-    def counted(self, of: Callable[[Measures], dict[str, int]]) -> dict[str, int]:
-        """Sum of a counter of the measures over all sessions, most frequent first."""
+    def counted(self, measure: str) -> dict[str, int]:
+        """Sum of the parts of a measure over all sessions, most frequent first."""
         totals: Counter[str] = Counter()
         for one in self.known:
-            totals.update(of(one.measures))
+            totals.update({label: int(count) for label, count in one.measures.of(measure).items()})
         return dict(totals.most_common())
+
+    def total(self, measure: str) -> float:
+        """Sum of a measure over all sessions."""
+        return sum(one.measures[measure] for one in self.known)
+
+    def each(self, measure: str) -> list[float]:
+        """Values of a measure in the sessions that have it."""
+        return [value for one in self.known if (value := one.measures.values[measure]) is not None]
 
 
 def _merged(models: Iterable[ModelUse]) -> list[ModelUse]:
@@ -246,6 +256,7 @@ def _merged(models: Iterable[ModelUse]) -> list[ModelUse]:
             unused=sum(one.unused for one in group),
             first_token_s=tuple(seconds for one in group for seconds in one.first_token_s),
             answer_s=tuple(seconds for one in group for seconds in one.answer_s),
+            settings=tuple(text for one in group for text in one.settings),
         )
         for (provider, name, version, place), group in groups.items()
     ]

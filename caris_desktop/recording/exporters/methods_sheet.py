@@ -56,20 +56,13 @@ from caris_desktop.recording.exporters.methods_words import (
     times_word,
     was_or_were,
 )
+from caris_desktop.recording.measures.distributions import SummaryStats, per_10_min, quantile
+from caris_desktop.recording.measures.session_measures import THIS_COMPUTER, ModelUse
 from caris_desktop.recording.session.scenario_text import ScenarioText
 from caris_desktop.recording.session.session_alarms import AlarmRecord
 from caris_desktop.recording.session.session_checks import open_words
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.studies.data_quality import stream_words
-from caris_desktop.recording.studies.measures import (
-    THIS_COMPUTER,
-    Measures,
-    ModelUse,
-    SummaryStats,
-    model_asked,
-    per_10_min,
-    quantile,
-)
 from caris_desktop.recording.studies.study_index import copies_among
 
 # A larger offset means a robot clock that was never set, or simulation time.
@@ -164,15 +157,15 @@ class _Answers:
 
     def _robot(self) -> SheetSection:
         robots = distinct(name for one in self._of.known for name in one.robots)
-        goals = self._of.counted(lambda m: m.driving.goals)
-        navigated_s = sum(one.measures.driving.navigating_s for one in self._of.known)
+        goals = self._of.counted("goals")
+        navigated_s = self._of.total("navigating_s")
         own = []
         if goals:
             own.append(
                 f"It drove autonomously to {number_of(sum(goals.values()), 'goal')} that the wizard set"
                 f" ({listing_counts(goals)}; {duration_text(navigated_s)})."
             )
-        guarded = sum(one.measures.driving.guard_interventions for one in self._of.known)
+        guarded = int(self._of.total("guard_interventions"))
         if any("event/guard_changed" in one.streams for one in self._of.known):
             often = f"slowed or stopped it {times_word(guarded)}" if guarded else "never slowed or stopped it"
             own.append(f"An obstacle guard {often}.")
@@ -214,7 +207,6 @@ class _Answers:
                 answer += f" {number_of(without, 'session').capitalize()} {verb} no named participant."
         conditions = Counter(one.session.trial.get("condition", "") for one in self._of.known)
         conditions.pop("", None)
-        measures = [one.measures for one in self._of.known]
         return SheetSection(
             "Participants",
             (
@@ -232,8 +224,8 @@ class _Answers:
                 ),
                 SheetItem(
                     "How many people were in front of the robot?",
-                    self._people_seen(measures),
-                    ("event/person_appeared",) if any(one.people for one in measures) else (),
+                    self._people_seen(),
+                    ("event/person_appeared",) if self._of.total("people") else (),
                 ),
                 SheetItem("Who were they?", by_hand="Age, gender, background, experience with robots, recruitment."),
                 SheetItem(
@@ -247,12 +239,11 @@ class _Answers:
             ),
         )
 
-    @staticmethod
-    def _people_seen(measures: list[Measures]) -> str:
-        people = [one.people for one in measures]
+    def _people_seen(self) -> str:
+        people = [int(one.measures["people"]) for one in self._of.known]
         if not any(people):
             return ""
-        identities = sum(one.identities for one in measures)
+        identities = int(self._of.total("identities"))
         remark = (
             "as counted by the console: "
             f"{number_of(identities, 'identity', 'identities')} from its detector and tracker, which may give one "
@@ -265,7 +256,7 @@ class _Answers:
 
     def _wizards(self) -> SheetSection:
         wizards = self._of.wizards()
-        errors = self._of.counted(lambda m: m.errors)
+        errors = self._of.counted("wizard_errors")
         return SheetSection(
             "Wizard",
             (
@@ -325,7 +316,7 @@ class _Answers:
             f"{f' (file {scenario.file_name}, SHA-256 {scenario.sha256[:12]}…)' if scenario.file_name else ''}"
             for scenario in scenarios.values()
         ]
-        recorded_s = [one.measures.recorded_s for one in self._of.known]
+        recorded_s = self._of.each("recorded_s")
         spread = SummaryStats.of(recorded_s)
         length = f"{duration_text(sum(recorded_s))} in {number_of(len(recorded_s), 'session')}"
         if spread is not None and spread.n > 1:
@@ -470,10 +461,10 @@ class _Answers:
         )
 
     def _record(self) -> SheetSection:
-        lost = self._of.counted(lambda m: m.lost)
+        lost = self._of.counted("lost_values")
         cut = sum(not one.session.closed_properly for one in self._of.known)
-        pauses = sum(one.measures.pauses for one in self._of.known)
-        paused_s = sum(one.measures.paused_s for one in self._of.known)
+        pauses = int(self._of.total("pauses"))
+        paused_s = self._of.total("paused_s")
         losses = [
             f"{count} {stream_words(stream)} were not recorded." if count != 1 else
             f"1 of the {stream_words(stream)} was not recorded."
@@ -490,7 +481,7 @@ class _Answers:
             losses.append(f"{number_of(cut, 'recording').capitalize()} {was_or_were(cut)} cut off before the end.")
         if pauses:
             losses.append(f"Recording was paused {times_word(pauses)}, for {duration_text(paused_s)} in total.")
-        trouble_s = sum(one.measures.link_trouble_s for one in self._of.known)
+        trouble_s = self._of.total("link_trouble_s")
         if trouble_s:
             losses.append(f"The robot could not be reached for {duration_text(trouble_s)} in total.")
         return SheetSection(
@@ -514,13 +505,9 @@ class _Answers:
     def _movement(self) -> str:
         sources: dict[str, float] = {}
         for one in self._of.known:
-            for source, seconds in one.measures.driving.seconds_by_source.items():
+            for source, seconds in one.measures.of("driving_s").items():
                 sources[source] = sources.get(source, 0.0) + seconds
-        ways = [
-            one.measures.driving.distance_m for one in self._of.known if one.measures.driving.distance_m is not None
-        ]
-        speeds = [one.measures.driving.max_speed_mps for one in self._of.known]
-        known_speeds = [speed for speed in speeds if speed is not None]
+        ways, known_speeds = self._of.each("distance_m"), self._of.each("max_speed_mps")
         parts = []
         if sources:
             source_texts = [f"{SOURCE_WORDS.get(source, source)} ({duration_text(s)})" for source, s in sources.items()]
@@ -538,8 +525,8 @@ class _Answers:
             parts.append("The distance is unknown: the robot reported no odometry.")
         if known_speeds:
             parts.append(f"Its highest speed was {max(known_speeds):.2f} m/s.")
-        stops = sum(one.measures.driving.stops for one in self._of.known)
-        emergencies = sum(one.measures.driving.emergency_stops for one in self._of.known)
+        stops = int(self._of.total("stops"))
+        emergencies = int(self._of.total("emergency_stops"))
         if stops or emergencies:
             parts.append(f"Stop was pressed {times_word(stops)}, the emergency stop {times_word(emergencies)}.")
         else:
@@ -547,7 +534,7 @@ class _Answers:
         return " ".join(parts)
 
     def _speech(self) -> str:
-        origins = self._of.counted(lambda m: m.origins)
+        origins = self._of.counted("robot_utterances")
         total = sum(origins.values())
         if not total:
             return "The robot did not speak."
@@ -619,8 +606,8 @@ class _Answers:
             texts.append(f"It did not allow the wizard to {listing(unable, 'or')}.")
         moves = sum(one.head_moves for one in self._of.known)
         controls = sum(one.controls for one in self._of.known)
-        goals = sum(sum(one.measures.driving.goals.values()) for one in self._of.known)
-        photos = sum(one.measures.photos for one in self._of.known)
+        goals = int(self._of.total("goals"))
+        photos = sum(one.photos for one in self._of.known)
         used = [
             text
             for count, text in (
@@ -836,7 +823,7 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
     stream_texts = [words for stream, words in SEEN[:5] if any(stream in one.streams for one in study.known)]
     if stream_texts:
         yield f"The console showed {listing(stream_texts)}."
-    origins = study.counted(lambda m: m.origins)
+    origins = study.counted("robot_utterances")
     total = sum(origins.values())
     if total:
         yield f"The robot made {number_of(total, 'utterance')} ({share_words(origins)})."
@@ -848,8 +835,8 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
         )
     yield _movement_sentence(study)
     for model in study.models:
-        yield _model_sentence(study, model)
-    errors = study.counted(lambda m: m.errors)
+        yield _model_sentence(model)
+    errors = study.counted("wizard_errors")
     count = sum(errors.values())
     marker = "The wizard" if len(wizards) <= 1 else "The wizards"
     rate = per_10_min(count, recorded_s)
@@ -858,7 +845,7 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
         yield (f"{marker} marked {number_of(count, 'error')} of their own ({kinds}; {rate or 0.0:.1f} per 10 minutes).")
     else:
         yield f"{marker} marked no errors of their own."
-    lost = sum(sum(one.measures.lost.values()) for one in study.known)
+    lost = int(study.total("lost_values"))
     cut = sum(not one.session.closed_properly for one in study.known)
     damaged = sum(bool(one.session.losses) and one.session.closed_properly for one in study.known)
     if lost or cut or damaged:
@@ -872,10 +859,10 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
 
 
 def _movement_sentence(study: StudyFacts) -> str:
-    driven_s = sum(one.measures.driving.driving_s for one in study.known)
-    goals = study.counted(lambda m: m.driving.goals)
+    driven_s = study.total("driving_s")
+    goals = study.counted("goals")
     count, reached = sum(goals.values()), goals.get("reached", 0)
-    ways = [one.measures.driving.distance_m for one in study.known if one.measures.driving.distance_m is not None]
+    ways = study.each("distance_m")
     of_some = (
         "" if len(ways) == len(study.known) else f", in the {len(ways)} of {len(study.known)} sessions with odometry"
     )
@@ -895,14 +882,9 @@ def _movement_sentence(study: StudyFacts) -> str:
     return f"The robot {' and '.join(part for part in (by_hand, by_itself) if part)}{distance}."
 
 
-def _model_sentence(study: StudyFacts, model: ModelUse) -> str:
+def _model_sentence(model: ModelUse) -> str:
     name = model_name(model)
-    settings = distinct(
-        json.dumps(exchange.parameters, sort_keys=True)
-        for one in study.known
-        for exchange in one.exchanges
-        if model_asked(exchange) == (model.provider, model.model, model.version, model.place)
-    )
+    settings = distinct(model.settings)
     settings_text = f"; {'; '.join(map(settings_words, settings))}" if settings and settings != ["{}"] else ""
     inside = (
         name[:-1] + f"{settings_text})"

@@ -5,9 +5,9 @@ from datetime import UTC, datetime
 
 from caris_desktop.domain.events import ReplyMeans
 from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.recording.measures.distributions import SummaryStats, quantile, share_at_once
 from caris_desktop.recording.session.responses import AT_ONCE_S
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.studies.measures import SummaryStats, quantile, share_at_once
 
 SEEN = (
     ("frame", "the video of the robot's camera"),

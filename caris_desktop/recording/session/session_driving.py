@@ -4,7 +4,6 @@ from collections.abc import Iterable, Sequence
 from operator import attrgetter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from caris_desktop.domain.events import CommandSent, CommandSource
 from caris_desktop.domain.geometry import Twist2D
@@ -39,25 +38,16 @@ def commanded(
     ordered = sorted(commands, key=attrgetter("stamp_ns"))
     if not ordered:
         return []
-    ends_ns = held_until_ns(np.array([command.stamp_ns for command in ordered], np.int64), ended_ns, pauses)
-    return [
-        (command.stamp_ns, end_ns, command)
-        for command, end_ns in zip(ordered, ends_ns.tolist(), strict=True)
-        if command.twist != Twist2D()
-    ]
-
-
-def held_until_ns(
-    stamps_ns: NDArray[np.int64], ended_ns: int, pauses: Sequence[tuple[int, int]] = ()
-) -> NDArray[np.int64]:
-    """End of each command, by their sorted times."""
-    if not stamps_ns.size:
-        return stamps_ns
+    stamps_ns = np.array([command.stamp_ns for command in ordered], np.int64)
     breaks_ns = np.sort(np.array([*(begin_ns for begin_ns, _ in pauses), max(ended_ns, int(stamps_ns[-1]))], np.int64))
     next_break_ns = breaks_ns[np.minimum(np.searchsorted(breaks_ns, stamps_ns), len(breaks_ns) - 1)]
     next_ns = np.append(stamps_ns[1:], breaks_ns[-1])
-    held_ns: NDArray[np.int64] = np.minimum(np.minimum(next_ns, next_break_ns), stamps_ns + int(COMMAND_HOLDS_S * 1e9))
-    return held_ns
+    ends_ns = np.minimum(np.minimum(next_ns, next_break_ns), stamps_ns + int(COMMAND_HOLDS_S * 1e9)).tolist()
+    return [
+        (command.stamp_ns, end_ns, command)
+        for command, end_ns in zip(ordered, ends_ns, strict=True)
+        if command.twist != Twist2D()
+    ]
 
 
 def drives_of(

@@ -3,7 +3,9 @@
 from collections import Counter
 
 from caris_desktop.domain.events import Gap, LinkQuality
-from caris_desktop.recording.studies.measures import Measures, SessionData
+from caris_desktop.domain.sensing import Odometry, RobotPose
+from caris_desktop.recording.measures.session_measures import Measures
+from caris_desktop.recording.session.session_data import SessionData
 
 _MAX_STREAMS = 8
 _STREAMS = {
@@ -28,9 +30,9 @@ def data_quality_problems(facts: SessionData, measures: Measures) -> tuple[str, 
     sentences += _lost_since(facts)
     if session.reason == "disk_full":
         sentences.append("The recording ended because the disk was full.")
-    if measures.pauses:
-        times = "once" if measures.pauses == 1 else f"{measures.pauses} times"
-        sentences.append(f"The recording was paused {times}, for {measures.paused_s:.1f} s in total.")
+    if pauses := measures["pauses"]:
+        times = "once" if pauses == 1 else f"{pauses} times"
+        sentences.append(f"The recording was paused {times}, for {measures['paused_s']:.1f} s in total.")
     sentences += _gaps(facts)
     if not any(utterance.said and utterance.speaker == "participant" for utterance in facts.utterances):
         sentences.append("The recording contains no participant speech, so there are no response times.")
@@ -38,13 +40,13 @@ def data_quality_problems(facts: SessionData, measures: Measures) -> tuple[str, 
         sentences.append("There is no video.")
     if not _has_recording(facts, "audio", "audio-*"):
         sentences.append("There is no audio.")
-    if not facts.odometry_ns.size:
+    if not facts.of(Odometry):
         sentences.append(
             (
                 "The robot reported no odometry: the distance is unknown, because the pose in the map jumps with "
                 "each correction."
             )
-            if facts.pose_ns.size
+            if facts.of(RobotPose)
             else "The robot reported neither odometry nor pose: there is no distance and no trajectory."
         )
     if all(quality.clock_offset_ms is None for quality in facts.of(LinkQuality)):

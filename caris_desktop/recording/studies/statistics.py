@@ -14,66 +14,25 @@ from typing import Any
 from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
+from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES
+from caris_desktop.recording.measures.session_measures import sql
 from caris_desktop.recording.pseudonyms import pseudonyms_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from caris_desktop.recording.session_export import ExportContext, ExportError, export_session
-from caris_desktop.recording.studies.measures import MEASURES
 from caris_desktop.recording.studies.study_index import (
     content_signature,
     copies_among,
     session_folders,
     sessions_dir_of,
 )
+from caris_desktop.recording.tables.build import sql_types
 
 _log = logging.getLogger(__name__)
-_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 5
+_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 6
 _MARKER = "statistics.json"
 _MAX_MARKER_BYTES = 64 * 1024 * 1024
-# Columns that the queries need, so that a table missing in all sessions is empty rather than absent.
-_TABLES: dict[str, dict[str, str]] = {
-    "session": {"key": "VARCHAR", "value": "VARCHAR"},
-    "utterances": {
-        "speaker": "VARCHAR", "origin": "VARCHAR", "said": "BOOLEAN", "requested_ns": "BIGINT", "start_ns": "BIGINT",
-        "end_ns": "BIGINT", "text": "VARCHAR",
-    },
-    "responses": {"means": "VARCHAR", "first": "BOOLEAN", "gap_s": "DOUBLE"},
-    "annotations": {"coder": "VARCHAR", "tier": "VARCHAR", "value": "VARCHAR", "duration_s": "DOUBLE"},
-    "marks": {"stamp_ns": "BIGINT", "label": "VARCHAR", "kind": "VARCHAR", "duration_s": "DOUBLE"},
-    "odometry": {
-        "stamp_ns": "BIGINT", "pose_in_odom_x_m": "DOUBLE", "pose_in_odom_y_m": "DOUBLE",
-        "twist_forward_mps": "DOUBLE", "twist_left_mps": "DOUBLE",
-    },
-    "pose": {"stamp_ns": "BIGINT", "pose_in_map_x_m": "DOUBLE", "pose_in_map_y_m": "DOUBLE"},
-    "event_recording_paused": {"stamp_ns": "BIGINT", "paused": "BOOLEAN"},
-    "event_llm_exchange": {
-        "stamp_ns": "BIGINT", "exchange_id": "VARCHAR", "outcome": "VARCHAR", "purpose": "VARCHAR",
-        "provider": "VARCHAR", "model": "VARCHAR", "model_version": "VARCHAR", "server": "VARCHAR", "seed": "BIGINT",
-    },
-    "answers": {"exchange_id": "VARCHAR", "outcome": "VARCHAR", "use": "VARCHAR"},
-    "event_command_sent": {
-        "stamp_ns": "BIGINT", "source": "VARCHAR", "twist_forward_mps": "DOUBLE", "twist_left_mps": "DOUBLE",
-        "twist_turn_radps": "DOUBLE",
-    },
-    "event_link_changed": {"stamp_ns": "BIGINT", "link": "VARCHAR", "state": "VARCHAR"},
-    "event_stop_requested": {"stamp_ns": "BIGINT"},
-    "event_emergency_stop_changed": {"stamp_ns": "BIGINT", "latched": "BOOLEAN"},
-    "goals": {"goal_id": "VARCHAR", "state": "VARCHAR"},
-    "alarms": {
-        "alarm_id": "VARCHAR", "cause": "VARCHAR", "what": "VARCHAR", "stood_s": "DOUBLE", "times": "BIGINT",
-        "seen_to_by": "VARCHAR",
-    },
-    "protocol": {
-        "step_id": "VARCHAR", "title": "VARCHAR", "step_number": "BIGINT", "visits": "BIGINT", "expected_s": "DOUBLE",
-        "time_s": "DOUBLE", "late_s": "DOUBLE", "skipped": "BIGINT",
-    },
-    "event_guard_changed": {"stamp_ns": "BIGINT", "state": "VARCHAR"},
-    "event_gap": {"count": "BIGINT"},
-    "event_problem": {"stamp_ns": "BIGINT"},
-    "visits": {"stamp_ns": "BIGINT", "end_ns": "BIGINT", "person_id": "VARCHAR"},
-}  # fmt: skip
 _OTHER_VIEWS = {
     "labels": "labels", "codes": "codes", "models": "models", "gaps": "gaps_by_means", "steps": "steps",
     "alarms": "alarm_causes",
@@ -270,18 +229,15 @@ def _remove(folder: Path) -> None:
 
 def queries(out: Path, *, tables: str = "tables") -> str:
     """SQL text: views of the tables, then the queries. ``tables`` is the path of their folder in it."""
-    text = (resources_dir() / "queries" / "statistics.sql").read_text(encoding="utf-8")
     lines = ["-- The tables. Those that no session has are empty."]
-    for name, columns in _TABLES.items():
+    for name, columns in TABLES.items():
         if any((out / "tables").glob(f"*/{name}.parquet")):
             source = f"FROM read_parquet({_quoted(f'{tables}/*/{name}.parquet')}, union_by_name = true)"
         else:
-            typed = {**dict.fromkeys(("session", "participant", "condition", "trial"), "VARCHAR"), **columns}
-            source = (
-                f"SELECT {', '.join(f'NULL::{kind} AS {_named(column)}' for column, kind in typed.items())} LIMIT 0"
-            )
+            kinds = sql_types(name, columns)
+            source = f"SELECT {', '.join(f'NULL::{kind} AS {_named(one)}' for one, kind in kinds.items())} LIMIT 0"
         lines.append(f"CREATE VIEW {name} AS {source};")
-    return f"{text.rstrip()}\n".replace("-- The sessions, with", "\n".join([*lines, "", "-- The sessions, with"]), 1)
+    return "\n".join([*lines, "", sql()])
 
 
 def _compute(out: Path, style: CsvStyle) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], ...]]:

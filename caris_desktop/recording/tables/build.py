@@ -2,15 +2,17 @@
 
 import dataclasses
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from caris_desktop.recording.session.robot_clock_mapping import robot_clock
+from caris_desktop.domain.streams import STREAMS
+from caris_desktop.recording.session.robot_clock_mapping import RobotClock, robot_clock
 from caris_desktop.recording.session.session_data import FOLDED, SessionData
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.tables.catalog import Column, Moment, RowTimes, Table, tables_of
+from caris_desktop.recording.tables.arrow import array
+from caris_desktop.recording.tables.catalog import Column, Moment, RowTimes, Table, key_columns, tables_of
 from caris_desktop.recording.tables.derived import ANNOTATIONS, DERIVED, SESSION_TABLE, annotations, session_facts
 
 _log = logging.getLogger(__name__)
@@ -18,6 +20,7 @@ _log = logging.getLogger(__name__)
 _FARTHEST_NS = 100 * 365 * 86_400 * 1_000_000_000
 _PROGRESS_EVERY_ROWS = 500
 _BATCH_ROWS, _BATCH_BYTES = 5_000, 16 * 1024 * 1024
+_SQL_TYPES = {"integer": "BIGINT", "number": "DOUBLE", "true or false": "BOOLEAN"}
 _ARRAYS = ("cells", "depths", "points", "numbers")
 _DERIVED_TABLES = (SESSION_TABLE, *(one.table for one in DERIVED), ANNOTATIONS.table)
 
@@ -70,7 +73,7 @@ def session_batches(
     for number, (arrival_ns, spec, value) in enumerate(session.arrivals()):
         if type(value) in folded:
             data.add(value)
-        if not isinstance(value.stamp_ns, int) or abs(value.stamp_ns - session.started_ns) > _FARTHEST_NS:
+        if not _has_stamp(value, session):
             _log.warning("a value of %s has no usable stamp and is left out", spec.name)
             continue
         if spec.name not in tables:
@@ -95,6 +98,50 @@ def session_batches(
     for table, rows in (*rest, *derived, (ANNOTATIONS.table, coded)):
         if rows:
             yield Batch(table, table.cells(rows, times))
+
+
+def sql_types(name: str, columns: Iterable[str]) -> dict[str, str]:
+    """SQL types of the key columns and these columns of a table."""
+    found = next((table for table in _DERIVED_TABLES if table.name == name), None)
+    table = found or tables_of(next(spec for spec in STREAMS if spec.name.replace("/", "_") == name))[0]
+    kinds = {column.name: _SQL_TYPES.get(column.kind, "VARCHAR") for column in table.columns}
+    keys = dict.fromkeys(("session", "participant", "condition", "trial"), "VARCHAR")
+    return keys | {column: kinds[column] for column in columns}
+
+
+def data_tables(data: SessionData, wanted: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+    """Arrow tables in memory of a session whose values were read: these tables, with their key columns and these
+    columns.
+    """
+    import pyarrow as pa
+
+    session = data.session
+    times = RowTimes(session.clock, RobotClock(()))
+    rows: dict[str, tuple[Table, list[tuple[Moment, Any]]]] = {
+        SESSION_TABLE.name: (SESSION_TABLE, [(Moment(0), fact) for fact in session_facts(session, times.robot)]),
+        ANNOTATIONS.table.name: (ANNOTATIONS.table, []),
+        **{one.table.name: (one.table, one.rows(data)) for one in DERIVED if one.table.name in wanted},
+    }
+    for spec in STREAMS:
+        if (name := spec.name.replace("/", "_")) in wanted:
+            values = (
+                (Moment(value.stamp_ns), value) for value in data.of(spec.value_type) if _has_stamp(value, session)
+            )
+            rows[name] = (tables_of(spec)[0], list(values))
+    keys = [(column.name, column.read(None, times)) for column in key_columns(session)]
+    tables = {}
+    for name, columns in wanted.items():
+        table, of_table = rows[name]
+        some = table.only(columns)
+        arrays = [array(name, *each) for each in zip(some.columns, some.cells(of_table, times), strict=True)]
+        whose = [pa.repeat(pa.scalar(value, pa.string()), len(of_table)) for _, value in keys]
+        names = [*(key for key, _ in keys), *(column.name for column in some.columns)]
+        tables[name] = pa.Table.from_arrays([*whose, *arrays], names=names)
+    return tables
+
+
+def _has_stamp(value: Any, session: Session) -> bool:
+    return isinstance(value.stamp_ns, int) and abs(value.stamp_ns - session.started_ns) <= _FARTHEST_NS
 
 
 def dictionary_columns(tables: Iterable[Table], whose: tuple[Column, ...] = ()) -> list[list[str]]:

@@ -167,6 +167,14 @@ class Table:
     def columns(self) -> tuple[Column, ...]:
         return self.time_columns + self.own_columns
 
+    def only(self, names: Sequence[str]) -> "Table":
+        """The table with these columns."""
+        own, time = (
+            tuple(column for column in columns if column.name in names)
+            for columns in (self.own_columns, self.time_columns)
+        )
+        return dataclasses.replace(self, own_columns=own, time_columns=time)
+
     def cells(self, rows: Sequence[tuple[Moment, Any]], times: RowTimes) -> list[list[Any]]:
         """Cells by column of rows, each given as its moment and value."""
         return [

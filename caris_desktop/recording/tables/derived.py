@@ -12,6 +12,7 @@ from caris_desktop.recording.session.responses import Response
 from caris_desktop.recording.session.robot_clock_mapping import RobotClock
 from caris_desktop.recording.session.session_alarms import AlarmRecord
 from caris_desktop.recording.session.session_data import SessionData
+from caris_desktop.recording.session.session_driving import Drive
 from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.recording.session.session_protocol import StepRecord, StepVisit
 from caris_desktop.recording.session.session_reader import Session
@@ -111,6 +112,15 @@ DERIVED: tuple[DerivedTable, ...] = (
         lambda data: data.marks,
     ),
     _derived(
+        "drives",
+        Drive,
+        "source end_ns duration_s",
+        """One interval of manual driving from one source. The time columns give its start. A velocity command counts if
+        any component is nonzero, however slow, until the next command, a pause or the end of the recording, at most
+        0.3 s.""",
+        lambda data: data.drives,
+    ),
+    _derived(
         "goals",
         NavigationGoal,
         "goal_id place target_in_map state end_ns duration_s actor",
@@ -204,7 +214,8 @@ def annotations(session: Session, on_damaged: Callable[[str], None]) -> Iterator
 def session_facts(session: Session, robot: RobotClock) -> Iterator[_Fact]:
     """Rows of SESSION_TABLE."""
     yield _Fact("folder", session.folder.name)
-    for key, value in _flat(session.header):
+    lost = {"lost": dict(session.lost)} if session.lost else {}
+    for key, value in _flat({**session.header, **lost}):
         yield _Fact(key, _in_one_line(value))
     yield _Fact("closed_properly", _in_one_line(session.closed_properly))
     yield _Fact("recorded_s", _in_one_line(round(session.duration_s, 3)))

@@ -41,7 +41,7 @@ from caris_desktop.recording.annotation import annotation_editing
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.session_tiers import (
     EVENTS_IN_WORDS,
-    TimelineBuilder,
+    SHOWN,
     session_tiers,
     streams_of_tiers,
     type_in_words,
@@ -50,9 +50,9 @@ from caris_desktop.recording.annotation.states import STATES_IN_WORDS
 from caris_desktop.recording.annotation.timeline_builder import BUCKET_NS, build_overview
 from caris_desktop.recording.exporters.csv import write_csv
 from caris_desktop.recording.exporters.eaf import write_eaf
+from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session_export import ExportContext
-from caris_desktop.recording.studies.measures import measure, read_facts
 from caris_desktop.ui.replay.timeline_model import all_rows
 from tests.recording.told_session import STARTED_NS, at, drive, exchange, heard, said, tell, tour
 
@@ -262,9 +262,9 @@ def test_a_goal_that_was_over_before_the_recording_is_none_of_it(tmp_path: Path)
         (115_000, 115_200, "refused: failed"),
         (116_000, 120_000, "lab: requested"),
     ]
-    driving = measure(read_facts(session)).driving
-    assert driving.goals == {"cancelled": 1, "failed": 1, "unfinished": 1}
-    assert driving.navigating_s == pytest.approx(14.99 + 4.0)
+    measures = measure(read_facts(session))
+    assert measures.of("goals") == {"cancelled": 1, "failed": 1, "unfinished": 1}
+    assert measures["navigating_s"] == pytest.approx(14.99 + 4.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -385,9 +385,8 @@ def test_a_running_import_can_be_cancelled(tmp_path: Path) -> None:
         build_overview(told(tmp_path, []), cancel)
 
 
-def test_the_rows_of_all_events_are_known_to_translators(tmp_path: Path) -> None:
-    record = TimelineBuilder(told(tmp_path, []))
-    others = {streams.BY_NAME[name].value_type for name in streams_of_tiers()} - record._folded.keys() | {StepTicked}
+def test_the_rows_of_all_events_are_known_to_translators() -> None:
+    others = {streams.BY_NAME[name].value_type for name in streams_of_tiers()} - SHOWN | {StepTicked}
     assert {type_in_words(kind) for kind in others} == set(EVENTS_IN_WORDS)
 
 

@@ -34,9 +34,9 @@ from caris_desktop.recording.annotation.eaf_import import read_eaf
 from caris_desktop.recording.annotation.timeline_builder import build_overview
 from caris_desktop.recording.exporters.methods import write_methods_of_study
 from caris_desktop.recording.exporters.methods_sheet import methods_sheet
+from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session_export import ExportContext, ExportRequest, export_all, export_session
-from caris_desktop.recording.studies.measures import measure, read_facts
 from caris_desktop.recording.studies.statistics import study_statistics
 from tests.recording.told_session import TRIAL, at, drive, exchange, heard, said, silenced, tell, tour
 
@@ -124,7 +124,7 @@ def test_the_report_shows_what_happened(toured: Session, tmp_path: Path) -> None
     ):
         assert words in page.text
     # In the transcript, and with its time as a tooltip of the timeline.
-    fillers = measures.origins["filler"]
+    fillers = measures.of("robot_utterances")["filler"]
     assert len([item for item in page.texts if item == "Let me think..."]) == fillers
     assert len([item for item in page.texts if re.fullmatch(r"\d:\d\d to \d:\d\d Let me think...", item)]) == fillers
     out = drawings(tmp_path / "out" / "report.html")

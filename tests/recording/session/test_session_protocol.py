@@ -16,10 +16,10 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.annotation.timeline_builder import build_overview
+from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.recording.session.session_protocol import StepRecord, read_protocol, step_visits_of, steps_of
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportContext, export_session
-from caris_desktop.recording.studies.measures import measure, read_facts
 from tests.recording.told_session import STEPS, at, stepped, tell
 
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from caris_desktop.domain.events import (
@@ -27,23 +26,12 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.recording.annotation.session_tiers import session_tiers
+from caris_desktop.recording.measures.distributions import SummaryStats
+from caris_desktop.recording.measures.measure_definitions import MEASURES
+from caris_desktop.recording.measures.session_measures import Measures, measure, read_facts
+from caris_desktop.recording.session.session_data import SessionData
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.studies.data_quality import data_quality_problems
-from caris_desktop.recording.studies.measures import (
-    MEASURES,
-    Interval,
-    Measures,
-    SessionData,
-    SummaryStats,
-    covered_s,
-    driving_intervals,
-    goal_intervals,
-    link_trouble,
-    measure,
-    read_facts,
-    trajectory_length_m,
-    visits,
-)
 from tests.recording.told_session import at, drive, exchange, heard, said, silenced, tell
 
 
@@ -73,9 +61,9 @@ def test_a_response_is_what_the_robot_says_right_after_a_participant(tmp_path: P
         ],
     )
     assert [round(reply.delay_s, 6) for reply in measures.responses] == [0.75, 1.5]
-    assert [reply.utterance.text for reply in measures.responses] == ["Let me think...", "Yes."]
+    assert [reply.utterance_id for reply in measures.responses] == ["u-2", "u-4"]
     assert [round(reply.delay_s, 6) for reply in measures.content_responses] == [2.5, 1.5]
-    assert (measures.pauses, measures.paused_s, measures.recorded_s) == (1, 2.0, 98.0)
+    assert (measures["pauses"], measures["paused_s"], measures["recorded_s"]) == (1, 2.0, 98.0)
 
 
 def test_a_wizard_reacts_to_what_came_last(tmp_path: Path) -> None:
@@ -108,12 +96,11 @@ def test_talk_is_reported_by_speaker_and_by_origin(tmp_path: Path) -> None:
             waiting,
         ],
     )
-    participant, robot = measures.talk["participant"], measures.talk["robot"]
-    assert (participant.utterances, participant.words, participant.speech_s) == (2, 4, pytest.approx(2.5))
-    assert (robot.utterances, robot.words, robot.speech_s) == (3, 6, pytest.approx(2.5))
-    assert "wizard" not in measures.talk
-    assert measures.origins == {"phrase": 2, "suggestion": 1}
-    assert (measures.unsaid, measures.interrupted) == (1, 1)
+    assert measures.of("utterances") == {"participant": 2, "robot": 3}
+    assert measures.of("words") == {"participant": 4, "robot": 6}
+    assert measures.of("talk_s") == pytest.approx({"participant": 2.5, "robot": 2.5})
+    assert measures.of("robot_utterances") == {"phrase": 2, "suggestion": 1}
+    assert (measures["unsaid_utterances"], measures["interrupted_utterances"]) == (1, 1)
 
 
 def test_each_model_is_listed_with_the_fate_of_its_answers(tmp_path: Path) -> None:
@@ -200,9 +187,9 @@ def test_an_unspoken_suggestion_was_not_used(tmp_path: Path) -> None:
     (model,) = measures.models
     assert (model.answered, model.said, model.edited, model.dismissed, model.unused) == (5, 1, 1, 0, 3)
     assert model.accepted_fraction == pytest.approx(0.4)
-    assert measures.origins == {"typed": 1, "assistant": 2}
-    assert (measures.unsaid, measures.interrupted) == (4, 1)
-    assert measures.talk["robot"].utterances == 3
+    assert measures.of("robot_utterances") == {"typed": 1, "assistant": 2}
+    assert (measures["unsaid_utterances"], measures["interrupted_utterances"]) == (4, 1)
+    assert measures["robot_utterances"] == 3
 
 
 def test_identities_are_not_people(tmp_path: Path) -> None:
@@ -220,8 +207,8 @@ def test_identities_are_not_people(tmp_path: Path) -> None:
     ]
     facts = read_facts(open_session(tell(tmp_path / "s", values, lasts_s=100)))
     measures = measure(facts)
-    assert (measures.people, measures.identities) == (1, 4)
-    assert [(visit.person_id, (visit.end_ns - visit.start_ns) / 1e9) for visit in visits(facts)] == [
+    assert (measures["people"], measures["identities"]) == (1, 4)
+    assert [(visit.person_id, (visit.end_ns - visit.start_ns) / 1e9) for visit in facts.visits] == [
         ("p-1", pytest.approx(20.4)),
         ("p-2", pytest.approx(21.4)),
         ("p-3", pytest.approx(20.0)),
@@ -261,21 +248,26 @@ def test_driving(tmp_path: Path) -> None:
         GuardChanged(at(61.0), "overridden"),
     ]
     facts = read_facts(open_session(tell(tmp_path / "s", values, lasts_s=100)))
-    driving = measure(facts).driving
-    assert driving.distance_m == pytest.approx(1.3)
-    assert driving.max_speed_mps == 0.6
-    assert driving.seconds_by_source == pytest.approx({"keyboard": 2.0, "gamepad": 1.0})
-    assert driving.driving_s == pytest.approx(3.0)
-    assert (driving.stops, driving.emergency_stops, driving.guard_interventions) == (1, 2, 2)
-    assert driving.ended_by_itself == {"The link to the robot was lost": 1}
-    assert driving.goals == {"reached": 1, "failed": 1, "unfinished": 1}
-    assert driving.navigating_s == pytest.approx(15.0)
-    assert driving.guard_s == pytest.approx({"clear": 56.0, "slowing": 2.0, "blocked": 3.0, "overridden": 39.0})
-    assert [(stretch.label, stretch.duration_s) for stretch in driving_intervals(facts)] == [
-        ("keyboard", pytest.approx(2.0)),
-        ("gamepad", pytest.approx(1.0)),
-    ]
-    assert [stretch.label for stretch in goal_intervals(facts)] == ["reached", "unfinished"]
+    measures = measure(facts)
+    assert measures["distance_m"] == pytest.approx(1.3)
+    assert measures["max_speed_mps"] == 0.6
+    assert measures.of("driving_s") == pytest.approx({"keyboard": 2.0, "gamepad": 1.0})
+    assert measures["driving_s"] == pytest.approx(3.0)
+    assert [measures[name] for name in ("stops", "emergency_stops", "guard_interventions")] == [1, 2, 2]
+    assert measures.of("drives_ended") == {"The link to the robot was lost": 1}
+    assert measures.of("goals") == {"reached": 1, "failed": 1, "unfinished": 1}
+    assert measures["navigating_s"] == pytest.approx(15.0)
+    assert measures.of("guard_s") == pytest.approx({"clear": 56.0, "slowing": 2.0, "blocked": 3.0, "overridden": 39.0})
+    assert [(drive.source, drive.duration_s) for drive in facts.drives] == [("keyboard", 2.0), ("gamepad", 1.0)]
+    assert [stretch.label for stretch in measures.navigation] == ["reached", "unfinished"]
+
+
+def test_goals_that_overlap_count_once(tmp_path: Path) -> None:
+    goal = Pose2D(1.0, 2.0, 0.0)
+    spans = [("g1", 0.0, 4.0), ("g2", 1.0, 2.0), ("g3", 3.0, 6.0)]
+    values = [GoalChanged(at(1 + start), name, "active", goal) for name, start, _ in spans]
+    values += [GoalChanged(at(1 + end), name, "reached", goal) for name, _, end in spans]
+    assert measured(tmp_path, values)["navigating_s"] == 6.0
 
 
 def test_marks_link_clock_and_losses(tmp_path: Path) -> None:
@@ -309,19 +301,15 @@ def test_marks_link_clock_and_losses(tmp_path: Path) -> None:
     ]
     facts = read_facts(open_session(tell(tmp_path / "s", values, lasts_s=100)))
     measures = measure(facts)
-    assert (measures.marks, measures.errors) == ({"Laughs": 2}, {"late": 1})
-    assert measures.errors_per_10_min == pytest.approx(6.0)
-    assert measures.link_trouble_s == pytest.approx(4.0)
-    assert [stretch.label for stretch in link_trouble(facts.of(LinkChanged), at(100))] == [
-        "trouble",
-        "lost",
-        "connecting",
-    ]
+    assert (measures.of("marks"), measures.of("wizard_errors")) == ({"Laughs": 2}, {"late": 1})
+    assert measures["wizard_errors_per_10_min"] == pytest.approx(6.0)
+    assert measures["link_trouble_s"] == pytest.approx(4.0)
+    assert [stretch.label for stretch in measures.link_trouble] == ["trouble", "lost", "connecting"]
     assert not any("robot's clock" in sentence for sentence in data_quality_problems(facts, measures))
-    assert measures.lost == {"frame": 7, "scan": 1}
-    assert measures.problems == {"warning": 1, "info": 1}
-    assert (measures.people, measures.identities) == (2, 3)
-    assert [(visit.person_id, (visit.end_ns - visit.start_ns) / 1e9) for visit in visits(facts)] == [
+    assert measures.of("lost_values") == {"frame": 7, "scan": 1}
+    assert measures["problems"] == 2
+    assert (measures["people"], measures["identities"]) == (2, 3)
+    assert [(visit.person_id, (visit.end_ns - visit.start_ns) / 1e9) for visit in facts.visits] == [
         ("p-9", pytest.approx(61.0)),
         ("p-1", pytest.approx(10.0)),
         ("p-1", pytest.approx(50.0)),
@@ -332,7 +320,7 @@ def test_marks_link_clock_and_losses(tmp_path: Path) -> None:
 def test_an_empty_session_has_measures_too(tmp_path: Path) -> None:
     facts = read_facts(open_session(tell(tmp_path / "s", [], lasts_s=0.0)))
     measures = measure(facts)
-    values = {figure.name: figure.of(measures) for figure in MEASURES}
+    values = {figure.name: measures.values[figure.name] for figure in MEASURES}
     assert any("robot's clock" in sentence for sentence in data_quality_problems(facts, measures))
     unknown = {name for name, value in values.items() if value is None}
     assert unknown == {
@@ -351,19 +339,6 @@ def test_spread_of_one_value_has_no_deviation() -> None:
     assert SummaryStats.of([1.0, 3.0]) == SummaryStats(2, 2.0, pytest.approx(2**0.5), 2.0, 1.0, 3.0)
 
 
-def test_overlapping_intervals_count_once() -> None:
-    stretches = [
-        Interval(0, 4_000_000_000, ""),
-        Interval(1_000_000_000, 2_000_000_000, ""),
-        Interval(3 * 10**9, 6 * 10**9, ""),
-    ]
-    assert covered_s(stretches) == 6.0
-    assert covered_s([]) == 0.0
-    stamps_ns = np.array([0, 10**9, 2 * 10**9])
-    assert trajectory_length_m(stamps_ns, np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 400.0]])) == 5.0
-    assert trajectory_length_m(stamps_ns[:1], np.zeros((1, 2))) == 0.0
-
-
 def _one_number(facts: SessionData) -> tuple[float, float, float, float]:
     """Driving time by the measures, the report, and its two tiers."""
     tiers = session_tiers(facts.session)
@@ -376,8 +351,8 @@ def _one_number(facts: SessionData) -> tuple[float, float, float, float]:
             if names[one.tier_id] == name and one.value != "standing"
         )
 
-    reported = sum(stretch.duration_s for stretch in driving_intervals(facts))
-    return measure(facts).driving.driving_s, reported, of("Driving source"), of("Motion")
+    reported = sum(drive.duration_s for drive in facts.drives)
+    return measure(facts)["driving_s"], reported, of("Driving source"), of("Motion")
 
 
 @pytest.mark.parametrize(
@@ -405,8 +380,8 @@ def test_without_odometry_the_distance_is_not_known_and_without_places_it_is_the
     poses = [RobotPose(at(moment / 10), None, Pose2D(0.1 * (moment % 2), 0.0, 0.0)) for moment in range(200)]
     tell(tmp_path / "s", poses, lasts_s=30)
     facts = read_facts(open_session(tmp_path / "s"))
-    assert measure(facts).driving.distance_m is None
+    assert measure(facts).values["distance_m"] is None
     assert any("the distance is unknown" in sentence for sentence in data_quality_problems(facts, measure(facts)))
     driven = [Odometry(at(1 + n / 10), None, Pose2D(0.0, 0.0, 0.0), Twist2D(0.2, 0.0, 0.0)) for n in range(51)]
     tell(tmp_path / "t", driven, lasts_s=30)
-    assert measure(read_facts(open_session(tmp_path / "t"))).driving.distance_m == pytest.approx(1.0, abs=0.01)
+    assert measure(read_facts(open_session(tmp_path / "t")))["distance_m"] == pytest.approx(1.0, abs=0.01)

@@ -9,11 +9,11 @@ import pytest
 
 from caris_desktop.recording.export_command import _verify
 from caris_desktop.recording.exporters.methods_sheet import methods_sheet
+from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportRequest, export_all
 from caris_desktop.recording.studies.data_quality import data_quality_problems
-from caris_desktop.recording.studies.measures import MEASURES, measure, read_facts
 from caris_desktop.recording.studies.study_index import StudyIndex
 from tests.support.recorded_session import RecordedSession
 
@@ -50,8 +50,7 @@ def test_missing_data_is_reported_alike_wherever_a_session_is_read(damaged: Path
     facts = read_facts(session)
     measures = measure(facts)
     assert _told(list(data_quality_problems(facts, measures))) == expected  # report
-    (figure,) = (figure for figure in MEASURES if figure.name == "missing_values")
-    assert figure.of(measures) == gone  # statistics and its tables
+    assert measures["missing_values"] == gone  # statistics and its tables
     answers = [item.answer for section in methods_sheet([session]).sections for item in section.items]
     assert _told(answers) == expected
     assert "No missing data was recorded" not in " ".join(answers)

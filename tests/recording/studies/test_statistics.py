@@ -4,6 +4,7 @@ import argparse
 import csv
 import json
 import math
+import re
 import shutil
 import statistics
 from dataclasses import replace
@@ -27,9 +28,10 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.annotation_store import save_coder
+from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES, THRESHOLDS
+from caris_desktop.recording.measures.session_measures import Measures, measure, read_facts
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.studies import statistics_command
-from caris_desktop.recording.studies.measures import MEASURES, Measures, measure, read_facts
 from caris_desktop.recording.studies.statistics import StatisticsError, StudyStatistics, queries, study_statistics
 from tests.recording.told_session import TRIAL, at, exchange, silenced, stepped, tell, tour
 
@@ -109,16 +111,25 @@ def made(study: Path) -> StudyStatistics:
     return study_statistics(study, study / "statistics")
 
 
-def test_the_queries_agree_with_the_measures_of_each_session(
+def test_a_session_has_the_same_measures_alone_and_within_its_study(
     made: StudyStatistics, measures: dict[str, Measures]
 ) -> None:
     assert (made.sessions, made.exported, made.problems) == (4, 4, ())
     for row in made.measures:
-        expected = {figure.name: figure.of(measures[row["session"]]) for figure in MEASURES}
-        for name, value in expected.items():
-            assert (row[name] is None) == (value is None), name
-            assert value is None or math.isclose(row[name], value, rel_tol=1e-6, abs_tol=1e-6), name
+        told = measures[row["session"]].values
+        assert list(told) == list(row)
+        for figure in MEASURES:
+            assert row[figure.name] == pytest.approx(told[figure.name]), figure.name
     assert sum(row["responses"] or 0 for row in made.measures) > 10
+
+
+def test_the_definitions_name_what_the_queries_compute_and_read(made: StudyStatistics) -> None:
+    computed = list(made.measures[0])
+    assert computed[computed.index("recorded_s") :] == [figure.name for figure in MEASURES]
+    text = queries(made.out)
+    assert set(re.findall(r"getvariable\('(\w+)'\)", text)) | {"command_holds_s"} == {one.name for one in THRESHOLDS}
+    for name in TABLES:
+        assert len(re.findall(rf"\b{name}\b", text)) > 1, f"{name} is not read"
 
 
 def test_the_summary_is_that_of_the_sessions_that_count(made: StudyStatistics, measures: dict[str, Measures]) -> None:
@@ -127,7 +138,7 @@ def test_the_summary_is_that_of_the_sessions_that_count(made: StudyStatistics, m
     compared = 0
     for condition, names in groups.items():
         for figure in MEASURES:
-            values = [value for name in names if (value := figure.of(measures[name])) is not None]
+            values = [value for name in names if (value := measures[name].values[figure.name]) is not None]
             row = rows.pop((condition, figure.name), None)
             if not values:
                 assert row is None

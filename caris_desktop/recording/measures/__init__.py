@@ -1,0 +1,1 @@
+"""Measures of sessions: their definitions, and their values."""
