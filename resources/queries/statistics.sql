@@ -73,12 +73,13 @@ CREATE VIEW content_responses AS SELECT * EXCLUDE (with_fillers) FROM all_respon
 CREATE VIEW moments AS
 WITH happened AS (
     SELECT session, end_ns AS at_ns, 0 AS request, NULL AS utterance_id
-    FROM utterances WHERE speaker = 'participant' AND end_ns IS NOT NULL
+    FROM utterances WHERE speaker = 'participant' AND said AND end_ns IS NOT NULL
     UNION ALL
     SELECT session, stamp_ns, 0, NULL FROM event_llm_exchange
     WHERE outcome = 'answered' AND coalesce(purpose, 'question') = 'question'
     UNION ALL
-    SELECT session, requested_ns, 1, utterance_id FROM utterances WHERE speaker = 'robot' AND requested_ns IS NOT NULL
+    SELECT session, requested_ns, 1, utterance_id FROM utterances
+    WHERE speaker = 'robot' AND requested_ns IS NOT NULL AND actor NOT IN ('console', 'model', 'script')
 )
 SELECT
     session, at_ns, request,
@@ -176,6 +177,7 @@ reaction AS (SELECT session, median(delay_s) AS middle_s FROM reactions GROUP BY
 gap AS (
     SELECT
         session,
+        count(*) AS n,
         median(gap_s) AS middle_s,
         quantile_cont(gap_s, 0.25) AS lower_s,
         quantile_cont(gap_s, 0.75) AS upper_s,
@@ -211,6 +213,16 @@ silent AS (
         count(*) FILTER (NOT said) AS unsaid,
         count(*) FILTER (said AND state = 'interrupted') AS interrupted
     FROM utterances WHERE speaker = 'robot' GROUP BY session
+),
+suggested AS (
+    SELECT
+        session, count(*) AS n,
+        count(*) FILTER (fate = 'taken') AS said,
+        count(*) FILTER (fate = 'edited') AS edited,
+        count(*) FILTER (fate = 'dismissed') AS dismissed,
+        count(*) FILTER (fate = 'superseded') AS superseded,
+        count(*) FILTER (fate = 'expired') AS expired
+    FROM suggestions GROUP BY session
 ),
 driven AS (SELECT session, sum(duration_s) AS seconds FROM drives GROUP BY session),
 stopped AS (SELECT session, count(*) AS n FROM event_stop_requested GROUP BY session),
@@ -274,6 +286,7 @@ SELECT
     response.middle_s AS response_time_s,
     content.middle_s AS content_response_time_s,
     reaction.middle_s AS reaction_time_s,
+    CASE WHEN talk.participant_n > 0 THEN coalesce(gap.n, 0) END AS gaps,
     gap.middle_s AS gap_s,
     gap.lower_s AS gap_lower_quartile_s,
     gap.upper_s AS gap_upper_quartile_s,
@@ -294,6 +307,12 @@ SELECT
     coalesce(silent.interrupted, 0) AS interrupted_utterances,
     coalesce(llm.n, 0) AS llm_exchanges,
     llm.accepted AS llm_accepted_fraction,
+    coalesce(suggested.n, 0) AS suggestions_shown,
+    coalesce(suggested.said, 0) AS suggestions_said,
+    coalesce(suggested.edited, 0) AS suggestions_edited,
+    coalesce(suggested.dismissed, 0) AS suggestions_dismissed,
+    coalesce(suggested.superseded, 0) AS suggestions_superseded,
+    coalesce(suggested.expired, 0) AS suggestions_expired,
     ways.distance_m AS distance_m,
     coalesce(driven.seconds, 0) AS driving_s,
     coalesce(navigated.seconds, 0) AS navigating_s,
@@ -332,6 +351,7 @@ LEFT JOIN gap USING (session)
 LEFT JOIN talk USING (session)
 LEFT JOIN silent USING (session)
 LEFT JOIN llm USING (session)
+LEFT JOIN suggested USING (session)
 LEFT JOIN ways USING (session)
 LEFT JOIN driven USING (session)
 LEFT JOIN navigated USING (session)

@@ -99,7 +99,7 @@ def exported(name: str, work: Path) -> dict[str, str]:
     shutil.copytree(session, study / name)
     study_statistics(study, out)
     shutil.rmtree(out / "tables")
-    for path in (out / "queries.sql", out / "statistics.json"):
+    for path in (out / "queries.sql", out / "statistics.json", out / "codebook.csv"):
         path.unlink()
     found[f"{name}.statistics.txt"] = _sections(out)
     found[f"{name}.warnings.txt"] = "\n".join([*warnings, ""])

@@ -21,6 +21,8 @@ from caris_desktop.domain.events import (
     LinkQuality,
     LlmExchange,
     PersonAppeared,
+    PersonIdentified,
+    PersonLeft,
     PhotoDeleted,
     PhotoTaken,
     ResponseTimed,
@@ -28,6 +30,7 @@ from caris_desktop.domain.events import (
     SessionEnded,
     SessionStarted,
     StepTicked,
+    SuggestionChanged,
     TrafficMeasured,
     UtteranceOrigin,
 )
@@ -84,8 +87,9 @@ _NO_TIERS: tuple[type[Any], ...] = (LinkQuality, TrafficMeasured, SessionStarted
 
 SHOWN = frozenset(
     (*FOLDED, LinkChanged, GuardChanged, EmergencyStopChanged, ScenarioOpened)
-) - {AlarmChanged, PhotoDeleted, PhotoTaken, ResponseTimed}  # fmt: skip
+) - {AlarmChanged, PhotoDeleted, PhotoTaken, ResponseTimed, SuggestionChanged}  # fmt: skip
 """Types with tiers of their own."""
+_KEPT = SHOWN | frozenset(FOLDED)
 
 
 def session_tiers(session: Session, progress: Callable[[float], None] | None = None) -> AnnotationDocument:
@@ -137,7 +141,7 @@ class TimelineBuilder:
     def add(self, value: Any) -> None:
         """Add a value; values of non-event streams are ignored."""
         kind = type(value)
-        if kind in SHOWN:
+        if kind in _KEPT:
             self._data.add(value)
         if kind not in SHOWN - {StepTicked} and kind in BY_TYPE and _is_event(BY_TYPE[kind]):
             start_ns, end_ns = getattr(value, "start_ns", None), getattr(value, "end_ns", None)
@@ -250,18 +254,21 @@ class TimelineBuilder:
         yield _Row(QT_TR_NOOP("People present"), counts)
         if len(present) > MOST_PEOPLE:
             return
-        numbers = {event.person_id: event.number for event in self._data.of(PersonAppeared) if event.number}
+        numbers = {visit.person_id: visit.number for visit in self._data.visits if visit.number}
         for person_id, spans in present.items():
             there = [_TierInterval(*span, states.state("present")) for span in spans]
             yield _Row(_person(person_id, numbers), there, "", person_id)
 
     def _assistant_rows(self) -> Iterable[_Row]:
+        said = {(one.turn_id, one.revision): one.text for one in self._data.suggestions if one.was_said}
+        exchanges = [
+            # One that ended when a reply of it was taken was not cancelled in vain.
+            _TierInterval(one.asked_ns, one.stamp_ns, said.get((one.turn_id, one.revision)) or states.answer_words(one))
+            for one in self._data.of(LlmExchange)
+        ]
         yield _Row(
             QT_TR_NOOP("LLM exchanges"),
-            [
-                _TierInterval(item.asked_ns, item.stamp_ns, states.answer_words(item))
-                for item in self._data.of(LlmExchange)
-            ],
+            exchanges,
             participant="Assistant",
         )
         utterances, used = self._data.utterances, self._data.of(AnswerUsed)
@@ -312,8 +319,11 @@ class TimelineBuilder:
         spans: dict[str, list[tuple[int, int]]] = {}
         for visit in self._data.visits or seen_throughout(self._session):
             spans.setdefault(visit.person_id, []).append((visit.start_ns, visit.end_ns))
+        # People of older recordings; the others are listed there under the ids of their visits, too.
+        known = {event.person_id for event in self._data.of_any((PersonAppeared, PersonLeft, PersonIdentified))}
         for visit in seen_throughout(self._session):
-            spans.setdefault(visit.person_id, [(visit.start_ns, visit.end_ns)])
+            if visit.person_id not in known:
+                spans.setdefault(visit.person_id, [(visit.start_ns, visit.end_ns)])
         return spans
 
     def _document(self, rows: list[_Row]) -> AnnotationDocument:

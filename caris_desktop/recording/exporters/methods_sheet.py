@@ -405,7 +405,9 @@ class _Answers:
                 (
                     SheetItem(
                         "Was a language model used?",
-                        "No: the recording contains no questions to a language model.",
+                        _suggestions_sentence(self._of)
+                        if self._of.total("suggestions_shown")
+                        else "No: the recording contains no questions to a language model.",
                         events_named(LlmExchange),
                     ),
                 ),
@@ -455,6 +457,17 @@ class _Answers:
                     "How many of its answers were used?",
                     " ".join(self._acceptance(model) for model in self._of.models),
                     (*sources, "event/answer_used"),
+                ),
+                *(
+                    [
+                        SheetItem(
+                            "What became of its suggested replies?",
+                            _suggestions_sentence(self._of),
+                            ("event/suggestion_changed",),
+                        )
+                    ]
+                    if self._of.total("suggestions_shown")
+                    else []
                 ),
                 SheetItem("How long did it take?", self._latency(), sources),
             ),
@@ -836,6 +849,8 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
     yield _movement_sentence(study)
     for model in study.models:
         yield _model_sentence(model)
+    if study.total("suggestions_shown"):
+        yield _suggestions_sentence(study)
     errors = study.counted("wizard_errors")
     count = sum(errors.values())
     marker = "The wizard" if len(wizards) <= 1 else "The wizards"
@@ -880,6 +895,25 @@ def _movement_sentence(study: StudyFacts) -> str:
     if not by_hand and not by_itself:
         return "The robot was not driven." if not ways or sum(ways) < 0.5 else ""
     return f"The robot {' and '.join(part for part in (by_hand, by_itself) if part)}{distance}."
+
+
+def _suggestions_sentence(study: StudyFacts) -> str:
+    """``A language model suggested 7 replies; the wizard used five unchanged; two expired.``"""
+    shown, said, edited = (int(study.total(f"suggestions_{name}")) for name in ("shown", "said", "edited"))
+    used = listing(
+        [f"{number_word(count)} {how}" for count, how in ((said, "unchanged"), (edited, "after editing")) if count]
+    )
+    fates = ("dismissed", "superseded", "expired")
+    rest = [
+        f"{number_word(count)} {was_or_were(count)} {fate}" if fate != "expired" else f"{number_word(count)} expired"
+        for fate in fates
+        if (count := int(study.total(f"suggestions_{fate}")))
+    ]
+    unused = f"; {listing(rest)}" if rest else ""
+    return (
+        f"The wizard was shown {number_of(shown, 'suggested reply', 'suggested replies')} of a language model and used"
+        f" {used or 'none'}{unused}."
+    )
 
 
 def _model_sentence(model: ModelUse) -> str:

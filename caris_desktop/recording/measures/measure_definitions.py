@@ -76,10 +76,16 @@ MEASURES = (
         "s",
         "Median time from the end of a participant's utterance, or a language model's answer, to the wizard's request.",
         (
-            "Median of: speech request of the wizard minus the latest end of a participant's utterance or "
-            "arrival of an answer before it, at most response_limit_s."
+            "Median of: speech request of the wizard, not of the console, minus the latest end of an audible "
+            "utterance of a participant or arrival of an answer before it, at most response_limit_s."
         ),
         "Riek (2012), Wizard of Oz studies in HRI, J Hum-Robot Interact 1(1)",
+    ),
+    Measure(
+        "gaps",
+        "",
+        "Number of answered turns of participants; empty if no participant was transcribed.",
+        "Unlike responses, it includes overlaps and answers after which the participant had spoken on.",
     ),
     Measure(
         "gap_s",
@@ -145,6 +151,12 @@ MEASURES = (
         "Fraction of its answers that were said, edited or not.",
         "Answers that were audible, unchanged or edited, divided by all answers.",
     ),
+    Measure("suggestions_shown", "", "Suggested replies that were shown to the wizard."),
+    Measure("suggestions_said", "", "Suggested replies that were said unchanged."),
+    Measure("suggestions_edited", "", "Suggested replies that were said after a change."),
+    Measure("suggestions_dismissed", "", "Suggested replies that the wizard dismissed."),
+    Measure("suggestions_superseded", "", "Suggested replies that others replaced."),
+    Measure("suggestions_expired", "", "Suggested replies that were not used in time."),
     Measure(
         "distance_m",
         "m",
@@ -244,9 +256,11 @@ MEASURES = (
 TABLES: dict[str, tuple[str, ...]] = {
     "session": ("key", "value"),
     "utterances": (
+        "actor",
         "utterance_id", "speaker", "origin", "said", "state", "requested_ns", "start_ns", "end_ns", "text", "stamp_ns",
     ),
     "responses": ("means", "first", "gap_s"),
+    "suggestions": ("fate",),
     "annotations": ("coder", "tier", "value", "duration_s"),
     "marks": ("stamp_ns", "label", "kind", "duration_s"),
     "odometry": ("stamp_ns", "pose_in_odom_x_m", "pose_in_odom_y_m", "twist_forward_mps", "twist_left_mps"),

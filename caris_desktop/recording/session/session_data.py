@@ -15,6 +15,7 @@ from caris_desktop.domain.events import (
     PhotoTaken,
     RecordingPaused,
     ResponseTimed,
+    SuggestionChanged,
     UtteranceChanged,
     UtteranceCorrected,
 )
@@ -34,13 +35,15 @@ from caris_desktop.recording.session.session_protocol import (
     steps_of,
 )
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.session_suggestions import ShownReply, replies_of
 from caris_desktop.recording.session.session_visits import VISIT_EVENTS, Visit, seen_throughout, visits_of
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_utterances
 
 T = TypeVar("T")
 FOLDED: tuple[type[Any], ...] = (
     AlarmChanged, AnswerUsed, CommandSent, GoalChanged, LlmExchange, Marked, PhotoDeleted, PhotoTaken,
-    RecordingPaused, ResponseTimed, UtteranceChanged, UtteranceCorrected, *VISIT_EVENTS, *PROTOCOL_EVENTS,
+    RecordingPaused, ResponseTimed, SuggestionChanged, UtteranceChanged, UtteranceCorrected,
+    *VISIT_EVENTS, *PROTOCOL_EVENTS,
 )  # fmt: skip
 """Types of the values that the records follow from."""
 
@@ -117,6 +120,12 @@ class SessionData:
     @cached_property
     def answers(self) -> tuple[LlmAnswer, ...]:
         return answers_of(self.of(LlmExchange), self.of(AnswerUsed), self.utterances)
+
+    @cached_property
+    def suggestions(self) -> tuple[ShownReply, ...]:
+        """Suggested replies that were shown, with what became of them."""
+        paused_ns = [begin_ns for begin_ns, _ in self.pauses]
+        return replies_of(self.of(SuggestionChanged), ends_ns=(*paused_ns, self.session.ended_ns))
 
     @cached_property
     def step_visits(self) -> tuple[StepVisit, ...]:

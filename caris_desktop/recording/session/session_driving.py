@@ -9,8 +9,9 @@ from caris_desktop.domain.events import CommandSent, CommandSource
 from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.value_class import dataclass
 
-COMMAND_HOLDS_S = 0.3
-"""A velocity command counts as driving until the next one, but no longer than this."""
+COMMAND_HOLDS_S = 0.5
+"""A velocity command counts as driving until the next one, but no longer than this: a base executes it for so long
+(``cmd_vel_timeout`` of ros2_control's diff_drive_controller, and the simulated robot)."""
 
 
 @dataclass(frozen=True, slots=True)

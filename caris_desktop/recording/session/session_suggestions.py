@@ -33,6 +33,10 @@ class ShownReply:
     utterance_id: str = ""
     actor: Actor = ""
 
+    @property
+    def was_said(self) -> bool:
+        return self.fate in ("taken", "edited")
+
 
 def shown_replies(session: Session) -> tuple[ShownReply, ...]:
     """Displayed suggestions in order. Raises SessionError."""

@@ -12,10 +12,11 @@ from caris_desktop.recording.session.responses import Response
 from caris_desktop.recording.session.robot_clock_mapping import RobotClock
 from caris_desktop.recording.session.session_alarms import AlarmRecord
 from caris_desktop.recording.session.session_data import SessionData
-from caris_desktop.recording.session.session_driving import Drive
+from caris_desktop.recording.session.session_driving import COMMAND_HOLDS_S, Drive
 from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.recording.session.session_protocol import StepRecord, StepVisit
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.session_suggestions import ShownReply
 from caris_desktop.recording.session.session_visits import Visit
 from caris_desktop.recording.session.utterances import SpokenUtterance
 from caris_desktop.recording.tables.catalog import TIME_COLUMNS, Column, Moment, Table, derived_columns
@@ -115,9 +116,9 @@ DERIVED: tuple[DerivedTable, ...] = (
         "drives",
         Drive,
         "source end_ns duration_s",
-        """One interval of manual driving from one source. The time columns give its start. A velocity command counts if
-        any component is nonzero, however slow, until the next command, a pause or the end of the recording, at most
-        0.3 s.""",
+        f"""One interval of manual driving from one source. The time columns give its start. A velocity command counts
+        if any component is nonzero, however slow, until the next command, a pause or the end of the recording, at most
+        {COMMAND_HOLDS_S:g} s.""",
         lambda data: data.drives,
     ),
     _derived(
@@ -149,6 +150,17 @@ DERIVED: tuple[DerivedTable, ...] = (
         ``cut``: the answer is incomplete: length limit, or the server's filter.""",
         lambda data: data.answers,
         stamp_ns=lambda answer, _: int(answer.exchange.stamp_ns),
+    ),
+    _derived(
+        "suggestions",
+        ShownReply,
+        "suggestion_id turn_id revision rank text model latency_ms fate told ended_ns edit_distance utterance_id actor",
+        """One suggested reply that was shown to the wizard. The time columns give when. ``fate`` is what became of it:
+        taken (said unchanged), edited (and said), dismissed, superseded by others, or expired; ``told`` is false if the
+        recording ended or paused before. ``latency_ms`` is from the end of the participant's voice until it was
+        shown. ``edit_distance`` counts the characters that the wizard changed.""",
+        lambda data: data.suggestions,
+        stamp_ns=lambda reply, _: int(reply.shown_ns),
     ),
     _derived(
         "protocol",

@@ -1,5 +1,6 @@
 """Measures of a session with known values."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,14 @@ from caris_desktop.domain.events import (
     Problem,
     RecordingPaused,
     StopRequested,
+    SuggestionChanged,
+    SuggestionState,
     UtteranceChanged,
 )
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.recording.annotation.session_tiers import session_tiers
+from caris_desktop.recording.exporters.methods_sheet import methods_sheet
 from caris_desktop.recording.measures.distributions import SummaryStats
 from caris_desktop.recording.measures.measure_definitions import MEASURES
 from caris_desktop.recording.measures.session_measures import Measures, measure, read_facts
@@ -80,6 +84,37 @@ def test_a_wizard_reacts_to_what_came_last(tmp_path: Path) -> None:
         ],
     )
     assert [round(reply.delay_s, 6) for reply in measures.reactions] == [1.25, 0.5]
+
+
+def test_an_echo_and_an_automatic_filler_are_no_reactions(tmp_path: Path) -> None:
+    by_itself = [replace(event, actor="console") for event in said(1, 3.5, 3.6, 4.0, "Hm...", origin="filler")]
+    echo = UtteranceChanged(at(9.0), "echo", "participant", "", "heard", "started")
+    measures = measured(
+        tmp_path,
+        [
+            *heard(1, 1.0, 3.0, "What is this?"),
+            *by_itself,
+            *said(2, 5.0, 5.1, 6.0, "An arm."),
+            echo,
+            replace(echo, stamp_ns=at(10.0), state="failed"),
+            *said(3, 10.4, 10.5, 11.0, "And a hand."),
+        ],
+    )
+    assert [reply.delay_s for reply in measures.reactions] == [2.0]
+
+
+def test_suggested_replies_are_counted_by_fate(tmp_path: Path) -> None:
+    def reply(number: int, second: float, state: SuggestionState, **fields: Any) -> SuggestionChanged:
+        return SuggestionChanged(at(second), f"s-{number}", state, "h-1", 1, number, "Hello.", "m", **fields)
+
+    shown = [reply(number, 1.0, "displayed") for number in (1, 2, 3, 4)]
+    ended = [reply(1, 2.0, "taken"), reply(2, 2.0, "superseded"), reply(3, 3.0, "edited", edit_distance=2)]
+    session = open_session(tell(tmp_path / "s", [*shown, *ended], lasts_s=10.0))
+    measures = measure(read_facts(session))
+    names = ("shown", "said", "edited", "dismissed", "superseded", "expired")
+    assert [measures[f"suggestions_{name}"] for name in names] == [4, 1, 1, 0, 1, 1]
+    told = methods_sheet([session]).paragraph
+    assert "shown four suggested replies of a language model and used one unchanged and one after editing" in told
 
 
 def test_talk_is_reported_by_speaker_and_by_origin(tmp_path: Path) -> None:
@@ -326,7 +361,7 @@ def test_an_empty_session_has_measures_too(tmp_path: Path) -> None:
     assert unknown == {
         "response_time_s", "content_response_time_s", "reaction_time_s", "llm_accepted_fraction", "distance_m",
         "max_speed_mps", "wizard_errors_per_10_min", "responses", "participant_talk_s", "participant_utterances",
-        "gap_s", "gap_lower_quartile_s", "gap_upper_quartile_s", "gaps_under_1_s_fraction", "overlaps",
+        "gaps", "gap_s", "gap_lower_quartile_s", "gap_upper_quartile_s", "gaps_under_1_s_fraction", "overlaps",
         "protocol_steps", "steps_visited", "steps_skipped", "steps_late", "steps_late_s",
     }  # fmt: skip
     assert {value for value in values.values() if value is not None} == {0}
@@ -369,7 +404,7 @@ def test_driving_time_is_one_number_everywhere_however_slow_or_seldom(
     events += [CommandSent(at(moments[-1] + 0.2), 99, Twist2D(), "stop")]
     events += [CommandSent(at(29.9), 100, Twist2D(speed_mps, 0.0, turn_radps), "keyboard")]
     tell(tmp_path / "s", events, lasts_s=30)
-    expected_s = 19 * min(every_s, 0.3) + 0.2 + 0.1  # the last one lasts until the end
+    expected_s = 19 * min(every_s, 0.5) + 0.2 + 0.1  # the last one lasts until the end
     assert _one_number(read_facts(open_session(tmp_path / "s"))) == pytest.approx((expected_s,) * 4, abs=0.05)
 
 

@@ -194,6 +194,11 @@ def test_results_are_files_to_continue_from(made: StudyStatistics) -> None:
     with (made.out / "labels.csv").open(encoding="utf-8", newline="") as file:
         labels = list(csv.DictReader(file))
     assert sum(int(row["n"]) for row in labels if row["kind"] == "mark") == sum(row["marks"] for row in made.measures)
+    with (made.out / "codebook.csv").open(encoding="utf-8", newline="") as file:
+        codebook = list(csv.DictReader(file))
+    assert [row["name"] for row in codebook if row["kind"] == "measure"] == [figure.name for figure in MEASURES]
+    (holds,) = (row for row in codebook if row["name"] == "command_holds_s")
+    assert (holds["value"], holds["unit"]) == ("0.5", "s")
     with (made.out / "codes.csv").open(encoding="utf-8", newline="") as file:
         (code,) = csv.DictReader(file)
     assert (code["coder"], code["tier"], code["value"], code["n"], code["lasted_s"]) == (
