@@ -10,7 +10,7 @@ import secrets
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -43,7 +43,8 @@ class ExportContext:
 
     ``licence`` is an SPDX identifier or an address, empty if none was chosen. ``warn`` takes a sentence on data that
     was left out of a successful export. Wizards, coders and the robot's address are pseudonymised unless
-    ``with_names``: with ``pseudonyms`` if several exports share them, else with the study's.
+    ``with_names``: with ``pseudonyms`` if several exports share them, else with the study's. Of the tables,
+    ``parquet`` writes those of ``tables``, or all.
     """
 
     progress: Callable[[float], None] = _no_progress
@@ -52,6 +53,7 @@ class ExportContext:
     with_names: bool = False
     pseudonyms: Pseudonyms | None = None
     csv: CsvStyle = SHOWN
+    tables: Collection[str] = ()
 
 
 Exporter = Callable[[Session, Path, ExportContext], list[Path]]

@@ -34,7 +34,7 @@ def write_parquet(session: Session, out: Path, context: ExportContext) -> list[P
                 files[table.name] = file
             files[table.name].add(columns)
 
-        for batch in session_batches(session, context.progress, context.warn):
+        for batch in session_batches(session, context.progress, context.warn, context.tables):
             write(*batch)
         described = [file.table for file in files.values()]
         write(DICTIONARY_TABLE, dictionary_columns([*described, DICTIONARY_TABLE], whose))

@@ -32,8 +32,6 @@ VisitEvent = (
 )
 VISIT_EVENTS: tuple[type[VisitEvent], ...] = get_args(VisitEvent)
 VISIT_STREAMS = tuple(BY_TYPE[kind].name for kind in VISIT_EVENTS)
-TOGETHER_NS = 2_000_000_000
-"""A person whom the tracker loses and finds again is briefly present twice, under two identities."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,12 +163,3 @@ class _Links:
             self._is.pop(root, None)  # the later link counts, which avoids cycles
         if self.of(root) != person_id:
             self._is[person_id] = root
-
-
-def most_at_once(visits: Sequence[Visit]) -> int:
-    """Maximum number of people present at the same time for at least ``TOGETHER_NS``, as displayed."""
-    together = (
-        sum(other.start_ns <= visit.start_ns and other.end_ns >= visit.start_ns + TOGETHER_NS for other in visits)
-        for visit in visits
-    )
-    return max(together, default=0) or min(1, len(visits))

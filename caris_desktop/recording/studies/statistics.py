@@ -30,7 +30,7 @@ from caris_desktop.recording.studies.study_index import (
 from caris_desktop.recording.tables.build import sql_types
 
 _log = logging.getLogger(__name__)
-_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 6
+_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 7
 _MARKER = "statistics.json"
 _MAX_MARKER_BYTES = 64 * 1024 * 1024
 _OTHER_VIEWS = {
@@ -208,7 +208,9 @@ def _export(
         _remove(target)
         known.pop(folder.name, None)
         try:
-            export_session(folder, "parquet", target, ExportContext(progress=report, pseudonyms=pseudonyms))
+            export_session(
+                folder, "parquet", target, ExportContext(progress=report, pseudonyms=pseudonyms, tables=TABLES)
+            )
         except ExportError as error:
             problems.append(f"{folder.name}: {error}")
         else:

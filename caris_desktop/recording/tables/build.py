@@ -2,7 +2,7 @@
 
 import dataclasses
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,8 +59,9 @@ def session_batches(
     session: Session,
     progress: Callable[[float], None] = lambda _: None,
     on_damaged: Callable[[str], None] = _log.warning,
+    only: Collection[str] = (),
 ) -> Iterator[Batch]:
-    """All rows of all tables except the dictionary; rows of a table in recording order.
+    """All rows of all tables (or ``only`` these) except the dictionary; rows of a table in recording order.
 
     Tables without rows do not occur. ``on_damaged`` gets a sentence on each coder's file that was left out. Raises
     SessionError, OSError.
@@ -70,14 +71,15 @@ def session_batches(
     waiting: dict[str, _Waiting] = {}
     tables: dict[str, tuple[Table, ...]] = {}
     whole_ns = max(1, session.ended_ns - session.started_ns)
-    for number, (arrival_ns, spec, value) in enumerate(session.arrivals()):
+    needed = [spec.name for spec in STREAMS if spec.value_type in folded or spec.name.replace("/", "_") in only]
+    for number, (arrival_ns, spec, value) in enumerate(session.arrivals(*(needed if only else ()))):
         if type(value) in folded:
             data.add(value)
         if not _has_stamp(value, session):
             _log.warning("a value of %s has no usable stamp and is left out", spec.name)
             continue
         if spec.name not in tables:
-            tables[spec.name] = tables_of(spec)
+            tables[spec.name] = tuple(table for table in tables_of(spec) if not only or table.name in only)
         moment = Moment(value.stamp_ns, arrival_ns)
         for table in tables[spec.name]:
             for item in table.items(value):
@@ -96,7 +98,7 @@ def session_batches(
     coded = [(Moment(one.start_ns), one) for one in annotations(session, on_damaged)]
     rest = [(of_table.table, of_table.rows) for of_table in waiting.values()]
     for table, rows in (*rest, *derived, (ANNOTATIONS.table, coded)):
-        if rows:
+        if rows and (not only or table.name in only):
             yield Batch(table, table.cells(rows, times))
 
 
