@@ -1,71 +1,116 @@
-"""Listening socket with a connection limit that applies before a byte is read.
+"""Listening socket with a limit on connections that have not authenticated.
 
 Network strangers need no token to hold connections open. Each address, and all together, may have a limited number at a
-time; others are closed at once. This computer's own connections count separately, so that no stranger locks out its
-user.
+time. One more replaces a random one of the address that has the most, as in max-min fairness: an address with a single
+connection keeps it while fewer than IN_ALL other addresses connect. Addresses that authenticated before are replaced
+last. This computer's own connections count separately, so that no stranger locks out its user.
 """
 
+import contextlib
 import ipaddress
 import logging
+import random
 import socket
 import urllib.parse
-from collections import Counter
+from collections import Counter, deque
 from typing import Any
 
 from caris_desktop.domain.address import is_loopback_host
 
 PER_ADDRESS = 8
 IN_ALL = 32
-_BACKLOG = 64
+# Under a flood, a client whose connection finds the queue full tries again after 1 s, 3 s and 7 s.
+_BACKLOG = 1024
+# Connections handled before the event loop serves the accepted ones: a flood of refusals must not hold it up.
+_AT_ONCE = 32
+_ADMITTED_PLACES = 64
+_CHANCE = random.SystemRandom()
 _log = logging.getLogger(__name__)
 
 
 class LimitedListener(socket.socket):
     """Listening socket for ``asyncio.start_server`` and ``websockets.serve`` (their ``sock``). Only for the loop's
-    thread.
+    thread. The server calls ``admit`` for clients that authenticated, and limits their number itself.
     """
 
-    def __init__(self, family: int, *, per_address: int = PER_ADDRESS, in_all: int = IN_ALL) -> None:
+    def __init__(self, family: int, *, per_address: int, in_all: int, chance: random.Random) -> None:
         super().__init__(family, socket.SOCK_STREAM)
         self._per_address = per_address
         self._in_all = in_all
-        self._open: Counter[str] = Counter()
-        self._refused = 0
+        self._chance = chance
+        self._waiting: list[_Waiting] = []
+        self._admitted_places: deque[str] = deque(maxlen=_ADMITTED_PLACES)
+        self._left_in_turn = _AT_ONCE
+        self._closed = 0
+
+    def listen(self, backlog: int = _BACKLOG, /) -> None:
+        """``socket.listen`` with a longer queue than that of asyncio, which listens again with its own default."""
+        super().listen(max(backlog, _BACKLOG))
 
     def accept(self) -> tuple[socket.socket, Any]:
         """``socket.accept`` that closes connections over the limit."""
-        while True:
-            accepted, address = super().accept()
-            place = _place_of(str(address[0]))
-            if self._may_come(place):
-                self._open[place] += 1
-                return _Counted(accepted, self._open, place), address
-            accepted.close()
-            self._refused += 1
-            if self._refused & (self._refused - 1) == 0:  # 1, 2, 4, 8, ...: a flood does not fill the disk
-                _log.warning("%d connections more than can be served were closed at once", self._refused)
+        try:
+            while self._left_in_turn:
+                self._left_in_turn -= 1
+                accepted, address = super().accept()
+                place = _place_of(str(address[0]))
+                if self._make_room(place):
+                    return _Waiting(accepted, self._waiting, place, address), address
+                accepted.close()
+            raise BlockingIOError  # noqa: TRY301 - the end of a turn, like an empty queue
+        except BlockingIOError:
+            self._left_in_turn = _AT_ONCE
+            raise
 
-    def _may_come(self, place: str) -> bool:
-        if place == _HERE:
-            return self._open[place] < self._in_all
-        return self._open[place] < self._per_address and self._open.total() - self._open[_HERE] < self._in_all
+    def admit(self, peer_name: Any) -> None:
+        """Stop counting a connection whose client has authenticated."""
+        for one in [one for one in self._waiting if one.peer_name == peer_name]:
+            self._waiting.remove(one)
+            if one.place not in self._admitted_places:
+                self._admitted_places.append(one.place)
+
+    def _make_room(self, place: str) -> bool:
+        """End a connection if one more is too many; False where the new one must be closed instead."""
+        rivals = [one for one in self._waiting if (one.place == _HERE) == (place == _HERE)]
+        held = Counter(one.place for one in rivals)
+        full_place = held[place] >= (self._in_all if place == _HERE else self._per_address)
+        if not full_place and len(rivals) < self._in_all:
+            return True
+        self._closed += 1
+        if self._closed & (self._closed - 1) == 0:  # 1, 2, 4, 8, ...: a flood does not fill the disk
+            _log.warning("%d connections more than can be served were closed", self._closed)
+        exposed = [one for one in rivals if one.place not in self._admitted_places] or rivals
+        most = max(held[one.place] for one in exposed)
+        if full_place or (held[place] and held[place] + 1 >= most):
+            if self._left_in_turn < _AT_ONCE - 1:
+                return False
+            most, exposed = held[place], [one for one in rivals if one.place == place]
+        else:
+            self._left_in_turn = 0
+        self._chance.choice([one for one in exposed if held[one.place] == most]).end()
+        return True
 
 
-class _Counted(socket.socket):
-    """Connection that counts until it is closed."""
+class _Waiting(socket.socket):
+    """Connection that counts until it is admitted, ended or closed."""
 
-    def __init__(self, accepted: socket.socket, counted: Counter[str], place: str) -> None:
+    def __init__(self, accepted: socket.socket, waiting: "list[_Waiting]", place: str, peer_name: Any) -> None:
         super().__init__(accepted.family, accepted.type, accepted.proto, fileno=accepted.detach())
-        self._counted: Counter[str] | None = counted
-        self._place = place
+        self._waiting = waiting
+        self.place = place
+        self.peer_name = peer_name
+        waiting.append(self)
+
+    def end(self) -> None:
+        """End the connection for its server, which then closes it."""
+        self._waiting.remove(self)
+        with contextlib.suppress(OSError):  # the peer has ended it
+            self.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
         super().close()
-        counted, self._counted = self._counted, None
-        if counted is not None:
-            counted[self._place] -= 1
-            if counted[self._place] <= 0:
-                del counted[self._place]
+        if self in self._waiting:
+            self._waiting.remove(self)
 
 
 _HERE = "this computer"
@@ -85,11 +130,13 @@ def _place_of(host: str) -> str:
     return str(ipaddress.ip_network((address, 64), strict=False))
 
 
-def listen_limited(host: str, port: int, *, per_address: int = PER_ADDRESS, in_all: int = IN_ALL) -> LimitedListener:
-    """Listen at ``host``, a name or a number. Raises OSError."""
+def listen_limited(
+    host: str, port: int, *, per_address: int = PER_ADDRESS, in_all: int = IN_ALL, chance: random.Random = _CHANCE
+) -> LimitedListener:
+    """Listen at ``host``, a name or a number. ``chance`` chooses what is closed. Raises OSError."""
     found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     family, _, _, _, address = min(found, key=lambda one: one[0] != socket.AF_INET)
-    listener = LimitedListener(family, per_address=per_address, in_all=in_all)
+    listener = LimitedListener(family, per_address=per_address, in_all=in_all, chance=chance)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(address)

@@ -2,8 +2,11 @@
 
 import asyncio
 import logging
+import random
 import socket
-from contextlib import closing
+from collections import Counter
+from contextlib import closing, suppress
+from typing import Any
 
 import pytest
 
@@ -18,31 +21,41 @@ from caris_desktop.perception.cameras.open_camera import open_camera
 pytestmark = pytest.mark.logs("more than can be served")
 
 
-def test_so_many_of_an_address_and_the_rest_is_closed_at_once(
+def test_an_address_has_so_many_and_one_more_replaces_one_of_them(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(limited_listener, "_place_of", lambda _host: "192.0.2.1")
 
     async def test() -> None:
         served: asyncio.Queue[asyncio.StreamWriter] = asyncio.Queue()
+        tasks: list[asyncio.Task[None] | None] = []
         listener = listen_limited("127.0.0.1", 0)
-        server = await asyncio.start_server(lambda _, writer: served.put_nowait(writer), sock=listener)
+
+        async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            tasks.append(asyncio.current_task())
+            served.put_nowait(writer)
+            await reader.read(1)
+            writer.close()
+            with suppress(OSError):
+                await writer.wait_closed()
+
+        server = await asyncio.start_server(serve, sock=listener)
         port = server.sockets[0].getsockname()[1]
         held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(200)]
         pending = {asyncio.ensure_future(reader.read(1)) for reader, _ in held}
         while len(pending) > limited_listener.PER_ADDRESS:
             _, pending = await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)
-        writers = [await served.get() for _ in range(limited_listener.PER_ADDRESS)]
-        assert served.empty()
-        assert len(pending) == limited_listener.PER_ADDRESS
-        for writer in (*writers, *(writer for _, writer in held)):
+        while not served.empty():
+            served.get_nowait()
+        again = await asyncio.open_connection("127.0.0.1", port)  # while the others are idle
+        newest = await served.get()
+        assert newest.get_extra_info("peername") == again[1].get_extra_info("sockname")
+        await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)
+        assert len(listener._waiting) == limited_listener.PER_ADDRESS
+        for _, writer in (*held, again):
             writer.close()
-        await asyncio.wait(pending)
-        for writer in writers:
-            await writer.wait_closed()
-        again = await asyncio.open_connection("127.0.0.1", port)
-        (await served.get()).close()
-        again[1].close()
+        await asyncio.gather(*filter(None, tasks))
+        assert not listener._waiting
         server.close()
         await server.wait_closed()
 
@@ -50,21 +63,83 @@ def test_so_many_of_an_address_and_the_rest_is_closed_at_once(
     assert len([one for one in caplog.records if "more than can be served" in one.message]) <= 8
 
 
-def test_strangers_of_a_whole_network_leave_room_for_this_computer(monkeypatch: pytest.MonkeyPatch) -> None:
-    places = iter([f"192.0.2.{number}" for number in range(52)])
-    place_of = limited_listener._place_of
-    monkeypatch.setattr(limited_listener, "_place_of", lambda host: next(places, place_of(host)))
-    with closing(listen_limited("127.0.0.1", 0)) as listener:
-        listener.setblocking(True)
-        address = listener.getsockname()
-        clients = [socket.create_connection(address) for _ in range(32)]
-        taken = [listener.accept()[0] for _ in clients]
-        clients += [socket.create_connection(address) for _ in range(21)]  # 20 foreign ones and a legitimate one
-        ours, _ = listener.accept()
-        assert ours.getpeername() == clients[-1].getsockname()
-        for one in (*clients, *taken, ours):
+class _Network:
+    """Connections to a listener, each from the address that the test says."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._place = ""
+        monkeypatch.setattr(limited_listener, "_place_of", lambda _host: self._place)
+        self.listener = listen_limited("127.0.0.1", 0, chance=random.Random(1))  # noqa: S311 - a test, not cryptography
+        self._clients: list[socket.socket] = []
+        self._accepted: list[socket.socket] = []
+
+    def connect(self, place: str) -> Any:
+        """The new connection's peer name."""
+        self._place = place
+        client = socket.create_connection(self.listener.getsockname())
+        self._clients.append(client)
+        for _ in range(2):  # the first attempt may only end the turn
+            with suppress(BlockingIOError):
+                self._accepted.append(self.listener.accept()[0])
+        held = Counter(one.place for one in self.listener._waiting)
+        assert held.pop(limited_listener._HERE, 0) <= limited_listener.IN_ALL
+        assert held.total() <= limited_listener.IN_ALL
+        assert max(held.values(), default=0) <= limited_listener.PER_ADDRESS
+        return client.getsockname()
+
+    def is_served(self, peer_name: Any) -> bool:
+        return any(one.peer_name == peer_name for one in self.listener._waiting)
+
+    def close(self) -> None:
+        for one in (*self._clients, *self._accepted, self.listener):
             one.close()
-        assert listener._open.total() == 0
+        assert not self.listener._waiting
+
+
+@pytest.mark.parametrize("hostile", [1, 2, 26, limited_listener.IN_ALL - 1])
+def test_hostile_addresses_cannot_end_the_only_connection_of_another(
+    monkeypatch: pytest.MonkeyPatch, hostile: int
+) -> None:
+    order = random.Random(2)  # noqa: S311 - a test, not cryptography
+    with closing(_Network(monkeypatch)) as network:
+        for _ in range(100):
+            network.connect(f"hostile {order.randrange(hostile)}")
+        owner = network.connect("owner")
+        assert network.is_served(owner)
+        for _ in range(300):
+            network.connect(f"hostile {order.randrange(hostile)}")
+            assert network.is_served(owner)
+
+
+def test_among_hundreds_of_hostile_addresses_most_attempts_succeed_and_each_after_the_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    order = random.Random(3)  # noqa: S311 - a test, not cryptography
+    with closing(_Network(monkeypatch)) as network:
+
+        def attempt(place: str) -> bool:
+            owner = network.connect(place)
+            for _ in range(4):  # connections until the owner's request is read
+                network.connect(f"hostile {order.randrange(500)}")
+            served = network.is_served(owner)
+            network.listener.admit(owner)
+            assert not network.is_served(owner)
+            return served
+
+        for number in range(100):
+            network.connect(f"hostile {number}")
+        assert sum(attempt(f"owner {number}") for number in range(100)) >= 80
+        assert all(attempt("owner 99") for _ in range(100))
+
+
+def test_strangers_and_other_users_of_this_computer_leave_room_for_its_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    with closing(_Network(monkeypatch)) as network:
+        stranger = network.connect("192.0.2.100")
+        for number in range(40):
+            network.connect(limited_listener._HERE)
+            network.connect(f"192.0.2.{number % 26}")
+            assert network.is_served(network.connect(limited_listener._HERE))
+        assert network.is_served(stranger)
 
 
 @pytest.mark.parametrize(

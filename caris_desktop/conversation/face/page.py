@@ -5,6 +5,7 @@ It runs in a separate process, since strangers can reach it if the scenario open
 
 import asyncio
 import contextlib
+import functools
 import hmac
 import json
 import logging
@@ -20,7 +21,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from caris_desktop.conversation.face.drawing import Drawing
-from caris_desktop.domain.limited_listener import is_own_host, listen_limited, quiet_handshakes
+from caris_desktop.domain.limited_listener import LimitedListener, is_own_host, listen_limited, quiet_handshakes
 from caris_desktop.domain.process_priority import step_back
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.value_class import dataclass
@@ -102,8 +103,9 @@ class FacePage:
     async def open(self, *, network: bool) -> str:
         """Start the server; returns the address for a browser. Raises OSError."""
         host = "0.0.0.0" if network else "127.0.0.1"  # noqa: S104 - the scenario asks for it
+        listener = listen_limited(host, 0)
         self._server = await serve(
-            self._serve, sock=listen_limited(host, 0), process_request=self._answer, max_size=4096,
+            self._serve, sock=listener, process_request=functools.partial(self._answer, listener), max_size=4096,
             compression=None, server_header=None, open_timeout=_OPENS_WITHIN_S, close_timeout=_CLOSES_WITHIN_S,
             logger=quiet_handshakes(__name__),
         )  # fmt: skip
@@ -122,12 +124,13 @@ class FacePage:
         for page in self._pages:
             page.set()
 
-    def _answer(self, _connection: ServerConnection, request: Request) -> Response | None:
+    def _answer(self, listener: LimitedListener, connection: ServerConnection, request: Request) -> Response | None:
         """Answer an HTTP request; None for the page's websocket."""
         token, _, rest = request.path.removeprefix("/").partition("/")
         known = hmac.compare_digest(token.encode("utf-8", "surrogateescape"), self._token.encode())
         if not known or not is_own_host(request.headers.get_all("host")):
             return _response(HTTPStatus.NOT_FOUND, "There is nothing here.\n", "text/plain")
+        listener.admit(connection.remote_address)
         if rest == "face":
             if len(self._pages) >= _MOST_PAGES:
                 return _response(HTTPStatus.SERVICE_UNAVAILABLE, "Too many pages are open.\n", "text/plain")

@@ -42,6 +42,7 @@ async def serving(
     Images of all clients are processed in sequence: a detector is for one thread. Clients without ``token``, and web
     pages, are refused.
     """
+    listener = listen_limited(host, port)
     clients: set[ServerConnection] = set()
     hello = json.dumps(
         {
@@ -52,12 +53,13 @@ async def serving(
         }
     )
 
-    def admit(_connection: ServerConnection, request: Request) -> Response | None:
+    def admit(connection: ServerConnection, request: Request) -> Response | None:
         given_token = "".join(request.headers.get_all("Authorization")).encode("utf-8", "surrogateescape")
         if token and not hmac.compare_digest(given_token, f"Bearer {token}".encode()):
             return _refusal(http.HTTPStatus.UNAUTHORIZED)
         if not token and not is_own_host(request.headers.get_all("Host")):
             return _refusal(http.HTTPStatus.FORBIDDEN)
+        listener.admit(connection.remote_address)
         return _refusal(http.HTTPStatus.SERVICE_UNAVAILABLE) if len(clients) >= _CLIENTS_AT_MOST else None
 
     async def answer(connection: ServerConnection) -> None:
@@ -75,7 +77,7 @@ async def serving(
 
     async with serve(
         answer,
-        sock=listen_limited(host, port),
+        sock=listener,
         ssl=tls,
         open_timeout=_OPENS_WITHIN_S,
         logger=quiet_handshakes(__name__),

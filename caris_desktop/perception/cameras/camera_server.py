@@ -8,6 +8,7 @@ import asyncio
 import base64
 import contextlib
 import fractions
+import functools
 import hmac
 import json
 import logging
@@ -22,7 +23,7 @@ from typing import Any, cast
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.limited_listener import is_own_host, listen_limited
+from caris_desktop.domain.limited_listener import LimitedListener, is_own_host, listen_limited
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.perception.cameras.newest_frame import NewestFrame
 from caris_desktop.perception.cameras.served_sound import ServedSound
@@ -182,14 +183,15 @@ class CameraServer:
         self._token = token
         self._webrtc = WebRtcServer(frames, sound)
         self._clients: set[asyncio.Task[None]] = set()
-        # Authenticated clients; strangers have few, short-lived places of their own.
+        # Authenticated clients.
         self._known: set[asyncio.StreamWriter] = set()
 
     async def serve(self, host: str, port: int, tls: ssl.SSLContext | None = None) -> asyncio.Server:
         """Raises OSError where the address is not free."""
+        listener = listen_limited(host, port)
         return await asyncio.start_server(
-            self._on_client,
-            sock=listen_limited(host, port),
+            functools.partial(self._on_client, listener),
+            sock=listener,
             limit=_LONGEST_HEAD_BYTES,
             ssl=tls,
             ssl_handshake_timeout=None if tls is None else _REQUEST_WITHIN_S,
@@ -201,11 +203,13 @@ class CameraServer:
         await asyncio.gather(*self._clients, return_exceptions=True)
         await self._webrtc.close()
 
-    async def _on_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _on_client(
+        self, listener: LimitedListener, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
         task = cast("asyncio.Task[None]", asyncio.current_task())
         self._clients.add(task)
         try:
-            while await self._answer_one(reader, writer):
+            while await self._answer_one(listener, reader, writer):
                 pass
         except (OSError, asyncio.IncompleteReadError, TimeoutError, asyncio.CancelledError):
             pass  # Client or server ended: asyncio would print a traceback for each client.
@@ -217,7 +221,9 @@ class CameraServer:
             self._known.discard(writer)
             writer.close()
 
-    async def _answer_one(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
+    async def _answer_one(
+        self, listener: LimitedListener, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> bool:
         """Answer one request; True if the connection stays open."""
         # Not wait_for, which can lose a cancellation in Python 3.11.
         async with asyncio.timeout(_REQUEST_WITHIN_S):
@@ -229,6 +235,7 @@ class CameraServer:
             await _send(writer, refusal)
             return False
         self._known.add(writer)
+        listener.admit(writer.get_extra_info("peername"))
         if (request.method, request.path) == ("GET", "/video.mjpg"):
             await self._stream(writer)
             return False
