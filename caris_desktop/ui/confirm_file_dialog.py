@@ -26,16 +26,17 @@ class ConfirmFileDialog(VisualTabOrderMixin, QDialog):
         heading = (
             tr("“{title}” has changed. May it use this?") if question.is_changed else tr("May “{title}” use this?")
         )
-        self._heading = _label(heading.format(title=printable(question.title)))
+        self._heading = QLabel(heading.format(title=printable(question.title)), wordWrap=True)
         self._heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        file = _label(_broken(str(question.path)))
+        file = QLabel(_broken(str(question.path)), wordWrap=True)
         file.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         theme.color_text(file, "dim")
-        hint = _label(
+        hint = QLabel(
             tr(
                 "Nothing in the file is used until you allow it. You will be asked again if the file refers to "
                 "something new."
-            )
+            ),
+            wordWrap=True,
         )
         buttons = QHBoxLayout()
         cancel = ActionButton(theme, tr("Do not allow"), height_px=40)
@@ -80,7 +81,7 @@ class ConfirmFileDialog(VisualTabOrderMixin, QDialog):
         return scroll
 
     def _caption(self, text: str, color: Literal["amber", "dim"]) -> QLabel:
-        caption = _label(text)
+        caption = QLabel(text, wordWrap=True)
         self._theme.color_text(caption, color)
         return caption
 
@@ -98,14 +99,14 @@ class ConfirmFileDialog(VisualTabOrderMixin, QDialog):
         grid.setVerticalSpacing(2)
         grid.setColumnStretch(0, 3)
         grid.setColumnStretch(1, 2)
-        heading = _label(title)
+        heading = QLabel(title, wordWrap=True)
         heading.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
         grid.addWidget(heading, 0, 0, 1, 2)
         for row, reference in enumerate(references, start=1):
-            named = _label(_broken(reference.text))
+            named = QLabel(_broken(reference.text), wordWrap=True)
             named.setObjectName("confirm_file_named")
             named.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-            purpose = _label(reference.purpose)
+            purpose = QLabel(reference.purpose, wordWrap=True)
             self._theme.color_text(purpose, "dim")
             grid.addWidget(named, row, 0, 1, 1 if reference.purpose else 2, Qt.AlignmentFlag.AlignTop)
             if reference.purpose:
@@ -117,9 +118,3 @@ def _broken(text: str) -> str:
     """Insert zero-width break opportunities into a long address or path."""
     text = printable(text)
     return "\u200b".join(text[start : start + 24] for start in range(0, len(text), 24))
-
-
-def _label(text: str) -> QLabel:
-    label = QLabel(text, wordWrap=True)
-    label.setTextFormat(Qt.TextFormat.PlainText)
-    return label

@@ -70,7 +70,7 @@ class ConnectionCard(Overlay):
         self._layout = layouts.vbox(self.card, margins_px=(20, 16, 20, 16), spacing_px=10)
         self._heading = QLabel(tr("Connection in the last minute"), wordWrap=True)
         self._state = state
-        self._facts = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
+        self._facts = QLabel(wordWrap=True)
         self._facts.setObjectName("connection_facts")
         diagnostics = self._diagnostics = ActionButton(theme, tr("All topics"), icon="gauge")
         diagnostics.setObjectName("connection_diagnostics")

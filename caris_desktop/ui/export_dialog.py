@@ -87,7 +87,7 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         self._bar = QProgressBar(textVisible=False)
         self._bar.setObjectName("export_progress")
         self._bar.setRange(0, 1000)
-        self._description = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        self._description = QLabel(wordWrap=True)
         self._description.setObjectName("export_what")
         self._description.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._close = ActionButton(theme, tr("Close"), role="ghost", height_px=38)

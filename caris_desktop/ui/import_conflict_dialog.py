@@ -39,7 +39,6 @@ class ImportConflictDialog(VisualTabOrderMixin, QDialog):
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._decide = decide
         heading = QLabel(tr("Some names in {file} already exist").format(file=question.path.name))
-        heading.setTextFormat(Qt.TextFormat.PlainText)
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         hint = QLabel(tr("Nothing has been changed yet. Replaced files are set aside, not deleted."), wordWrap=True)
         theme.color_text(hint, "dim")
@@ -97,7 +96,7 @@ class _Part(QWidget):
         self._conflict = conflict
         part = conflict.part
         self.setObjectName(f"same_name_{part.kind}")
-        question = QLabel(tr(_ASKED[part.kind]).format(name=part.name), textFormat=Qt.TextFormat.PlainText)
+        question = QLabel(tr(_ASKED[part.kind]).format(name=part.name))
         question.setWordWrap(True)
         question.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
         self.choice = DropDown(

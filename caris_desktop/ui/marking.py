@@ -242,9 +242,9 @@ class MarkCard(QWidget):
         self._note_began_s = 0.0
         self._below: QWidget | None = None
         self._focus_before: QWidget | None = None
-        self._title = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._title = QLabel()
         self._title.setObjectName("mark_card_title")
-        self._line = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
+        self._line = QLabel(wordWrap=True)
         self._line.setObjectName("mark_card_line")
         close = self._button("mark_card_close", "", icon="x", role="ghost")
         close.setAccessibleName(tr("Close"))

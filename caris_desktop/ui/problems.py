@@ -241,7 +241,6 @@ class ProblemCard(QWidget):
         self._labels = (self._what, self._meaning, self._advice, self._why, self._also)
         for label in self._labels:
             label.setWordWrap(True)
-            label.setTextFormat(Qt.TextFormat.PlainText)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         close = ActionButton(theme, "", icon="x", role="ghost", height_px=28)
         close.setObjectName("problem_dismiss")

@@ -504,7 +504,7 @@ class StepsCard(_CardBelow):
         super().__init__(theme, window)
         self.setObjectName("steps_card")
         self.setAccessibleName(tr("All steps of the protocol"))
-        self._note = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        self._note = QLabel(wordWrap=True)
         self._note.setObjectName("step_note")
         self._boxes = layouts.vbox(spacing_px=2)
         self._ticks: list[CheckBox] = []

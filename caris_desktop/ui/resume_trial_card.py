@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtCore import QEvent, QObject
 from PySide6.QtGui import QAccessible, QPaintEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
@@ -83,7 +83,6 @@ class ResumeTrialCard(QWidget):
         self._text.setObjectName("going_on_text")
         for label in (self._heading, self._text):
             label.setWordWrap(True)
-            label.setTextFormat(Qt.TextFormat.PlainText)
         self._boxes: dict[AsBefore, CheckBox] = {}
         column = self._column = layouts.vbox(self, margins_px=(20, 16, 20, 16), spacing_px=tokens.GRID_PX)
         column.addWidget(self._heading)

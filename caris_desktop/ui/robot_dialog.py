@@ -591,7 +591,7 @@ class NoteLine(QWidget):
         super().__init__()
         self._theme = theme
         self._role, self._icon = "dim", ""
-        self._label = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        self._label = QLabel(wordWrap=True)
         self._label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         row = layouts.hbox(self, margins_px=(28, 2, 0, 2))
         row.addWidget(self._label)
@@ -635,7 +635,7 @@ class MappingRow(QWidget):
         label = tr(label)
         name = QLabel(label, wordWrap=True)
         name.setFixedWidth(170)
-        self._verdict = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._verdict = QLabel()
         self._verdict.setObjectName("mapping_verdict")
         self._verdict.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.box = DropDown(theme, f"mapping_{field}_box", label)

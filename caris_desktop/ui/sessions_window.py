@@ -138,7 +138,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self._empty.setObjectName("sessions_empty")
         self._status = QLabel()
         self._status.setObjectName("sessions_status")
-        self._lacks = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        self._lacks = QLabel(wordWrap=True)
         self._lacks.setObjectName("sessions_lacks")
         self._lacks.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._lacks.hide()

@@ -275,7 +275,7 @@ class StartDialog(VisualTabOrderMixin, QDialog):
             self._begin_button.set_label(tr("Start recording"), role="primary")
 
     def _small(self, text: str) -> QLabel:
-        label = QLabel(text, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        label = QLabel(text, wordWrap=True)
         self._theme.style_text(label, "dim", tokens.STATUS_PX)
         return label
 

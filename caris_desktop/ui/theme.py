@@ -164,7 +164,8 @@ def make_style_sheet(colors: Colors) -> str:
     radius, status = tokens.CONTROL_RADIUS_PX, tokens.STATUS_PX
     return f"""
 /* Qt takes what looks like HTML in a label or a tooltip for HTML, and reads the files that it names. Names, answers of
-models and errors of servers are shown there: they stay words, but where the program writes the HTML itself. */
+models and errors of servers are shown there: they stay words, but where the program writes the HTML itself. The sheet
+applies when a label is first laid out or shown: one that is asked for its heightForWidth before sets its format. */
 QLabel, QToolTip {{ qproperty-textFormat: PlainText; }}
 QLabel#known_names {{ qproperty-textFormat: RichText; }}
 QWidget#split_handle {{ background: transparent; }}

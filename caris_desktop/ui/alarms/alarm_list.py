@@ -153,7 +153,6 @@ class AlarmRow(QWidget):
         column = layouts.vbox(spacing_px=3)
         for label in self._labels:
             label.setWordWrap(True)
-            label.setTextFormat(Qt.TextFormat.PlainText)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             column.addWidget(label)
         self._dismiss_button = ActionButton(theme, tr("Dismiss"), icon="check", height_px=30)

@@ -31,7 +31,7 @@ class SuggestionCards(QWidget):
         self._context = context
         self._state = context.console.state
         self.cards = [_Card(context, rank) for rank in range(1, MOST_REPLIES + 1)]
-        self._from = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._from = QLabel()
         self._from.setObjectName("suggestions_from")
         self._from.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._dismiss = ActionButton(

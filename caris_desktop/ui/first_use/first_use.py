@@ -3,7 +3,7 @@
 import math
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, QRectF, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QRectF, QTimer, Signal
 from PySide6.QtGui import QAccessible, QPaintEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
@@ -119,7 +119,7 @@ class DriveHint(Bar, QWidget):
         self._driven_m = 0.0
         self._waits = False
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self._text = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
+        self._text = QLabel(wordWrap=True)
         self._practise = ActionButton(theme, tr("Practise the rest"), icon="student", height_px=28)
         self._practise.setObjectName("drive_hint_practise")
         self._practise.clicked.connect(self._on_practise)

@@ -71,7 +71,7 @@ class StepPage(QWidget):
         self.column.addWidget(row_widget)
 
     def label(self, text: str, size_px: int = tokens.BODY_PX) -> QLabel:
-        label = QLabel(text, textFormat=Qt.TextFormat.PlainText, wordWrap=len(text) > _SHORT_WORDS)
+        label = QLabel(text, wordWrap=len(text) > _SHORT_WORDS)
         weight = tokens.WEIGHT_SEMIBOLD if size_px == tokens.SPEECH_PX else tokens.WEIGHT_NORMAL
         label.setFont(self.theme.font(size_px, weight))
         return label

@@ -85,7 +85,7 @@ class AssistantPanel(Panel):
         self._rows.say_requested.connect(self._on_say_row)
         self._rows.edit_requested.connect(self._on_edit_row)
         self._rows.away_requested.connect(self._on_away)
-        self._question = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        self._question = QLabel(wordWrap=True)
         self._question.setObjectName("assistant_question")
         self._answer = _AnswerField()
         self._answer.entered.connect(self._on_say)

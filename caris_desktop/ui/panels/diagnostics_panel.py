@@ -344,7 +344,7 @@ class DiagnosticsPanel(Panel):
         self.setObjectName("diagnostics_panel")
         self._copied_at_s = float("-inf")
         self._link_state = ""
-        self._summary = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._summary = QLabel()
         self._summary.setObjectName("diagnostics_summary")
         self._summary.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self._summary.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)

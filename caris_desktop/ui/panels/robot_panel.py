@@ -212,7 +212,7 @@ class ControlEntry(QWidget):
         self._status: ControlStatus | None = None
         self._reason = ""
         self._asking: ControlValue | None = None
-        self._note = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        self._note = QLabel(wordWrap=True)
         self._note.setObjectName("control_note")
         self._note.hide()
         self._question = _Question(theme)
@@ -343,7 +343,7 @@ class _Question(QWidget):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self._theme = theme
-        self._words = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._words = QLabel()
         self.yes = ActionButton(theme, tr("Do it"), role="amber", height_px=30)
         self.yes.setObjectName("control_confirm")
         self.yes.clicked.connect(lambda: self.answered.emit(True))

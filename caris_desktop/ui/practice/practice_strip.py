@@ -92,7 +92,6 @@ class PracticeStrip(Bar, QWidget):
         self._title.setObjectName("practice_title")
         self._how.setObjectName("practice_how")
         for label in (self._title, self._how):
-            label.setTextFormat(Qt.TextFormat.PlainText)
             label.setWordWrap(True)
         self._dots = StepDots(theme)
         self._skip = ActionButton(theme, tr("Skip"), icon="skip-forward", role="ghost", height_px=_BUTTON_PX)

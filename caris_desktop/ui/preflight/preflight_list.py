@@ -139,7 +139,7 @@ class PreflightRow(QWidget):
         theme.changed.connect(self._style)
 
     def _label(self, text: str = "", size_px: int = tokens.STATUS_PX) -> QLabel:
-        label = QLabel(text, textFormat=Qt.TextFormat.PlainText, wordWrap=True)
+        label = QLabel(text, wordWrap=True)
         label.setFont(self._theme.font(size_px))
         return label
 

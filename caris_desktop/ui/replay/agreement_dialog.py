@@ -96,10 +96,10 @@ class AgreementDialog(VisualTabOrderMixin, QDialog):
         for choice in (self._first, self._second, self._tolerance):
             choice.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             choice.currentIndexChanged.connect(self._compare)
-        self._kappa = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._kappa = QLabel()
         self._kappa.setObjectName("agreement_kappa")
         self._kappa.setFont(theme.font(28, tokens.WEIGHT_SEMIBOLD))
-        self._lines = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
+        self._lines = QLabel(wordWrap=True)
         self._lines.setObjectName("agreement_lines")
         self._lines.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._table_words = QLabel(

@@ -92,7 +92,7 @@ class ReplayBar(QWidget):
         for rate in RATES:
             self._rate.addItem(rate_text(rate), rate)
         self._rate.activated.connect(self._on_rate_chosen)
-        self._hint = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._hint = QLabel()
         self._hint.setObjectName("replay_hint")
         self._hint.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._hint_end = QTimer(self, singleShot=True, interval=_HINT_MS)

@@ -99,7 +99,6 @@ class TierDialog(VisualTabOrderMixin, QDialog):
             if tier is None
             else tr("Tier {tier} of {coder}").format(tier=tr_filled(tier.title), coder=tier.coder)
         )
-        heading.setTextFormat(Qt.TextFormat.PlainText)
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         self._coder = DropDown(theme, "tier_coder", tr("Coder"))
         self._coder.setEditable(True)
@@ -137,7 +136,7 @@ class TierDialog(VisualTabOrderMixin, QDialog):
             tr("One label per line, with its meaning after a colon:\ncurious: leans in, asks")
         )
         self._list.setMinimumHeight(120)
-        self._refusal = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
+        self._refusal = QLabel(wordWrap=True)
         self._refusal.setObjectName("tier_refusal")
         theme.style_text(self._refusal, "amber", tokens.STATUS_PX)
         form = QFormLayout()

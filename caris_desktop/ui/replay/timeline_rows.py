@@ -300,7 +300,7 @@ class ImportDialog(VisualTabOrderMixin, QDialog):
         form.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         form.addRow(tr("File"), path)
         form.addRow(tr("Coder"), self._coder)
-        self._refusal = QLabel(textFormat=Qt.TextFormat.PlainText, wordWrap=True)
+        self._refusal = QLabel(wordWrap=True)
         self._refusal.setObjectName("import_refusal")
         for label, role in ((hint, "dim"), (self._refusal, "amber")):
             theme.style_text(label, role, tokens.STATUS_PX)

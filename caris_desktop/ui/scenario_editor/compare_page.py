@@ -156,7 +156,6 @@ class ComparePage(QWidget):
         title.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
         words.setFont(theme.font(tokens.STATUS_PX))
         words.setWordWrap(True)
-        words.setTextFormat(Qt.TextFormat.PlainText)
         theme.color_text(words, "dim")
         texts.addWidget(title)
         texts.addWidget(words)

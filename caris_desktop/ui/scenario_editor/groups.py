@@ -86,7 +86,6 @@ class _Holder(FormPart):
         self.mistake_label.setObjectName("mistake")
         for label in (self.help_label, self.mistake_label):
             label.setWordWrap(True)
-            label.setTextFormat(Qt.TextFormat.PlainText)
         head = layouts.vbox(spacing_px=2)
         for label in (self.title_label, self.help_label, self.mistake_label):
             head.addWidget(label)

@@ -112,7 +112,7 @@ class Field(FormPart):
             self.control.setToolTip(self.help)
 
     def _words(self, text: str) -> QLabel:
-        label = QLabel(text, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        label = QLabel(text, wordWrap=True)
         self.column.addWidget(label)
         return label
 

@@ -471,7 +471,7 @@ class ShortcutSheet(Overlay):
         self._leave.setVisible(waits)
 
     def _line(self, name: str) -> QLabel:
-        label = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        label = QLabel(wordWrap=True)
         label.setObjectName(name)
         label.setFont(self._theme.font(tokens.STATUS_PX))
         return label

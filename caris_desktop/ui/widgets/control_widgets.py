@@ -395,7 +395,7 @@ class _TextFace(_TitledFace):
     def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
         super().__init__(theme, control)
         self._use = use
-        self._now = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._now = QLabel()
         self._field = SubmitLineEdit()
         self._field.setObjectName(f"control_{control.id}_field")
         self._field.setAccessibleName(control.title)
@@ -428,7 +428,7 @@ class _ReadoutFace(ControlWidget):
         super().__init__(theme, control)
         self._title = QLabel(control.title)
         self._title.setMinimumWidth(40)
-        self._value = QLabel(textFormat=Qt.TextFormat.PlainText)
+        self._value = QLabel()
         self._value.setObjectName("control_value")
         row = layouts.hbox(self, margins_px=(10, 4, 10, 4), spacing_px=8)
         row.addWidget(self._title)
