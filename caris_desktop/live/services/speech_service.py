@@ -22,7 +22,7 @@ from caris_desktop.conversation.synthesis_messages import (
 )
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
-from caris_desktop.domain.events import LinkChanged, Problem, SuggestionChanged, UtteranceChanged, VoiceChanged
+from caris_desktop.domain.events import ANSWER, LinkChanged, Problem, SuggestionChanged, UtteranceChanged, VoiceChanged
 from caris_desktop.domain.link_commands import Say, Silence
 from caris_desktop.domain.ports import RobotPort
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -228,13 +228,11 @@ class SpeechService(Service):
             return self._output
         if self._permitted and self._mute_robot != robot.title:
             self._mute_robot = robot.title
-            self._bus.publish(
-                Problem(
-                    clock.now_ns(), "info", tr("{robot} has no voice.").format(robot=robot.title),
-                    tr("This computer speaks instead: participants hear the speech from here."),
-                    tr("Put a loudspeaker near the robot, or configure its speech in its profile (Window menu, "
-                        "Robot)."),
-                )
+            self._bus.problem(
+                "info", tr("{robot} has no voice.").format(robot=robot.title),
+                tr("This computer speaks instead: participants hear the speech from here."),
+                tr("Put a loudspeaker near the robot, or configure its speech in its profile (Window menu, Robot)."),
+                cause=ANSWER,
             )  # fmt: skip
         return "computer"
 

@@ -17,6 +17,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.conversation.synthesis_messages import Draft, Prepare, SynthesisFailed
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import (
+    ANSWER,
     LinkChanged,
     LinkState,
     Problem,
@@ -299,6 +300,7 @@ def test_for_a_robot_without_speech_this_computer_speaks_and_reports_it_once(own
     qtbot.waitUntil(lambda: bench.state.speech.value.now is None and bool(problems), timeout=20_000)
     assert ["has no voice." in problem.what for problem in problems] == [True]
     assert problems[0].severity == "info" and "This computer speaks instead" in problems[0].meaning
+    assert problems[0].cause == ANSWER, "the window shows it as a note"
     assert bench.state.voice.value.output == "both", "what the scenario asks for stays"
     bench.state.robot.set(replace(mute, speech=SpeechInterface("/say")))
     assert bench.state.speech.value.voice == "both"
