@@ -485,6 +485,7 @@ SELECT
     CASE WHEN grouping(condition) = 1 THEN 'study' ELSE 'condition' END AS of,
     condition,
     scenario,
+    scenario_file,
     step_id,
     min(title) AS title,
     min(step_number) AS step_number,
@@ -501,8 +502,8 @@ SELECT
     max(time_s) FILTER (visits > 0) AS max_s
 FROM (SELECT * EXCLUDE (participant, condition, trial) FROM protocol) JOIN sessions USING (session)
 WHERE lower(purpose) != 'practice'
-GROUP BY GROUPING SETS ((scenario, step_id), (scenario, step_id, condition))
-ORDER BY of DESC, condition, scenario, step_number, step_id;
+GROUP BY GROUPING SETS ((scenario, scenario_file, step_id), (scenario, scenario_file, step_id, condition))
+ORDER BY of DESC, condition, scenario, scenario_file, step_number, step_id;
 
 -- What was wrong, by its cause: of the whole study (condition is NULL) and of each condition.
 CREATE VIEW alarm_causes AS

@@ -600,6 +600,7 @@ def _driving(measures: Measures) -> dict[str, Any]:
 def _protocol(measures: Measures) -> dict[str, Any]:
     """Protocol section: each step, planned against actual."""
     steps = measures.steps
+    several = len({step.scenario for step in steps}) > 1
     late = sum(step.late_s >= LATE_FROM_S for step in steps)
     skipped = sum(step.skipped > 0 for step in steps)
     fact = f"{sum(step.visits > 0 for step in steps)} of {counted(len(steps), 'step')}"
@@ -609,7 +610,7 @@ def _protocol(measures: Measures) -> dict[str, Any]:
         "step_rows": [
             {
                 "number": step.number,
-                "title": step.title,
+                "title": f"{step.title} ({step.scenario})" if several else step.title,
                 "planned": duration_text(step.expected_s) if step.expected_s else "–",
                 "actual": duration_text(step.time_s) if step.visits else "not started",
                 "visits": step.visits,

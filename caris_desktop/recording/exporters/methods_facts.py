@@ -192,12 +192,11 @@ class StudyFacts:
         return distinct(name for one in self.known for name in one.robots)
 
     def steps(self) -> dict[tuple[str, str], list[StepRecord]]:
-        """Each protocol step with its records in all sessions that had it, by scenario and id."""
+        """Each protocol step with its records in all sessions that had it, by scenario file and id."""
         found: dict[tuple[str, str], list[StepRecord]] = {}
         for one in self.known:
-            title = one.scenarios[-1].title if one.scenarios else ""
             for step in one.measures.steps:
-                found.setdefault((title, step.step_id), []).append(step)
+                found.setdefault((step.scenario, step.step_id), []).append(step)
         return found
 
     def recorded_s(self) -> float:

@@ -671,7 +671,8 @@ class _Answers:
         if not steps:
             return []
         step_texts = []
-        for records in steps.values():
+        several = len({scenario for scenario, _ in steps}) > 1
+        for (scenario, _), records in steps.items():
             begun = [record for record in records if record.visits]
             planned = max(record.expected_s for record in records)
             spread = SummaryStats.of([record.time_s for record in begun])
@@ -683,7 +684,8 @@ class _Answers:
                 "late in {} of {}": sum(record.late_s >= LATE_FROM_S for record in records),
             }
             facts += [words.format(count, len(records)) for words, count in often.items() if count]
-            step_texts.append(f"{records[-1].title} ({', '.join(filter(None, facts))})")
+            title = f"{records[-1].title}{f' of {scenario}' if several else ''}"
+            step_texts.append(f"{title} ({', '.join(filter(None, facts))})")
         return [
             SheetItem(
                 "Which protocol did the wizard follow, and how closely?",

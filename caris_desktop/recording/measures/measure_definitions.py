@@ -279,7 +279,9 @@ TABLES: dict[str, tuple[str, ...]] = {
     "event_emergency_stop_changed": ("stamp_ns", "latched"),
     "goals": ("stamp_ns", "goal_id", "state", "end_ns"),
     "alarms": ("alarm_id", "cause", "what", "stood_s", "times", "seen_to_by"),
-    "protocol": ("step_id", "title", "step_number", "visits", "expected_s", "time_s", "late_s", "skipped"),
+    "protocol": (
+        "scenario_file", "step_id", "title", "step_number", "visits", "expected_s", "time_s", "late_s", "skipped",
+    ),
     "event_guard_changed": ("stamp_ns", "state"),
     "event_gap": ("stamp_ns", "stream", "count"),
     "event_problem": ("stamp_ns",),

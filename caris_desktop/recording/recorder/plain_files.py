@@ -28,7 +28,10 @@ _MOVEMENT_HEAD = (
     f"{'time':<12} {'session_s':>10} {'what':<8} {'forward':>8} {'left':>8} {'turn':>8}"
     f" {'x':>9} {'y':>9} {'heading':>8}  by\n"
 )
-_SPEECH_HEAD = "# Conversation log. Times: local time, then seconds since the start of the session.\n"
+_SPEECH_HEAD = (
+    "# Conversation log, a line per utterance. Times: local time, then seconds since the start of the session.\n"
+    "# Lines with # repeat an earlier utterance that was interrupted, failed or was corrected.\n"
+)
 
 
 class PlainFiles:
@@ -153,7 +156,7 @@ class PlainFiles:
             remark = f"  [{utterance.origin}]"
         else:
             return
-        self._write_speech(utterance.stamp_ns, utterance.speaker, utterance.text, remark)
+        self._write_speech(utterance.stamp_ns, utterance.speaker, utterance.text, remark, again=not first)
 
     def _add_heard(self, utterance: UtteranceChanged) -> None:
         """Write a line when the utterance is complete, with its start time."""
@@ -175,10 +178,10 @@ class PlainFiles:
         self._spoken[corrected.utterance_id] = (who, text)
         who = f"{who or 'unknown speaker'}{f' ({corrected.person_id})' if corrected.person_id else ''}"
         was = f", before: {' '.join(known[1].split())}" if text != known[1] else ""
-        self._write_speech(corrected.stamp_ns, who, text, f"  [corrected{was}]")
+        self._write_speech(corrected.stamp_ns, who, text, f"  [corrected{was}]", again=True)
 
-    def _write_speech(self, stamp_ns: int, who: str, text: str, remark: str) -> None:
-        line = f"{self._times(stamp_ns)} {who}: {' '.join(text.split())}{remark}\n"
+    def _write_speech(self, stamp_ns: int, who: str, text: str, remark: str, *, again: bool = False) -> None:
+        line = f"{'# ' if again else ''}{self._times(stamp_ns)} {who}: {' '.join(text.split())}{remark}\n"
         self._speech.write(line.encode("utf-8", "replace"))
 
     def _add_exchange(self, exchange: LlmExchange) -> None:

@@ -1,27 +1,36 @@
 """Protocol of a session, planned against actual: visits of each step, durations and delays."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Literal
 
 from caris_desktop.domain.actor import Actor
-from caris_desktop.domain.events import PlannedStep, ProtocolEnded, ProtocolOpened, StepEntered, StepHow, StepTicked
+from caris_desktop.domain.events import (
+    PlannedStep,
+    ProtocolEnded,
+    ProtocolOpened,
+    ScenarioOpened,
+    StepEntered,
+    StepHow,
+    StepTicked,
+)
+from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.session_reader import Session
 
-ProtocolEvent = ProtocolOpened | StepEntered | StepTicked | ProtocolEnded
-PROTOCOL_EVENTS = (ProtocolOpened, StepEntered, StepTicked, ProtocolEnded)
-PROTOCOL_STREAMS = ("event/protocol_opened", "event/step_entered", "event/step_ticked", "event/protocol_ended")
+ProtocolEvent = ScenarioOpened | ProtocolOpened | StepEntered | StepTicked | ProtocolEnded
+PROTOCOL_EVENTS = (ScenarioOpened, ProtocolOpened, StepEntered, StepTicked, ProtocolEnded)
+PROTOCOL_STREAMS = tuple(BY_TYPE[kind].name for kind in PROTOCOL_EVENTS)
 Left = Literal["", "next", "skipped", "back", "branch", "chosen", "ended"]
 
 
 @dataclass(frozen=True, slots=True)
 class StepVisit:
-    """One visit of a step. ``left`` is empty if the session ended in it or another protocol was opened. ``time_s``
-    excludes pauses; ``late_s`` is the excess over the expected time, including earlier time in the step after a return
-    to it.
+    """One visit of a step of the protocol in the scenario file ``scenario``. ``left`` is empty if the session ended in
+    it or another protocol was opened. ``time_s`` excludes pauses; ``late_s`` is the excess over the expected time,
+    including earlier time in the step after a return to it.
     """
 
     step_id: str
@@ -36,12 +45,13 @@ class StepVisit:
     late_s: float = 0.0
     branch: str = ""
     actor: Actor = ""
+    scenario: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class StepRecord:
-    """Step of the protocol over the whole session. ``visits`` counts how often it was begun, without returns; 0 if
-    never. ``ticked`` of ``to_tick`` items were ticked at the end.
+    """Step of the protocol in the scenario file ``scenario``, over the session. ``visits`` counts how often it was
+    begun, without returns; 0 if never. ``ticked`` of ``to_tick`` items were ticked at the end.
     """
 
     step_id: str
@@ -55,6 +65,7 @@ class StepRecord:
     ticked: int
     to_tick: int
     first_ns: int | None
+    scenario: str = ""
 
 
 def read_protocol(session: Session) -> tuple[tuple[StepVisit, ...], tuple[StepRecord, ...]]:
@@ -71,36 +82,39 @@ def step_visits_of(
     """Visits in order of time, from events in recording order."""
     plan: dict[str, PlannedStep] = {}
     visits: list[StepVisit] = []
-    present: StepEntered | None = None
-    spent_s: dict[str, float] = {}
+    present: tuple[str, StepEntered] | None = None
+    spent_s: dict[tuple[str, str], float] = {}
 
     def leave(at_ns: int, left: Left) -> None:
         nonlocal present
         if present is None:
             return
-        planned, end_ns = plan.get(present.step_id), max(present.stamp_ns, at_ns)
+        scenario, step = present
+        key = scenario, step.step_id
+        planned, end_ns = plan.get(step.step_id), max(step.stamp_ns, at_ns)
         expected_s = 0.0 if planned is None else planned.expected_s
-        time_s = _without(present.stamp_ns, end_ns, pauses)
-        before_s = spent_s.get(present.step_id, 0.0) if present.how == "back" else 0.0
+        time_s = _without(step.stamp_ns, end_ns, pauses)
+        before_s = spent_s.get(key, 0.0) if step.how == "back" else 0.0
         late_s = max(0.0, before_s + time_s - max(expected_s, before_s)) if expected_s else 0.0
-        spent_s[present.step_id] = before_s + time_s
+        spent_s[key] = before_s + time_s
         visits.append(
             StepVisit(
-                present.step_id, present.title, present.number, present.stamp_ns, end_ns, present.how, left,
-                time_s, expected_s, late_s, present.branch, present.actor,
+                step.step_id, step.title, step.number, step.stamp_ns, end_ns, step.how, left,
+                time_s, expected_s, late_s, step.branch, step.actor, scenario,
             )
         )  # fmt: skip
         present = None
 
-    for event in events:
+    for scenario, event in _by_scenario(events):
         match event:
             case ProtocolOpened(steps=steps):
-                plan = {step.step_id: step for step in steps}
-                if present is not None and present.step_id not in plan:
+                opened = {step.step_id: step for step in steps}
+                if present is not None and (scenario != present[0] or present[1].step_id not in opened):
                     leave(event.stamp_ns, "")
+                plan = opened
             case StepEntered(how=how):
                 leave(event.stamp_ns, "" if how == "started" else how)
-                present = event
+                present = scenario, event
             case ProtocolEnded(skipped=skipped):
                 leave(event.stamp_ns, "skipped" if skipped else "ended")
     leave(ended_ns, "")
@@ -108,21 +122,24 @@ def step_visits_of(
 
 
 def steps_of(events: Iterable[ProtocolEvent], visits: Iterable[StepVisit]) -> tuple[StepRecord, ...]:
-    """All steps of the final plan, and any others visited, in the order of the plan."""
-    planned: dict[str, PlannedStep] = {}
-    last: tuple[PlannedStep, ...] = ()
-    ticks: dict[tuple[str, str], bool] = {}
-    for event in events:
+    """All steps of the final plan of each scenario in use, and any others visited, in the order of the plans."""
+    planned: dict[tuple[str, str], PlannedStep] = {}
+    final: dict[str, tuple[PlannedStep, ...]] = {}
+    ticks: dict[tuple[str, str, str], bool] = {}
+    last = ""
+    for scenario, event in _by_scenario(events):
         if isinstance(event, ProtocolOpened):
-            planned |= {step.step_id: step for step in event.steps}
-            last = event.steps or last
+            planned |= {(scenario, step.step_id): step for step in event.steps}
+            final[scenario] = event.steps or final.get(scenario, ())
+            last = scenario
         elif isinstance(event, StepTicked):
-            ticks[event.step_id, event.item] = event.on
-    records: dict[str, StepRecord] = {}
+            ticks[scenario, event.step_id, event.item] = event.on
+    records: dict[tuple[str, str], StepRecord] = {}
     for visit in visits:
-        step = planned.get(visit.step_id) or PlannedStep(visit.step_id, visit.title)
-        record = records.get(visit.step_id) or _unvisited(step, visit.number)
-        records[visit.step_id] = replace(
+        key = visit.scenario, visit.step_id
+        step = planned.get(key) or PlannedStep(visit.step_id, visit.title)
+        record = records.get(key) or _unvisited(visit.scenario, step, visit.number)
+        records[key] = replace(
             record,
             visits=record.visits + (visit.how != "back" or not record.visits),
             time_s=record.time_s + visit.time_s,
@@ -130,15 +147,30 @@ def steps_of(events: Iterable[ProtocolEvent], visits: Iterable[StepVisit]) -> tu
             skipped=record.skipped + (visit.left == "skipped"),
             first_ns=visit.start_ns if record.first_ns is None else record.first_ns,
         )
-    for number, step in enumerate(last, start=1):
-        records[step.step_id] = replace(records.get(step.step_id) or _unvisited(step, number), number=number)
-    ticked = Counter(step_id for (step_id, _), on in ticks.items() if on)
-    done = (replace(record, ticked=ticked[record.step_id]) for record in records.values())
-    return tuple(sorted(done, key=lambda record: record.number))
+    used = {scenario for scenario, _ in records} | {last}
+    for scenario in used & final.keys():
+        for number, step in enumerate(final[scenario], start=1):
+            key = scenario, step.step_id
+            records[key] = replace(records.get(key) or _unvisited(scenario, step, number), number=number)
+    ticked = Counter((scenario, step_id) for (scenario, step_id, _), on in ticks.items() if on)
+    done = (replace(record, ticked=ticked[record.scenario, record.step_id]) for record in records.values())
+    places = {scenario: place for place, scenario in enumerate(final)}
+    return tuple(sorted(done, key=lambda record: (places.get(record.scenario, 0), record.number)))
 
 
-def _unvisited(step: PlannedStep, number: int) -> StepRecord:
-    return StepRecord(step.step_id, step.title, number, step.expected_s, 0, 0.0, 0.0, 0, 0, len(step.tick), None)
+def _by_scenario(events: Iterable[ProtocolEvent]) -> Iterator[tuple[str, ProtocolEvent]]:
+    """Events with the scenario file in use; those before the first is known belong to it."""
+    events = list(events)
+    scenario = next((event.file_name for event in events if isinstance(event, ScenarioOpened)), "")
+    for event in events:
+        if isinstance(event, ScenarioOpened):
+            scenario = event.file_name
+        yield scenario, event
+
+
+def _unvisited(scenario: str, step: PlannedStep, number: int) -> StepRecord:
+    items = len(step.tick)
+    return StepRecord(step.step_id, step.title, number, step.expected_s, 0, 0.0, 0.0, 0, 0, items, None, scenario)
 
 
 def _without(start_ns: int, end_ns: int, pauses: Sequence[tuple[int, int]]) -> float:

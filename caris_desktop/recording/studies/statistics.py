@@ -30,7 +30,7 @@ from caris_desktop.recording.studies.study_index import (
 from caris_desktop.recording.tables.build import sql_types
 
 _log = logging.getLogger(__name__)
-_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 7
+_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 8
 _MARKER = "statistics.json"
 _MAX_MARKER_BYTES = 64 * 1024 * 1024
 _OTHER_VIEWS = {

@@ -165,18 +165,19 @@ DERIVED: tuple[DerivedTable, ...] = (
     _derived(
         "protocol",
         StepRecord,
-        "step_id title step_number=number visits expected_s time_s late_s skipped ticked to_tick",
-        """One step of the protocol, planned against actual. The time columns give its first start, or that of the
-        session if it never started. ``visits`` counts its starts, without returns to it. ``expected_s`` is the planned
-        time of each, 0 if none. ``time_s`` is the total time without pauses, ``late_s`` the total overrun. ``skipped``
-        is a count, too. ``ticked`` of ``to_tick`` items were ticked off.""",
+        "scenario_file=scenario step_id title step_number=number "
+        "visits expected_s time_s late_s skipped ticked to_tick",
+        """One step of a scenario file's protocol, planned against actual. The time columns give its first start, or
+        that of the session if it never started. ``visits`` counts its starts, without returns to it. ``expected_s`` is
+        the planned time of each, 0 if none. ``time_s`` is the total time without pauses, ``late_s`` the total overrun.
+        ``skipped`` is a count, too. ``ticked`` of ``to_tick`` items were ticked off.""",
         lambda data: data.steps,
         stamp_ns=lambda step, session: session.started_ns if step.first_ns is None else step.first_ns,
     ),
     _derived(
         "step_visits",
         StepVisit,
-        "step_id title step_number=number end_ns how left branch time_s expected_s late_s actor",
+        "scenario_file=scenario step_id title step_number=number end_ns how left branch time_s expected_s late_s actor",
         """One interval in a step of the protocol. The time columns give its start. ``how`` it was entered and
         ``left``, which is empty if the session ended in it. ``time_s`` excludes pauses. ``late_s`` is the time beyond
         what was expected, with the earlier time in the step if the wizard came back to it.""",
