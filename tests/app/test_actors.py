@@ -161,7 +161,7 @@ def tell(story: Story) -> None:
     story.until(lambda: state.going_on.value.state == "offered", "the trial that broke off")
     ask(intents.GoOnWithTrial(), events.TrialResumed, folder="broken-off")
     for what in get_args(intents.AsBefore):
-        ask(intents.ConfirmAsBefore(what), events.ConfirmedAsBefore, label=what)
+        ask(intents.ConfirmAsBefore(what), events.ConfirmedAsBefore, what=what)
     ask(intents.StartRecording(TrialDetails(participant="P1"), anyway=True), events.SessionStarted)
     story.until(lambda: state.recording.value.state == "recording", "the recording")
     story.folder = Path(state.recording.value.folder)
