@@ -31,6 +31,7 @@ from caris_desktop.recording.session.session_protocol import (
     PROTOCOL_EVENTS,
     StepRecord,
     StepVisit,
+    scenario_file,
     step_visits_of,
     steps_of,
 )
@@ -129,11 +130,16 @@ class SessionData:
 
     @cached_property
     def step_visits(self) -> tuple[StepVisit, ...]:
-        return step_visits_of(self.of_any(PROTOCOL_EVENTS), ended_ns=self.session.ended_ns, pauses=self.pauses)
+        return step_visits_of(
+            self.of_any(PROTOCOL_EVENTS),
+            ended_ns=self.session.ended_ns,
+            pauses=self.pauses,
+            scenario=scenario_file(self.session),
+        )
 
     @cached_property
     def steps(self) -> tuple[StepRecord, ...]:
-        return steps_of(self.of_any(PROTOCOL_EVENTS), self.step_visits)
+        return steps_of(self.of_any(PROTOCOL_EVENTS), self.step_visits, scenario=scenario_file(self.session))
 
     @cached_property
     def photos(self) -> tuple[PhotoTaken, ...]:

@@ -72,14 +72,21 @@ def read_protocol(session: Session) -> tuple[tuple[StepVisit, ...], tuple[StepRe
     """Visits and steps of a session; empty without a protocol. Raises SessionError."""
     events = [value for _, value in session.values(*PROTOCOL_STREAMS)]
     pauses = pauses_of((value for _, value in session.values("event/recording_paused")), ended_ns=session.ended_ns)
-    visits = step_visits_of(events, ended_ns=session.ended_ns, pauses=pauses)
-    return visits, steps_of(events, visits)
+    scenario = scenario_file(session)
+    visits = step_visits_of(events, ended_ns=session.ended_ns, pauses=pauses, scenario=scenario)
+    return visits, steps_of(events, visits, scenario=scenario)
+
+
+def scenario_file(session: Session) -> str:
+    """Scenario file of the header, for events before the first that names one."""
+    scenario = session.header.get("scenario")
+    return str(scenario.get("file", "")) if isinstance(scenario, dict) else ""
 
 
 def step_visits_of(
-    events: Iterable[ProtocolEvent], *, ended_ns: int, pauses: Sequence[tuple[int, int]] = ()
+    events: Iterable[ProtocolEvent], *, ended_ns: int, pauses: Sequence[tuple[int, int]] = (), scenario: str = ""
 ) -> tuple[StepVisit, ...]:
-    """Visits in order of time, from events in recording order."""
+    """Visits in order of time, from events in recording order; ``scenario`` is the file before the first is named."""
     plan: dict[str, PlannedStep] = {}
     visits: list[StepVisit] = []
     present: tuple[str, StepEntered] | None = None
@@ -89,8 +96,8 @@ def step_visits_of(
         nonlocal present
         if present is None:
             return
-        scenario, step = present
-        key = scenario, step.step_id
+        entered_in, step = present
+        key = entered_in, step.step_id
         planned, end_ns = plan.get(step.step_id), max(step.stamp_ns, at_ns)
         expected_s = 0.0 if planned is None else planned.expected_s
         time_s = _without(step.stamp_ns, end_ns, pauses)
@@ -100,40 +107,42 @@ def step_visits_of(
         visits.append(
             StepVisit(
                 step.step_id, step.title, step.number, step.stamp_ns, end_ns, step.how, left,
-                time_s, expected_s, late_s, step.branch, step.actor, scenario,
+                time_s, expected_s, late_s, step.branch, step.actor, entered_in,
             )
         )  # fmt: skip
         present = None
 
-    for scenario, event in _by_scenario(events):
+    for file, event in _by_scenario(events, scenario):
         match event:
             case ProtocolOpened(steps=steps):
                 opened = {step.step_id: step for step in steps}
-                if present is not None and (scenario != present[0] or present[1].step_id not in opened):
+                if present is not None and (file != present[0] or present[1].step_id not in opened):
                     leave(event.stamp_ns, "")
                 plan = opened
             case StepEntered(how=how):
                 leave(event.stamp_ns, "" if how == "started" else how)
-                present = scenario, event
+                present = file, event
             case ProtocolEnded(skipped=skipped):
                 leave(event.stamp_ns, "skipped" if skipped else "ended")
     leave(ended_ns, "")
     return tuple(visits)
 
 
-def steps_of(events: Iterable[ProtocolEvent], visits: Iterable[StepVisit]) -> tuple[StepRecord, ...]:
+def steps_of(
+    events: Iterable[ProtocolEvent], visits: Iterable[StepVisit], *, scenario: str = ""
+) -> tuple[StepRecord, ...]:
     """All steps of the final plan of each scenario in use, and any others visited, in the order of the plans."""
     planned: dict[tuple[str, str], PlannedStep] = {}
     final: dict[str, tuple[PlannedStep, ...]] = {}
     ticks: dict[tuple[str, str, str], bool] = {}
     last = ""
-    for scenario, event in _by_scenario(events):
+    for file, event in _by_scenario(events, scenario):
         if isinstance(event, ProtocolOpened):
-            planned |= {(scenario, step.step_id): step for step in event.steps}
-            final[scenario] = event.steps or final.get(scenario, ())
-            last = scenario
+            planned |= {(file, step.step_id): step for step in event.steps}
+            final[file] = event.steps or final.get(file, ())
+            last = file
         elif isinstance(event, StepTicked):
-            ticks[scenario, event.step_id, event.item] = event.on
+            ticks[file, event.step_id, event.item] = event.on
     records: dict[tuple[str, str], StepRecord] = {}
     for visit in visits:
         key = visit.scenario, visit.step_id
@@ -147,21 +156,19 @@ def steps_of(events: Iterable[ProtocolEvent], visits: Iterable[StepVisit]) -> tu
             skipped=record.skipped + (visit.left == "skipped"),
             first_ns=visit.start_ns if record.first_ns is None else record.first_ns,
         )
-    used = {scenario for scenario, _ in records} | {last}
-    for scenario in used & final.keys():
-        for number, step in enumerate(final[scenario], start=1):
-            key = scenario, step.step_id
-            records[key] = replace(records.get(key) or _unvisited(scenario, step, number), number=number)
-    ticked = Counter((scenario, step_id) for (scenario, step_id, _), on in ticks.items() if on)
+    used = {file for file, _ in records} | {last}
+    for file in used & final.keys():
+        for number, step in enumerate(final[file], start=1):
+            key = file, step.step_id
+            records[key] = replace(records.get(key) or _unvisited(file, step, number), number=number)
+    ticked = Counter((file, step_id) for (file, step_id, _), on in ticks.items() if on)
     done = (replace(record, ticked=ticked[record.scenario, record.step_id]) for record in records.values())
-    places = {scenario: place for place, scenario in enumerate(final)}
+    places = {file: place for place, file in enumerate(final)}
     return tuple(sorted(done, key=lambda record: (places.get(record.scenario, 0), record.number)))
 
 
-def _by_scenario(events: Iterable[ProtocolEvent]) -> Iterator[tuple[str, ProtocolEvent]]:
-    """Events with the scenario file in use; those before the first is known belong to it."""
-    events = list(events)
-    scenario = next((event.file_name for event in events if isinstance(event, ScenarioOpened)), "")
+def _by_scenario(events: Iterable[ProtocolEvent], scenario: str) -> Iterator[tuple[str, ProtocolEvent]]:
+    """Events with the scenario file in use."""
     for event in events:
         if isinstance(event, ScenarioOpened):
             scenario = event.file_name

@@ -113,7 +113,7 @@ def test_the_session_inside_is_the_session(made: RecordedSession, out: Path) -> 
     inside = out / made.folder.name
     assert verify_manifest(inside) == ["speech.txt was changed after the session closed."]
     session = open_session(inside)
-    assert session.losses == ("speech.txt has 8 of 84 bytes.",)
+    assert session.losses == ("speech.txt has 8 of 196 bytes.",)
     assert {**session.trial, "wizard": "Wilma Wizard"} == open_session(made.folder).trial
     assert sum(1 for _ in session.values()) == sum(1 for _ in open_session(made.folder).values())
 
@@ -143,7 +143,7 @@ def test_the_wizards_name_is_nowhere_in_the_crate(made: RecordedSession, out: Pa
         file["name"]: (out / made.folder.name / file["name"]).stat().st_size
         for file in original.pop("files")
         if file["name"] != "speech.txt"
-    } | {"speech.txt": 84}
+    } | {"speech.txt": 196}
     assert copy == original
     entities = described(ROCrate(out))
     assert "Pseudonyms replace" in entities["./"]["description"]
