@@ -213,7 +213,7 @@ def test_places_are_saved_one_after_the_other_and_another_scenario_is_the_last_w
         ("Stairs", HERE),
         (before[0], None),
     ]
-    assert console.state.scenario.value == console.scenario
+    qtbot.waitUntil(lambda: console.state.scenario.value == console.scenario)
     assert bench.told() == []
 
 
