@@ -23,8 +23,6 @@ from caris_desktop.live.logs import configure_child_logging
 _log = logging.getLogger(__name__)
 _CONNECT_S = 10.0
 _CLEAN_UP_S = 10.0
-_RETRIES = 2
-"""How often a job of a cluster goes to another worker after its worker died."""
 
 R = TypeVar("R")
 Progress = Callable[[float, str], None]
@@ -86,7 +84,7 @@ def run_jobs(
     """Run ``job`` on each folder; yield each result as soon as it is there, or why there is none.
 
     A process that dies costs only the session of which it dies. Ctrl+C, an exception of ``progress`` and closing the
-    iterator cancel the rest.
+    iterator cancel the rest; only workers of a cluster finish the job that they have begun.
 
     Raises
     ------
@@ -206,7 +204,7 @@ def _open_cluster(address: str) -> Iterator[Executor]:
             raise WorkersError(
                 f"Workers run version {', '.join(sorted(others))} of this program, here is {__version__}."
             )
-        executor = client.get_executor(retries=_RETRIES, pure=False)
+        executor = client.get_executor(pure=False)
         try:
             yield executor
         finally:
