@@ -30,9 +30,8 @@ from caris_desktop.live.services.practice_service import PracticeAdapters
 from caris_desktop.live.services.robot_service import RobotConnection
 from caris_desktop.live.services.scenario_service import Imported
 from caris_desktop.live.state import LiveValue
-from caris_desktop.recording.session.session_protocol import read_protocol
+from caris_desktop.recording.session.session_data import read_data
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.session.session_suggestions import shown_replies
 from caris_desktop.recording.session_export import ExportContext, export_session
 from caris_desktop.robot.profile import load_profile, save_profile
 from caris_desktop.scenario.scenario_model import AssistanceSettings, Scenario
@@ -458,7 +457,8 @@ def test_the_file_has_the_protocol_from_its_head_on(story: Story) -> None:
     session = open_session(story.folder)
     opened = next(value for _, value in session.values("event/protocol_opened"))
     assert opened.steps[0].step_id == "greet" and opened.stamp_ns <= session.started_ns + 1_000_000_000
-    visits, steps = read_protocol(session)
+    data = read_data(session)
+    visits, steps = data.step_visits, data.steps
     assert [(visit.step_id, visit.how, visit.left) for visit in visits[:6]] == [
         ("greet", "started", "next"), ("invite", "next", "back"), ("greet", "back", "skipped"),
         ("invite", "skipped", "branch"), ("farewell", "branch", "chosen"), ("kitchen", "chosen", ""),
@@ -474,7 +474,7 @@ def test_each_suggestion_that_was_displayed_has_one_fate_in_the_file(story: Stor
     told = [value for _, value in session.values("event/suggestion_changed")]
     displayed = Counter(event.suggestion_id for event in told if event.state == "displayed")
     assert displayed == Counter(event.suggestion_id for event in told if event.state != "displayed")
-    replies = shown_replies(session)
+    replies = read_data(session).suggestions
     assert len(replies) == len(displayed) and all(reply.told for reply in replies)
     assert {"taken", "edited", "dismissed"} <= {reply.fate for reply in replies}
 

@@ -11,7 +11,7 @@ from caris_desktop.domain.events import Speaker, UtteranceChanged, UtteranceCorr
 from caris_desktop.recording.forgetting.person_tracks import PersonTracks
 from caris_desktop.recording.forgetting.speech_erasure import speech_in
 from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, forget_person
-from caris_desktop.recording.session.responses import responses
+from caris_desktop.recording.session.session_data import read_data
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session.utterances import spoken
 from caris_desktop.recording.session_export import export_session
@@ -67,7 +67,7 @@ def test_noise_has_no_speaker(session: Path) -> None:
 
 
 def test_a_speaker_who_was_no_participant_was_not_answered(session: Path) -> None:
-    found = responses(open_session(session))
+    found = read_data(open_session(session)).responses
     assert [(one.turn_id, one.reply_id, round(one.gap_s, 3), one.person_id) for one in found] == [
         ("p1", "r1", 0.5, "p-7")
     ]

@@ -12,7 +12,7 @@ from caris_desktop.conversation.response_timing import ResponseTimes
 from caris_desktop.domain.events import ResponseTimed, UtteranceChanged
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
-from caris_desktop.recording.session.responses import responses
+from caris_desktop.recording.session.session_data import read_data
 from caris_desktop.recording.session.session_reader import open_session
 from tests.conversation.listening.test_speech_segmenter import RATE_HZ, Bench
 from tests.recording.told_session import at, tell
@@ -88,7 +88,7 @@ def voices(folder: Path, name: str) -> list[tuple[float, float]]:
 def test_response_times_agree_with_the_sound_files(session: Path) -> None:
     participant, robot = voices(session, "audio-microphone.wav"), voices(session, "audio-robot.wav")
     in_sound = [starts_s - ends_s for (_, ends_s), (starts_s, _) in zip(participant, robot, strict=True)]
-    found = responses(open_session(session))
+    found = read_data(open_session(session)).responses
     assert len(found) == len(in_sound) == TURNS
     off_s = [abs(one.gap_s - gap_s) for one, gap_s in zip(found, in_sound, strict=True)]
     assert max(off_s) < AGREES_WITHIN_S
@@ -98,7 +98,9 @@ def test_response_times_agree_with_the_sound_files(session: Path) -> None:
 def test_live_reports_equal_those_of_the_session(session: Path) -> None:
     opened = open_session(session)
     live = [value for _, value in opened.values("event/response_timed") if isinstance(value, ResponseTimed)]
-    of_session = [(one.turn_id, one.reply_id, one.voice_ended_ns, one.first_sound_ns) for one in responses(opened)]
+    of_session = [
+        (one.turn_id, one.reply_id, one.voice_ended_ns, one.first_sound_ns) for one in read_data(opened).responses
+    ]
     assert sorted((one.turn_id, one.reply_id, one.voice_ended_ns, one.first_sound_ns) for one in live) == sorted(
         of_session
     )

@@ -27,13 +27,10 @@ from caris_desktop.recording.exporters.exported_pictures import camera_file_name
 from caris_desktop.recording.recorder.video_encoders import x264
 from caris_desktop.recording.recorder.video_writer import KEY_FRAME_EVERY_S
 from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
-from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.robot_clock_mapping import robot_clock
+from caris_desktop.recording.session.session_data import SessionData, read_data
 from caris_desktop.recording.session.session_driving import COMMAND_HOLDS_S
-from caris_desktop.recording.session.session_marks import final_marks
-from caris_desktop.recording.session.session_protocol import read_protocol
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import spoken
 from caris_desktop.recording.tables.catalog import plain_text
 
 MAX_AGE_S = 1.0
@@ -90,7 +87,8 @@ def write_lerobot(session: Session, out: Path, progress: Callable[[float], None]
         times_ns = {camera: np.array(videos.frame_times_ns(camera), np.int64) for camera in videos.cameras}
         rates_hz = [1e9 / max(1.0, np.median(np.diff(stamps))) for stamps in times_ns.values() if len(stamps) > 1]
         fps = max(1, round(max(rates_hz, default=FPS_WITHOUT_CAMERA)))
-        episodes = list(_episodes(session, fps))
+        data = read_data(session)
+        episodes = list(_episodes(data, fps))
         cameras: dict[str, _Video] = {}
         for camera in videos.cameras if episodes else ():
             # Not all of them: a damaged video has no frame that can be decoded.
@@ -101,21 +99,21 @@ def write_lerobot(session: Session, out: Path, progress: Callable[[float], None]
                 key += f"-{len(cameras) + 1}" if key in cameras else ""
                 path = out / _VIDEO.format(video_key=key, **_FIRST)
                 cameras[key] = files.enter_context(_Video(videos, camera, path, first.image_bgr, fps))
-        return _Writer(session, out, fps, cameras).write(episodes, progress) if episodes else Dataset((), 0, 0, fps)
+        return _Writer(data, out, fps, cameras).write(episodes, progress) if episodes else Dataset((), 0, 0, fps)
 
 
-def _episodes(session: Session, fps: int) -> Iterator[tuple[int, int]]:
+def _episodes(data: SessionData, fps: int) -> Iterator[tuple[int, int]]:
     """Start and number of frames of each episode: the marked intervals, else the whole trial, without pauses."""
-    paused = pauses_of((event for _, event in session.values("event/recording_paused")), ended_ns=session.ended_ns)
+    session = data.session
     marked = [
         (mark.start_ns, mark.end_ns)
-        for mark in final_marks(session)
+        for mark in data.marks
         if mark.end_ns is not None and mark.label.strip().casefold().startswith(EPISODE_MARK)
     ]
     begin_ns = session.started_ns
     for start_ns, end_ns in marked or [(session.started_ns, session.ended_ns)]:
         begin_ns, last_ns = max(begin_ns, start_ns), min(end_ns, session.ended_ns)
-        for pause_ns, resumed_ns in (*paused, (last_ns, last_ns)):
+        for pause_ns, resumed_ns in (*data.pauses, (last_ns, last_ns)):
             frames = (min(pause_ns, last_ns) - begin_ns) * fps // 1_000_000_000
             if frames > 0:
                 yield begin_ns, frames
@@ -227,13 +225,14 @@ class _Situation:
 class _Writer:
     """Writes the dataset in one pass over the session. ``cameras`` by the keys of their features."""
 
-    def __init__(self, session: Session, out: Path, fps: int, cameras: dict[str, _Video]) -> None:
+    def __init__(self, data: SessionData, out: Path, fps: int, cameras: dict[str, _Video]) -> None:
+        session = data.session
         self._session, self._out, self._fps, self._cameras = session, out, fps, cameras
         self._situation = _Situation(session)
         # All scans are given in the beams of the first.
         self._layout: LaserScan | None = next((scan for _, scan in session.values("scan") if len(scan.ranges_m)), None)
-        self._steps, _ = read_protocol(session)
-        said = [each for each in spoken(session) if each.said and each.speaker == "participant" and each.text]
+        self._steps = data.step_visits
+        said = [each for each in data.utterances if each.said and each.speaker == "participant" and each.text]
         self._heard = sorted((each.end_ns, each.text) for each in said if each.end_ns is not None)
         self._tasks: dict[str, int] = {}
         self._features = self._described()

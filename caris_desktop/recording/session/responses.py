@@ -5,11 +5,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import get_args
 
-from caris_desktop.domain.events import RecordingPaused, ReplyMeans, ResponseTimed
+from caris_desktop.domain.events import ReplyMeans, ResponseTimed
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.session.pauses import pauses_of
-from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
+from caris_desktop.recording.session.utterances import SpokenUtterance
 
 RESPONSE_LIMIT_S = 30.0
 """What the robot says later than this after a participant is not taken for a response."""
@@ -38,17 +36,6 @@ class Response:
     @property
     def gap_s(self) -> float:
         return (self.first_sound_ns - self.voice_ended_ns) / 1e9
-
-
-def responses(session: Session) -> tuple[Response, ...]:
-    """Responses of a session in order of time. Raises SessionError."""
-    events = [value for _, value in session.values("event/recording_paused", "event/response_timed")]
-    pauses = [event for event in events if isinstance(event, RecordingPaused)]
-    return responses_of(
-        spoken(session),
-        (event for event in events if isinstance(event, ResponseTimed)),
-        pauses_of(pauses, ended_ns=session.ended_ns),
-    )
 
 
 def responses_of(

@@ -15,14 +15,11 @@ from caris_desktop.domain.events import (
     StepHow,
     StepTicked,
 )
-from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.session_reader import Session
 
 ProtocolEvent = ScenarioOpened | ProtocolOpened | StepEntered | StepTicked | ProtocolEnded
 PROTOCOL_EVENTS = (ScenarioOpened, ProtocolOpened, StepEntered, StepTicked, ProtocolEnded)
-PROTOCOL_STREAMS = tuple(BY_TYPE[kind].name for kind in PROTOCOL_EVENTS)
 Left = Literal["", "next", "skipped", "back", "branch", "chosen", "ended"]
 
 
@@ -66,15 +63,6 @@ class StepRecord:
     to_tick: int
     first_ns: int | None
     scenario: str = ""
-
-
-def read_protocol(session: Session) -> tuple[tuple[StepVisit, ...], tuple[StepRecord, ...]]:
-    """Visits and steps of a session; empty without a protocol. Raises SessionError."""
-    events = [value for _, value in session.values(*PROTOCOL_STREAMS)]
-    pauses = pauses_of((value for _, value in session.values("event/recording_paused")), ended_ns=session.ended_ns)
-    scenario = scenario_file(session)
-    visits = step_visits_of(events, ended_ns=session.ended_ns, pauses=pauses, scenario=scenario)
-    return visits, steps_of(events, visits, scenario=scenario)
 
 
 def scenario_file(session: Session) -> str:

@@ -5,9 +5,8 @@ from dataclasses import replace
 from typing import Literal
 
 from caris_desktop.domain.actor import Actor
-from caris_desktop.domain.events import RecordingPaused, SuggestionChanged
+from caris_desktop.domain.events import SuggestionChanged
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.session.session_reader import Session
 
 Fate = Literal["taken", "edited", "dismissed", "superseded", "expired"]
 
@@ -36,14 +35,6 @@ class ShownReply:
     @property
     def was_said(self) -> bool:
         return self.fate in ("taken", "edited")
-
-
-def shown_replies(session: Session) -> tuple[ShownReply, ...]:
-    """Displayed suggestions in order. Raises SessionError."""
-    events = [value for _, value in session.values("event/suggestion_changed", "event/recording_paused")]
-    paused_ns = [event.stamp_ns for event in events if isinstance(event, RecordingPaused) and event.paused]
-    changes = (event for event in events if isinstance(event, SuggestionChanged))
-    return replies_of(changes, ends_ns=(*paused_ns, session.ended_ns))
 
 
 def replies_of(changes: Iterable[SuggestionChanged], *, ends_ns: Sequence[int]) -> tuple[ShownReply, ...]:

@@ -17,7 +17,8 @@ from caris_desktop.domain.events import (
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.annotation.timeline_builder import build_overview
 from caris_desktop.recording.measures.session_measures import measure, read_facts
-from caris_desktop.recording.session.session_protocol import StepRecord, read_protocol, step_visits_of, steps_of
+from caris_desktop.recording.session.session_data import read_data
+from caris_desktop.recording.session.session_protocol import StepRecord, step_visits_of, steps_of
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportContext, export_session
 from tests.recording.told_session import STEPS, at, stepped, tell
@@ -101,7 +102,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_session_reports_its_protocol_as_measures_and_as_a_tier(folder: Path) -> None:
     session = open_session(folder)
-    visits, steps = read_protocol(session)
+    data = read_data(session)
+    visits, steps = data.step_visits, data.steps
     assert measure(read_facts(session)).steps == steps
     assert [(step.title, step.visits) for step in steps] == [("Greet", 1), ("Ask", 1), ("Show", 0), ("Close", 1)]
     assert visits[-1].time_s == 33.0

@@ -9,8 +9,9 @@ from pathlib import Path
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import SuggestionChanged
 from caris_desktop.recording.recorder.recorder_messages import RecorderReport
+from caris_desktop.recording.session.session_data import read_data
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.session.session_suggestions import replies_of, shown_replies
+from caris_desktop.recording.session.session_suggestions import replies_of
 from tests.recording.driving import RecorderUnderTest, start
 from tests.support.polling import wait_for
 
@@ -56,14 +57,17 @@ def test_after_kill_9_each_still_has_one(tmp_path: Path) -> None:
             recorder.send(shown)
             if number < 27:
                 recorder.send(replace(shown, state=FATES[number % 5], stamp_ns=clock.now_ns()))
-        wait_for(lambda: len(shown_replies(open_session(folder, repair=False))) == 30, "what was shown is on the disk")
+        wait_for(
+            lambda: len(read_data(open_session(folder, repair=False)).suggestions) == 30,
+            "what was shown is on the disk",
+        )
         assert recorder.process.pid is not None
         os.kill(recorder.process.pid, signal.SIGKILL)
         recorder.process.join()
     finally:
         recorder.close()
     session = open_session(folder)
-    replies = shown_replies(session)
+    replies = read_data(session).suggestions
     assert session.reason == "recovered"
     assert len(replies) == 30 and len({reply.suggestion_id for reply in replies}) == 30
     assert Counter(reply.told for reply in replies) == {True: 27, False: 3}
