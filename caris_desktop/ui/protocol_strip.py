@@ -61,7 +61,7 @@ class ProtocolStrip(Bar, QWidget):
         self._console = console
         self._actions = actions
         self._hold = hold
-        self._records: dict[str, StepRecord] = {}
+        self._records: dict[tuple[str, str], StepRecord] = {}
         self._replay = False
         self._asks_for_step = False
         self._steps_card: StepsCard | None = None
@@ -129,7 +129,8 @@ class ProtocolStrip(Bar, QWidget):
         self._on_overview(overview.value)
 
     def _on_overview(self, overview: "SessionOverview | None") -> None:
-        self._records = {} if overview is None else {record.step_id: record for record in overview.steps}
+        steps = () if overview is None else overview.steps
+        self._records = {(record.scenario, record.step_id): record for record in steps}
         self.refresh()
 
     def refresh(self) -> None:
@@ -253,7 +254,7 @@ class ProtocolStrip(Bar, QWidget):
     # Commands
 
     def _go_to(self, step_id: str) -> None:
-        record = self._records.get(step_id)
+        record = self._record_of(step_id)
         if not self._replay:
             self._console.do(intents.GoToStep(step_id))
         elif record is not None and record.first_ns is not None:
@@ -333,8 +334,13 @@ class ProtocolStrip(Bar, QWidget):
                 steps, note, self._ticks_now(step), digits=self._asks_for_step, live=not self._replay
             )
 
+    def _record_of(self, step_id: str) -> "StepRecord | None":
+        """Record of a step of the present scenario."""
+        path = self._console.scenario.path
+        return self._records.get(("" if path is None else path.name, step_id))
+
     def _record_words(self, step: DisplayedStep) -> str:
-        record = self._records.get(step.step_id)
+        record = self._record_of(step.step_id)
         return step.time if record is None else record_words(record)
 
     def put_away(self) -> None:

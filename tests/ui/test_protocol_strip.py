@@ -405,14 +405,17 @@ def test_a_replay_shows_where_the_wizard_was_and_goes_nowhere(bare: Callable[[Sc
     assert desk.offered() == []
     QTest.mouseClick(find(desk.strip, "step_1"), Qt.MouseButton.LeftButton)
     assert desk.console.calls == [] and wanted == []
+    assert TOUR.path is not None
+    file = TOUR.path.name
     overview.set(
         SessionOverview(
             AnnotationDocument((), (), ()), (),
             steps=(
-                StepRecord("greet", "Greet", 1, 60.0, 1, 75.0, 15.0, 0, 2, 2, 7_000),
-                StepRecord("ask-questions", "Ask questions", 2, 30.0, 2, 20.0, 0.0, 1, 0, 0, 9_000),
-                StepRecord("show-the-robot-arm", "Show the robot arm", 3, 0.0, 0, 0.0, 0.0, 0, 0, 0, None),
-                StepRecord("close", "Close", 4, 0.0, 1, 125.0, 0.0, 0, 0, 0, 11_000),
+                StepRecord("greet", "Greet", 1, 60.0, 1, 75.0, 15.0, 0, 2, 2, 7_000, file),
+                StepRecord("ask-questions", "Ask questions", 2, 30.0, 2, 20.0, 0.0, 1, 0, 0, 9_000, file),
+                StepRecord("show-the-robot-arm", "Show the robot arm", 3, 0.0, 0, 0.0, 0.0, 0, 0, 0, None, file),
+                StepRecord("close", "Close", 4, 0.0, 1, 125.0, 0.0, 0, 0, 0, 11_000, file),
+                StepRecord("greet", "Greet", 1, 5.0, 1, 5.0, 0.0, 0, 0, 0, 99_000, "another scenario.yaml"),
             ),
         )
     )  # fmt: skip
