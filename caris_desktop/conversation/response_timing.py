@@ -6,6 +6,7 @@ from typing import Literal
 
 from caris_desktop.conversation.conversation_transcript import Turn, UtteranceReport
 from caris_desktop.domain.events import (
+    RESPONSE_LIMIT_S,
     ReplyMeans,
     ResponseTimed,
     SuggestionChanged,
@@ -18,8 +19,6 @@ from caris_desktop.domain.value_class import dataclass
 
 LATE_S = 1.0
 """From here on a pause is noticed. People leave a fifth of a second between turns."""
-RESPONSE_LIMIT_S = 30.0
-"""What the robot says later than this is not taken for an answer."""
 _FORGOTTEN_NS = 120_000_000_000
 
 

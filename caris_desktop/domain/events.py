@@ -367,6 +367,10 @@ class UtteranceCorrected(Event):
     end_ns: int | None = None
 
 
+RESPONSE_LIMIT_S = 30.0
+"""Speech of the robot that starts later than this after a participant is no response."""
+
+
 @dataclass(frozen=True, slots=True)
 class ResponseTimed(Event):
     """Times of the robot's response to a turn of the participant, on the session clock; None: did not occur.

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from caris_desktop.domain.actor import in_words
 from caris_desktop.domain.events import (
     LATE_FROM_S,
+    RESPONSE_LIMIT_S,
+    EmergencyStopChanged,
     PreflightChecked,
     Problem,
     RobotChosen,
@@ -41,7 +43,6 @@ from caris_desktop.recording.measures.session_measures import (
 )
 from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
-from caris_desktop.recording.session.responses import RESPONSE_LIMIT_S
 from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
 from caris_desktop.recording.session.session_checks import open_words, preflight_of
 from caris_desktop.recording.session.session_clock import clock_text
@@ -454,8 +455,6 @@ def _headings(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _pins(facts: SessionData, stamps_ns: NDArray[np.int64], points: NDArray[np.float64]) -> Iterator[Pin]:
-    from caris_desktop.domain.events import EmergencyStopChanged
-
     def pin(at_ns: int, css_class: str, words: str, shape: Any) -> Iterator[Pin]:
         index = max(0, int(np.searchsorted(stamps_ns, at_ns, side="right")) - 1)
         when = clock_text(facts.session.clock.session_s(at_ns))

@@ -1,8 +1,8 @@
 """Definitions of the measures: names, units, meanings and thresholds; their SQL is in resources/queries."""
 
-from caris_desktop.domain.events import LATE_FROM_S
+from caris_desktop.domain.events import LATE_FROM_S, RESPONSE_LIMIT_S
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.session.responses import AT_ONCE_S, RESPONSE_LIMIT_S
+from caris_desktop.recording.session.responses import AT_ONCE_S
 from caris_desktop.recording.session.session_driving import COMMAND_HOLDS_S
 
 

@@ -5,12 +5,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import get_args
 
-from caris_desktop.domain.events import ReplyMeans, ResponseTimed
+from caris_desktop.domain.events import RESPONSE_LIMIT_S, ReplyMeans, ResponseTimed
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.utterances import SpokenUtterance
 
-RESPONSE_LIMIT_S = 30.0
-"""What the robot says later than this after a participant is not taken for a response."""
 AT_ONCE_S = 1.0
 """Answers that come sooner are counted: from here on a pause is noticed."""
 _MEANS: tuple[ReplyMeans, ...] = get_args(ReplyMeans)
