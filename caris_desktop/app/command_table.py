@@ -31,6 +31,7 @@ COMMANDS = {
     "forget": ("caris_desktop.app.forget_command", "erase a person from a study"),
     "perceive-again": ("caris_desktop.app.perceive_again_command", "detect people in recordings with another model"),
     "robots": ("caris_desktop.app.robots_command", "list the known robots, and explore an unknown one"),
+    "models": ("caris_desktop.app.models_command", "list, add and remove language models that run in this program"),
     "camera-server": ("caris_desktop.app.camera_server_command", "serve a camera to the console on another computer"),
     "perceive": ("caris_desktop.app.perceive_command", "detect people for a console on another computer"),
     "check": ("caris_desktop.app.check_command", "check that everything is ready for a session"),
@@ -39,7 +40,7 @@ COMMANDS = {
 # As for the console, the user waits for a window; importing its parts is half of that time.
 _OPEN_A_WINDOW = ("replay",)
 # Their output is sentences about events; details for developers go to the log.
-_DETAILS_IN_LOG = ("export", "sessions", "statistics", "agreement", "forget", "track", "perceive-again")
+_DETAILS_IN_LOG = ("export", "sessions", "statistics", "agreement", "forget", "track", "perceive-again", "models")
 
 
 def run(words: Sequence[str]) -> int:

@@ -186,6 +186,7 @@ def parts(
         cameras=functools.partial(selected_cameras, chosen),
         assistant=AssistantAdapters(
             server=ProcessSpec("language-model", process_entry_points.language_model),
+            addition=ProcessSpec("model-addition", process_entry_points.model_addition),
             stream_chat=stream_chat,
             resolve_endpoint=_resolve_endpoint,
             list_models=local_models,

@@ -61,10 +61,16 @@ def playback(connection: Connection, *arguments: Any) -> None:
     run_playback(connection, *arguments)
 
 
-def language_model(connection: Connection) -> None:
+def language_model(connection: Connection, *arguments: Any) -> None:
     from caris_desktop.conversation.embedded_server import run_embedded_server
 
-    run_embedded_server(connection)
+    run_embedded_server(connection, *arguments)
+
+
+def model_addition(connection: Connection, *arguments: Any) -> None:
+    from caris_desktop.conversation.model_addition import run_model_addition
+
+    run_model_addition(connection, *arguments)
 
 
 def forgetting(connection: Connection, *arguments: Any) -> None:

@@ -30,5 +30,20 @@ class EmbeddedFailed:
 
 
 @dataclass(frozen=True, slots=True)
+class ModelAdded:
+    """A model file of the user can be used from now on, as ``embedded:NAME``.
+
+    ``title`` is the file's own, ``sha256`` its checksum; ``answer``: the model's answer to a question, with times.
+    """
+
+    name: str
+    title: str
+    size_bytes: int
+    memory_bytes: int
+    sha256: str
+    answer: str
+
+
+@dataclass(frozen=True, slots=True)
 class CloseEmbedded:
     """End the server process."""

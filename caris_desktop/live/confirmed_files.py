@@ -15,6 +15,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import platformdirs
 
+from caris_desktop.conversation.embedded_models import embedded_name
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.control_definitions import RobotControl, decided
 from caris_desktop.domain.control_effects import NO_NAMES, RobotInterfaceNames
@@ -277,7 +278,7 @@ def _references(external: External, value: Any, place: str) -> Iterator[FileRefe
             if text:
                 yield FileReference("model", text, place)
         case "language_model":
-            if text != "embedded":
+            if embedded_name(text) is None:  # such a name leads to a file that the user has added
                 yield FileReference("model", text, place)
         case "address":
             if "://" in text:

@@ -6,6 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
+from caris_desktop.conversation.embedded_models import added_models
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, ollama_url, openai_url
 from caris_desktop.conversation.models.failure_texts import LanguageModelError
 from caris_desktop.conversation.models.listing import models_here
@@ -17,11 +18,11 @@ ListModels = Callable[[], Coroutine[Any, Any, tuple[str, ...]]]
 
 
 async def local_models() -> tuple[str, ...]:
-    """Models of local Ollama and OpenAI-compatible servers, named as in a scenario.
+    """Models that the user added, and those of local Ollama and OpenAI-compatible servers, named as in a scenario.
 
     No other server is queried. Each has five seconds.
     """
-    found: list[str] = []
+    found = [f"embedded:{model.name}" for model in added_models()]
     for provider, url in (("ollama", ollama_url), ("openai", openai_url)):
         try:
             endpoint = ModelEndpoint("ollama" if provider == "ollama" else "openai", url(os.environ), "")
@@ -49,6 +50,9 @@ class ModelLists(QObject):
     def start(self) -> None:
         if not self._timer.isActive():
             self._timer.start(_FIRST_AFTER_MS)
+
+    def refresh(self) -> None:
+        self._timer.start(0)
 
     def stop(self) -> None:
         self._timer.stop()

@@ -250,8 +250,8 @@ class AssistanceSettings:
 
 PROMPT_CHARACTERS, TEXT_CHARACTERS = 8000, 4000
 """The longest system prompt, and the longest of the other texts: in the file and as the wizard changes them."""
-MODEL_PATTERN = "^(embedded|ollama:.+|openai:.+|gemini:.+)$"
-MODEL_ALLOWED = "embedded, ollama:NAME, openai:NAME or gemini:NAME."
+MODEL_PATTERN = "^(embedded(:[A-Za-z0-9][A-Za-z0-9._-]*)?|ollama:.+|openai:.+|gemini:.+)$"
+MODEL_ALLOWED = "embedded, embedded:NAME, ollama:NAME, openai:NAME or gemini:NAME."
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,7 +272,8 @@ class AssistantSettings:
     model: Annotated[
         str,
         FieldSpec(
-            "The built-in model, or one of Ollama, of an OpenAI-compatible server or of Gemini.",
+            "The built-in model, one that was added to this program, or one of Ollama, of an OpenAI-compatible server "
+            "or of Gemini.",
             pattern=MODEL_PATTERN,
             allowed=MODEL_ALLOWED,
             external="language_model",
@@ -300,7 +301,7 @@ class AssistantSettings:
     pictures: Annotated[
         bool,
         FieldSpec(
-            "Pictures may be sent to the model with a question. `embedded` does not accept pictures.", quiet=True
+            "Pictures may be sent to the model with a question. `embedded` models do not accept pictures.", quiet=True
         ),
     ] = False
     models: Annotated[

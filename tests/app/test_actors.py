@@ -57,6 +57,7 @@ LEAVES_NOTHING = {
     intents.MoveQueued,
     intents.LeaveTrial,
     intents.BeginPractice,
+    intents.AddModel,
 }
 """Intents without a recorded event of their own.
 

@@ -71,6 +71,7 @@ SAMPLES: tuple[Intent, ...] = (
     intents.SayAnswer("This."),
     intents.DismissAnswer("x-1"),
     intents.AskAboutPhoto("photos/0001.png", "What is this?"),
+    intents.AddModel(Path("model.gguf")),
     intents.ChooseModel("embedded"),
     intents.ChoosePrompt("style", "Formal"),
     intents.EditPrompt("notes", "The arm is being repaired."),

@@ -147,7 +147,7 @@ def test_a_file_that_says_only_what_it_must_takes_the_defaults(tmp_path: Path) -
         ("max_forward_mps: 0.5", "max_forward_mps: .inf", "max_f", ".inf is not a finite number"),
         ("photos: true", "photos: maybe", "maybe", "'permissions.photos' must be true or false, found 'maybe'."),
         ("voice: robot", "voice: loud", "loud", "unknown voice 'loud'. Allowed: robot, computer, both."),
-        ("model: embedded", "model: embeded", "embeded", "Allowed: embedded, ollama:NAME, openai:NAME or gemini:NAME."),
+        ("model: embedded", "model: embeded", "embeded", "Allowed: embedded, embedded:NAME, ollama:NAME, openai:"),
         ("title: Tour guide", "title: ''", "title", "'title' is empty."),
         ("title: Tour guide\n", "", "version", "'title' is missing."),
         ("version: 1", "version: 2", "version", "has version 2, this program reads up to version 1. Update"),

@@ -341,6 +341,9 @@ class FakeConsole:
     def dismiss_answer(self, exchange_id: str) -> None:
         self.calls.append(("dismiss_answer", exchange_id))
 
+    def add_model(self, file: Path) -> None:
+        self.calls.append(("add_model", file))
+
     def choose_model(self, model: str) -> None:
         self.calls.append(("choose_model", model))
         self.state.assistant_setup.set(dataclasses.replace(self.state.assistant_setup.value, model=model))
@@ -677,6 +680,7 @@ _METHODS: dict[type[Intent], str] = {
     intents.Ask: "ask_assistant",
     intents.CancelAnswer: "cancel_assistant",
     intents.DismissAnswer: "dismiss_answer",
+    intents.AddModel: "add_model",
     intents.ChooseModel: "choose_model",
     intents.ChoosePrompt: "choose_prompt",
     intents.EditPrompt: "edit_prompt",

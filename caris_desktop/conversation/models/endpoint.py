@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Literal
 from urllib.parse import urlsplit
 
+from caris_desktop.conversation.embedded_models import embedded_name
 from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened
 from caris_desktop.domain.address import before_port, is_loopback
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
@@ -73,10 +74,11 @@ class ModelEndpoint:
 def resolve_endpoint(
     model: str, *, embedded_url: str | None, environment: Mapping[str, str] | None = None
 ) -> ModelEndpoint:
-    """Resolve a scenario's ``embedded``, ``ollama:NAME``, ``openai:NAME`` or ``gemini:NAME``.
+    """Resolve a scenario's ``embedded``, ``embedded:NAME``, ``ollama:NAME``, ``openai:NAME`` or ``gemini:NAME``.
 
-    ``embedded_url`` is the address of the embedded server, None without one. ``OLLAMA_HOST``, ``OPENAI_BASE_URL`` and
-    ``GOOGLE_GEMINI_BASE_URL`` in ``environment`` (default: the process environment) override addresses.
+    ``embedded_url`` is the address of the embedded server of this model, None without one. ``OLLAMA_HOST``,
+    ``OPENAI_BASE_URL`` and ``GOOGLE_GEMINI_BASE_URL`` in ``environment`` (default: the process environment) override
+    addresses.
 
     Raises
     ------
@@ -86,7 +88,8 @@ def resolve_endpoint(
     environment = os.environ if environment is None else environment
     provider, _, name = model.strip().partition(":")
     name = name.strip()
-    if provider == "embedded" and not name:
+    embedded = embedded_name(model)
+    if embedded is not None:
         if embedded_url is None:
             raise LanguageModelError(
                 QT_TR_NOOP("The embedded language model is not running."),
@@ -94,7 +97,7 @@ def resolve_endpoint(
                 QT_TR_NOOP("Wait until it has started; if it failed, the Session log shows why."),
             )
         url = _checked_url(embedded_url, QT_TR_NOOP("the embedded server's address"))
-        return ModelEndpoint("embedded", url, "embedded", (EMBEDDED_KEY,))
+        return ModelEndpoint("embedded", url, embedded or "embedded", (EMBEDDED_KEY,))
     if provider == "ollama" and name:
         return ModelEndpoint("ollama", ollama_url(environment), name)
     if provider == "openai" and name:
@@ -106,7 +109,7 @@ def resolve_endpoint(
     raise LanguageModelError(
         localized(QT_TR_NOOP("“{model}” is not a valid language model."), model=shortened(model)),
         QT_TR_NOOP("The assistant cannot answer in this scenario."),
-        QT_TR_NOOP("Set assistant.model to embedded, ollama:NAME, openai:NAME or gemini:NAME."),
+        QT_TR_NOOP("Set assistant.model to embedded, embedded:NAME, ollama:NAME, openai:NAME or gemini:NAME."),
     )
 
 

@@ -8,14 +8,15 @@ from typing import Any, Literal
 
 from PySide6.QtCore import QObject, QTimer
 
-from caris_desktop.conversation.embedded_messages import EmbeddedFailed, EmbeddedReady
+from caris_desktop.conversation.embedded_messages import EmbeddedFailed, EmbeddedReady, ModelAdded
+from caris_desktop.conversation.embedded_models import embedded_name
 from caris_desktop.conversation.models.connection import check_place
 from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, ModelEndpoint
 from caris_desktop.conversation.models.failure_texts import LanguageModelError
 from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, build_messages, characters_too_long, system_text
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor, cancelled_by
-from caris_desktop.domain.events import AnswerUsed, AssistantChanged, ChatMessage, LlmExchange, Marked
+from caris_desktop.domain.events import ANSWER, AnswerUsed, AssistantChanged, ChatMessage, LlmExchange, Marked
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, tr
@@ -50,9 +51,13 @@ ReadPictures = Callable[[Sequence[str], Callable[[list[bytes]], None], Callable[
 
 @dataclass(frozen=True, slots=True)
 class AssistantAdapters:
-    """``server`` runs the embedded model. ``resolve_endpoint(model, address)`` raises LanguageModelError."""
+    """``server`` runs the built-in model, and with its name one that the user added; ``addition`` adds a file as one.
+
+    ``resolve_endpoint(model, address)`` raises LanguageModelError.
+    """
 
     server: ProcessSpec
+    addition: ProcessSpec
     stream_chat: StreamChat
     resolve_endpoint: Callable[[str, str | None], ModelEndpoint]
     list_models: ListModels
@@ -91,6 +96,8 @@ class AssistantService(Service):
         self._counting.timeout.connect(self._show_setup)
         self._server: ChildProcess | None = None
         self._server_url: str | None = None
+        self._served = ""
+        self._addition: ChildProcess | None = None
         self._restarts = Restarts()
         self._started = False
 
@@ -103,6 +110,7 @@ class AssistantService(Service):
                 intent.exchange_id, cancelled_by(intent.actor), intent.actor
             ),
             intents.ChooseModel: self._choose,
+            intents.AddModel: self._add_model,
             intents.ChoosePrompt: self._choose_prompt,
             intents.EditPrompt: self._edit_prompt,
             intents.ResetPrompts: self._reset,
@@ -144,12 +152,14 @@ class AssistantService(Service):
         self._lists.stop()
         self._counting.stop()
         self.client.cancel_all(QT_TR_NOOP("cancelled because the program closed"))
-        if self._server is not None:
-            self._server.ask_to_end()
+        for child in (self._server, self._addition):
+            if child is not None:
+                child.ask_to_end()
 
     def end(self) -> None:
-        if self._server is not None:
-            self._server.stop(grace_s=1.5)
+        for child in (self._server, self._addition):
+            if child is not None:
+                child.stop(grace_s=1.5)
 
     def forget(self, *, conversation: bool = False) -> None:
         """Remove questions and answers; with ``conversation`` also the context, for another participant."""
@@ -166,7 +176,7 @@ class AssistantService(Service):
     def check_picture(self) -> None:
         """Raise UserFacingError if a question cannot include images."""
         meaning = tr("The assistant was not asked; the picture is still attached.")
-        if self._setup.model == EMBEDDED:
+        if embedded_name(self._setup.model) is not None:
             raise UserFacingError(
                 tr("The embedded language model cannot process pictures."), meaning,
                 tr(
@@ -298,7 +308,7 @@ class AssistantService(Service):
         if not self._scenario.permissions.assistant:
             return
         setup = self._setup.shown()
-        pictures = self._setup.model != EMBEDDED and self._scenario.assistant.pictures
+        pictures = embedded_name(self._setup.model) is None and self._scenario.assistant.pictures
         models = self._offered()
         where = next((choice.where for choice in models if choice.model == setup.model), _here())
         self._state.assistant_setup.set(
@@ -320,8 +330,8 @@ class AssistantService(Service):
 
     def _choice(self, model: str) -> ModelChoice | None:
         """Model as a choice; None if unknown or not permitted."""
-        if model == EMBEDDED:
-            return ModelChoice(model, _embedded_name(), _here())
+        if (name := embedded_name(model)) is not None:
+            return ModelChoice(model, name or tr("SmolLM2, practice quality"), _here())
         try:
             endpoint = self._parts.resolve_endpoint(model, None)
         except LanguageModelError:
@@ -332,19 +342,77 @@ class AssistantService(Service):
             return None
         return ModelChoice(model, endpoint.model, endpoint.server)
 
+    def _add_model(self, intent: intents.AddModel) -> None:
+        """Check a model file and add it in a process of its own. Raises UserFacingError while another is added."""
+        if self._addition is not None:
+            raise UserFacingError(
+                tr("Another model is being added."), tr("This one was not added."), tr("Wait until it is done."),
+                severity="info",
+            )  # fmt: skip
+        self._bus.problem(
+            "info", tr("{name} is checked, and its model is asked a question.").format(name=intent.file.name),
+            tr("Large models take a minute; everything else goes on."), "", cause=ANSWER,
+        )  # fmt: skip
+        addition = self._parts.addition
+        self._addition = self._children.start(
+            replace(addition, arguments=(intent.file,)), ended=self._on_addition_ended, on_message=self._on_addition
+        )
+
+    def _on_addition(self, message: Any) -> None:
+        self._addition = None
+        match message:
+            case ModelAdded(name=name, memory_bytes=memory, sha256=sha256, answer=answer):
+                self._lists.refresh()
+                self._bus.problem(
+                    "info",
+                    tr("{name} is added, and can be chosen in the list of models.").format(name=name),
+                    tr("It needs about {memory} GB of memory. {answer}. SHA-256 {sha256}.").format(
+                        memory=f"{memory / 1e9:.1f}", answer=answer, sha256=sha256[:12]
+                    ),
+                    "",
+                    cause=ANSWER,
+                )
+            case EmbeddedFailed(problem):
+                failed = localize_problem(problem)
+                self._bus.problem("warning", failed.what, failed.meaning, failed.advice, cause=ANSWER)
+
+    def _on_addition_ended(self, _child: ChildProcess) -> None:
+        if self._addition is not None:
+            self._addition = None
+            self._bus.problem(
+                "warning", tr("Reading the model file ended its process."), tr("The model was not added."),
+                tr("The file may be damaged; the log has details."), cause=ANSWER,
+            )  # fmt: skip
+
     # Model
 
     def _use_chosen(self) -> None:
         if not self._scenario.permissions.assistant:
             self._exchanges.show_status(AssistantStatus(state="off"))
-        elif self._setup.model == EMBEDDED and self._server_url is None:
-            self._exchanges.show_status(AssistantStatus(state="starting", model=_embedded_name()))
+        elif (name := embedded_name(self._setup.model)) is not None and not self._serves(name):
+            self._exchanges.show_status(AssistantStatus(state="starting", model=_embedded_title(self._setup.model)))
             if self._server is None:
-                self._server = self._children.start(
-                    self._parts.server, ended=self._on_server_ended, on_message=self._on_heard
-                )
+                self._start_server(name)
         else:
             self._use_endpoint()
+
+    def _serves(self, name: str) -> bool:
+        """Whether the server runs this model. One that runs another is ended: two might not fit into the memory."""
+        if self._served != name:
+            self._end_server()
+        return self._server_url is not None
+
+    def _start_server(self, name: str) -> None:
+        server = self._parts.server
+        self._served = name
+
+        def on_message(message: Any) -> None:
+            if child is self._server:  # else it was ended while its message was delivered
+                self._on_server_message(message)
+
+        child = self._server = self._children.start(
+            replace(server, arguments=(*server.arguments, name)), ended=self._on_server_ended, on_message=on_message
+        )
 
     def _end_server(self) -> None:
         server, self._server, self._server_url = self._server, None, None
@@ -359,11 +427,11 @@ class AssistantService(Service):
         except LanguageModelError as error:
             self._exchanges.show_status(AssistantStatus(state="failed", detail=joined((error.what, error.advice))))
             return
-        display_name = _embedded_name() if model == EMBEDDED else endpoint.model
+        display_name = endpoint.model if embedded_name(model) is None else _embedded_title(model)
         self._exchanges.use_endpoint(endpoint, display_name=display_name, local_only=local_only)
         self.client.warm_up_soon(lambda: self._messages("Hello.", "numbers"), "question")
 
-    def _on_heard(self, message: Any) -> None:
+    def _on_server_message(self, message: Any) -> None:
         match message:
             case EmbeddedReady(url=url, key=key):
                 os.environ[EMBEDDED_KEY] = key
@@ -376,7 +444,7 @@ class AssistantService(Service):
                     self._exchanges.show_status(AssistantStatus(state="failed", detail=problem.what))
 
     def _asks_embedded(self) -> bool:
-        return self._scenario.permissions.assistant and self._setup.model == EMBEDDED
+        return self._scenario.permissions.assistant and embedded_name(self._setup.model) == self._served
 
     def _on_server_ended(self, child: ChildProcess) -> None:
         if child is not self._server:
@@ -403,8 +471,9 @@ def _here() -> str:
     return tr("on this computer")
 
 
-def _embedded_name() -> str:
-    return tr("SmolLM2 on this computer")
+def _embedded_title(model: str) -> str:
+    name = embedded_name(model)
+    return tr("{model} on this computer").format(model=name) if name else tr("SmolLM2 on this computer")
 
 
 Kind = Literal["system_prompt", "notes", "role", "style"]

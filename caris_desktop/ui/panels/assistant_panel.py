@@ -24,6 +24,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus, ModelChoice
 from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui.assistant.model_file_dialog import choose_model_file
 from caris_desktop.ui.assistant.prompt_context_chips import PromptContextChips, picture_words
 from caris_desktop.ui.focus_widget import focused_widget
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
@@ -39,6 +40,8 @@ _ROOMY_PX = 380
 """Panel height from which the prompt context is always visible; below it, only while a question is written."""
 _LOW_PX = 210
 _HINT_SIDES_PX = 10
+_ADD = "add"
+"""Entry of the list of models that is none."""
 _NO_EXCHANGE = ExchangeStatus("", "", "cancelled")
 
 
@@ -699,7 +702,8 @@ class SetupBar(FlowRow):
         self.picture.activated.connect(self._on_picture)
 
     def show_setup(self, setup: AssistantSetup, *, live: bool) -> None:
-        _fill(self.model, [(_model_words(choice), choice.model) for choice in setup.models], setup.model)
+        models = [(_model_words(choice), choice.model) for choice in setup.models]
+        _fill(self.model, [*models, (tr("Add a model file…"), _ADD)] if models else [], setup.model)
         _fill(self.role, [(tr("No role"), ""), *((each.name, each.name) for each in setup.roles)], setup.role)
         _fill(
             self.style_choice, [(tr("Any style"), ""), *((each.name, each.name) for each in setup.styles)], setup.style
@@ -721,7 +725,10 @@ class SetupBar(FlowRow):
         _fill(self.picture, [(tr("Picture…"), ""), *((picture_words(name), name) for name in names)], "")
 
     def _on_model(self, at: int) -> None:
-        if self._do(intents.ChooseModel(self.model.itemData(at))) and self._setup is not None:
+        chosen = self.model.itemData(at)
+        if chosen == _ADD:
+            choose_model_file(self.window(), self._do)
+        if self._setup is not None and (chosen == _ADD or self._do(intents.ChooseModel(chosen))):
             self.model.setCurrentIndex(self.model.findData(self._setup.model))
 
     def _on_template(self, at: int) -> None:

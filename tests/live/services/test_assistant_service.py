@@ -2,7 +2,8 @@
 
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from typing import Any, cast
 
 import pytest
 from PySide6.QtCore import QObject
@@ -10,13 +11,15 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.conversation.conversation_transcript import Turn
+from caris_desktop.conversation.embedded_messages import EmbeddedFailed, EmbeddedReady, ModelAdded
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import AssistantChanged, ChatMessage, LlmExchange, Marked
+from caris_desktop.domain.events import AssistantChanged, ChatMessage, LlmExchange, Marked, Problem
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import PromptPart
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.services.assistant_service import AssistantAdapters, AssistantService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus, ProtocolStatus
@@ -33,6 +36,35 @@ SETTINGS = AssistantSettings(
     people="names",
 )
 NOBODY: Any = None
+SERVER = ProcessSpec("language-model", lambda *_: None)
+ADDITION = ProcessSpec("model-addition", lambda *_: None)
+
+
+class Child:
+    """A started process; the test sends its messages."""
+
+    def __init__(self, body: ProcessSpec, ended: Any, on_message: Any) -> None:
+        self.body, self.send, self._ended = body, on_message, ended
+        self.running = True
+
+    def die(self) -> None:
+        self.running = False
+        self._ended(self)
+
+    def ask_to_end(self) -> None:
+        self.running = False
+
+
+class Children:
+    def __init__(self) -> None:
+        self.started: list[Child] = []
+
+    def start(self, body: ProcessSpec, *, ended: Any, on_message: Any) -> Child:
+        self.started.append(Child(body, ended, on_message))
+        return self.started[-1]
+
+    def dismiss(self, child: Child, *, grace_s: float) -> None:
+        child.ask_to_end()
 
 
 class Desk:
@@ -42,6 +74,7 @@ class Desk:
         self.owner = QObject()
         self.state = LiveState(self.owner)
         self.state.close()
+        self.children = Children()
         self.asked: list[tuple[ModelEndpoint, Sequence[ChatMessage], dict[str, Any]]] = []
         self.published: list[Any] = []
         self.listed: tuple[str, ...] = ("ollama:found", "ollama:passed-on:cloud")
@@ -49,12 +82,12 @@ class Desk:
         bus.publish = self.published.append  # type: ignore[method-assign,assignment]
         tour = find_scenario("tour-guide")
         self.scenario = replace(tour, assistant=settings, permissions=replace(tour.permissions, **permissions))
-        parts = AssistantAdapters(NOBODY, self._stream, lambda model, url: resolve_endpoint(
+        parts = AssistantAdapters(SERVER, ADDITION, self._stream, lambda model, url: resolve_endpoint(
             model, embedded_url=url, environment={}
         ), self._list)  # fmt: skip
         self.service = AssistantService(
-            self.state, bus, NOBODY, parts, asyncio_thread=asyncio_thread, speech=NOBODY, scenario=self.scenario,
-            parent=self.owner,
+            self.state, bus, cast("Any", self.children), parts, asyncio_thread=asyncio_thread, speech=NOBODY,
+            scenario=self.scenario, parent=self.owner,
         )  # fmt: skip
         self.service.client._ask_version = _no_version
 
@@ -270,3 +303,53 @@ def test_several_questions_are_asked_in_parallel(new_desk: Callable[..., Desk], 
         (f"Question {number}?", "Well.") for number in (2, 1, 0)
     ]
     assert len({exchange.exchange_id for exchange in desk.published}) == 3
+
+
+def test_one_server_runs_the_chosen_embedded_model(new_desk: Callable[..., Desk]) -> None:
+    desk = new_desk(replace(SETTINGS, model="embedded:large", models=("embedded:small",)))
+    (large,) = desk.children.started
+    assert large.body.arguments == ("large",)
+    large.send(EmbeddedReady("http://127.0.0.1:5001", "large", "key"))
+    assert desk.service.client.model == "large on this computer"
+
+    desk.do(intents.ChooseModel("embedded:small"))
+    small = desk.children.started[-1]
+    assert small.body.arguments == ("small",) and not large.running, "two might not fit into the memory"
+    assert not desk.service.client.ready
+    large.send(EmbeddedReady("http://127.0.0.1:5001", "large", "key"))  # was on its way
+    assert not desk.service.client.ready
+    small.send(EmbeddedReady("http://127.0.0.1:5002", "small", "key"))
+    assert desk.service.client.model == "small on this computer"
+
+    desk.do(intents.ChooseModel("embedded"))
+    assert [child.body.arguments for child in desk.children.started if child.running] == [("",)]
+
+
+def test_a_model_that_this_computer_lacks_is_named(new_desk: Callable[..., Desk]) -> None:
+    desk = new_desk(replace(SETTINGS, model="embedded:absent"))
+    (server,) = desk.children.started
+    server.send(EmbeddedFailed(Problem(1, "warning", "This computer has no model named “absent”.", "", "")))
+    status: AssistantStatus = desk.state.assistant.value
+    assert (status.state, status.detail) == ("failed", "This computer has no model named “absent”.")
+
+
+@pytest.mark.logs("Reading the model file ended its process")
+def test_a_model_file_is_added_in_a_process_of_its_own(
+    new_desk: Callable[..., Desk], qtbot: QtBot, tmp_path: Path
+) -> None:
+    desk = new_desk()
+    desk.do(intents.AddModel(tmp_path / "qwen.gguf"))
+    (addition,) = desk.children.started
+    assert addition.body.arguments == (tmp_path / "qwen.gguf",)
+    with pytest.raises(UserFacingError, match="Another model is being added"):
+        desk.do(intents.AddModel(tmp_path / "other.gguf"))
+    desk.listed = ("embedded:qwen",)
+    addition.send(ModelAdded("qwen", "Qwen", 10**9, 2 * 10**9, "a" * 64, "embedded:qwen answers “Paris.”"))
+    addition.die()
+    added = desk.published[-1]
+    assert isinstance(added, Problem) and "qwen is added" in added.what and "2.0 GB" in added.meaning
+    qtbot.waitUntil(lambda: "embedded:qwen" in [choice.model for choice in desk.setup.models])
+
+    desk.do(intents.AddModel(tmp_path / "hostile.gguf"))
+    desk.children.started[-1].die()
+    assert "ended its process" in desk.published[-1].what

@@ -1,11 +1,12 @@
 """Assistant panel: concurrent questions, context and model, all by keyboard."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QFileDialog, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.conversation.conversation_transcript import Turn
@@ -137,6 +138,7 @@ def test_the_model_is_one_drop_down_and_a_refusal_puts_it_back(
     assert [model.itemText(at) for at in range(model.count())] == [
         "SmolLM2 on this computer",
         "llama · on this computer",
+        "Add a model file…",
     ]
     model.setCurrentIndex(1)
     model.activated.emit(1)
@@ -148,6 +150,20 @@ def test_the_model_is_one_drop_down_and_a_refusal_puts_it_back(
     assert panel.setup_bar.role.isHidden(), "the scenario has no roles"
     panel.setup_bar.style_choice.activated.emit(1)
     assert console.calls[-1] == ("choose_prompt", ("style", "Short"))
+
+
+def test_a_model_file_is_added_from_the_list_of_models(
+    panel: AssistantPanel, console: FakeConsole, window: MainWindow, tmp_path: Path
+) -> None:
+    model = panel.setup_bar.model
+    model.setCurrentIndex(2)
+    model.activated.emit(2)
+    assert model.currentData() == "embedded", "adding chooses no model"
+    dialog = window.findChild(QFileDialog, "model_file_dialog")
+    assert dialog is not None and dialog.isVisible() and not dialog.isModal()
+    dialog.fileSelected.emit(str(tmp_path / "large.gguf"))
+    assert console.calls == [("add_model", tmp_path / "large.gguf")]
+    dialog.close()
 
 
 @pytest.mark.panels()
