@@ -60,6 +60,7 @@ class Colors:
     map_free: str
     map_unknown: str
     map_wall: str
+    lidar: str
     shadow: str
     coders: tuple[str, ...]
     """One per annotation coder, in rotation; labels on them use ``panel``."""
@@ -99,9 +100,10 @@ DARK = Colors(
     box_unnamed="#7db8f7",
     box_warning="#f0b45a",
     on_box="#071019",
-    map_free="#20262f",
-    map_unknown="#161a20",
-    map_wall="#78879f",
+    map_free="#2b3340",
+    map_unknown="#101317",
+    map_wall="#8494ad",
+    lidar="#b48cf2",
     shadow="#70000000",
     coders=("#4cc2c4", "#b39bf8", "#eb9b66", "#ea86bf", "#a9c85c", "#7fb2f9"),
 )
@@ -141,8 +143,9 @@ LIGHT = Colors(
     box_warning="#f0b45a",
     on_box="#071019",
     map_free="#ffffff",
-    map_unknown="#e9edf2",
+    map_unknown="#d3dae4",
     map_wall="#4a586c",
+    lidar="#7a3fd1",
     shadow="#38243447",
     coders=("#0e7680", "#6a4cd0", "#a94e14", "#b02f7a", "#55720f", "#2360c2"),
 )

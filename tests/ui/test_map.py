@@ -280,9 +280,21 @@ def test_a_stale_layer_says_its_age(panel: MapPanel, console: FakeConsole) -> No
     )
     console.state.check_freshness()
     assert panel.view.chips == [("LIDAR 0.8 s old", "warning"), ("Position 1.2 s old", "warning")]
-    # The pin is hollow: its centre is not blue any more.
-    tip = at(panel, 6.6, 3.4)
-    assert panel.view.grab().toImage().pixelColor(tip - QPoint(8, 24)) != panel.theme.color("blue")
+    # The robot is hollow: its centre is not blue any more.
+    assert panel.view.grab().toImage().pixelColor(at(panel, 6.6, 3.4)) != panel.theme.color("blue")
+
+
+def test_the_legend_names_what_is_shown_and_gives_way(panel: MapPanel, console: FakeConsole) -> None:
+    drawing = panel.view._drawing
+    words = [words for _, words in drawing._legend()]
+    assert words == ["robot", "LIDAR", "wall", "unknown"]
+    assert panel.view.rect().contains(drawing._legend_rect().toRect())
+    console.go_to(Pose2D(8.0, 6.0, 0.0))
+    assert drawing._legend()[-1][1] == "goal"
+    panel.view.show_scan(None)
+    assert "LIDAR" not in [words for _, words in drawing._legend()]
+    panel.view.map_state.hint = "Click the goal"
+    assert drawing._legend_rect().isEmpty(), "the hint is at the same edge"
 
 
 def test_the_trail_is_bounded_and_cleared(panel: MapPanel) -> None:
@@ -544,7 +556,7 @@ def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_stated(
     image = view.grab().toImage()
     hit = view.to_view(7.1, 1.0).toPoint()
     near = [image.pixelColor(hit + QPoint(x, y)) for x in range(-3, 4) for y in range(-3, 4)]
-    assert any(color.blue() - color.red() > 80 for color in near), "a beam ends two metres before the laser"
+    assert any(color.blue() - color.green() > 80 for color in near), "a beam ends two metres before the laser"
     assert view.place_position("Kitchen") is None, "places belong to a map"
     QTest.mouseClick(view, BUTTON, pos=at(panel, 5.5, 1.6))
     click(qtbot, find(window, "map_tool_goal"))

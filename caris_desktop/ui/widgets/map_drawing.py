@@ -26,7 +26,7 @@ from caris_desktop.ui.widgets.map_layers import (
     Trail,
     distinct_dots,
     draw_arrow,
-    draw_pin,
+    draw_robot,
     outline_in_map,
     polygon,
     thinned,
@@ -41,6 +41,8 @@ _BESIDE_A_FLAG = ((11.0, 0.0, -10.0), (-11.0, 1.0, -10.0), (0.0, 0.5, -31.0), (0
 _BESIDE_A_PERSON = ((10.0, 0.0, -10.0), (-10.0, 1.0, -10.0), (10.0, 0.0, 11.0), (10.0, 0.0, -31.0), (-10.0, 1.0, 11.0))
 # For a wider ring, the cached pixmap costs more memory than it saves time.
 _KEPT_RING_PX = 48
+_SYMBOL_PX, _LEGEND_GAP_PX = 15.0, 10.0
+_SCALE_BAR_ROOM_PX = 120.0
 _PeopleRects = list[tuple[QRectF, QRectF | None]]
 
 Tool = Literal["look", "goal", "pose", "place"]
@@ -115,6 +117,7 @@ class MapDrawing:
             self._paint_waiting(painter)
         self._paint_aim(painter)
         self._paint_scale_bar(painter)
+        self._paint_legend(painter)
         self._paint_chips(painter)
 
     def _paint_waiting(self, painter: QPainter) -> None:
@@ -151,7 +154,7 @@ class MapDrawing:
             painter.drawPixmap(x - 1, y - 1, dot)
 
     def _paint_dot(self, onto: QPainter) -> None:
-        color = self._theme.color("blue")
+        color = self._theme.color("lidar")
         color.setAlpha(230 if self.map_state.scan_freshness == "fresh" else 80)
         onto.setPen(Qt.PenStyle.NoPen)
         onto.setBrush(color)
@@ -181,7 +184,7 @@ class MapDrawing:
         places = {place.name: place.pose_in_map for place in self.map_state.places}
         marks = {name: self._viewport.to_view(pose.x_m, pose.y_m) for name, pose in places.items()}
         taken = [QRectF(at.x() - 9, at.y() - 9, 18, 18) for at in marks.values()]
-        taken += self._robot_rect()
+        taken += [*self._robot_rect(), self._legend_rect()]
         # People move, and take precedence over permanent items.
         for mark, label in people:
             taken += [mark] if label is None else [mark, label]
@@ -243,7 +246,7 @@ class MapDrawing:
         if self.map_state.pose is None:
             return []
         robot = self._viewport.to_view(self.map_state.pose.x_m, self.map_state.pose.y_m)
-        return [QRectF(robot.x() - 13, robot.y() - 38, 26, 44)]
+        return [QRectF(robot.x() - 13, robot.y() - 13, 26, 26)]
 
     def _people_rects(self) -> _PeopleRects:
         """Marks and labels of people; in a crowd some have no room for a label."""
@@ -320,9 +323,9 @@ class MapDrawing:
             painter.setPen(QPen(self._theme.color(role), 2, Qt.PenStyle.DotLine))
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawEllipse(tip, radius, radius)
-        draw_pin(
+        draw_robot(
             painter, tip, pose.heading_rad + self._viewport.turn_rad, color=color, ground=self._theme.color("panel"),
-            beam_px=max(34.0, min(70.0, self._viewport.scale * 0.9)), hollow=doubtful,
+            hollow=doubtful,
         )  # fmt: skip
 
     def _paint_aim(self, painter: QPainter) -> None:
@@ -375,6 +378,67 @@ class MapDrawing:
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(self._theme.color("dim"))
             painter.drawPolygon(QPolygonF([at + out * 19, at + out * 11 + side * 5, at + out * 11 - side * 5]))
+
+    def _legend(self) -> list[tuple[str, str]]:
+        """Colour role and word of each kind of thing that is shown without a label of its own."""
+        state = self.map_state
+        robot = state.pose is not None and state.pose_freshness != "none"
+        scan = state.scan_points_m is not None and len(state.scan_points_m) > 0
+        shown = (
+            (robot, "blue", tr("robot")),
+            (scan and state.scan_freshness in ("fresh", "stale"), "lidar", tr("LIDAR")),
+            (self._grid.newest is not None, "map_wall", tr("wall")),
+            (self._grid.newest is not None, "map_unknown", tr("unknown")),
+            (state.goal is not None, "green", tr("goal")),
+        )
+        return [(role, words) for is_shown, role, words in shown if is_shown]
+
+    def _legend_rect(self) -> QRectF:
+        """Place of the legend at the lower edge, left of the scale bar; empty if there is no room for it."""
+        metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX - 1))
+        width = sum(_SYMBOL_PX + _LEGEND_GAP_PX + metrics.horizontalAdvance(words) for _, words in self._legend()) + 8
+        if self.map_state.hint or width > self._view.width() - _SCALE_BAR_ROOM_PX or self._view.height() < 200:
+            return QRectF()
+        return QRectF(6, self._view.height() - 26.0, width, 20)
+
+    def _paint_legend(self, painter: QPainter) -> None:
+        rect = self._legend_rect()
+        if rect.isEmpty():
+            return
+        ground = self._theme.color("panel")
+        ground.setAlpha(220)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(ground)
+        painter.drawRoundedRect(rect, 5, 5)
+        font = self._theme.font(tokens.STATUS_PX - 1)
+        painter.setFont(font)
+        left = rect.left() + 6
+        for role, words in self._legend():
+            symbol = QRectF(left, rect.center().y() - 5, 10, 10)
+            color = self._theme.color(role)
+            match role:
+                case "blue":
+                    painter.setPen(Qt.PenStyle.NoPen)
+                    painter.setBrush(color)
+                    painter.drawEllipse(symbol)
+                case "lidar":
+                    painter.setPen(Qt.PenStyle.NoPen)
+                    painter.setBrush(color)
+                    for at in (0, 4, 8):
+                        painter.drawEllipse(QRectF(left + at, symbol.center().y() - 1.5, 3, 3))
+                case "green":
+                    painter.setPen(QPen(color, 2))
+                    painter.setBrush(Qt.BrushStyle.NoBrush)
+                    painter.drawEllipse(symbol.adjusted(1, 1, -1, -1))
+                case _:
+                    painter.setPen(QPen(self._theme.color("line_strong"), 1))
+                    painter.setBrush(color)
+                    painter.drawRect(symbol if role == "map_unknown" else symbol.adjusted(0, 3, 0, -3))
+            painter.setPen(self._theme.color("text"))
+            width = QFontMetricsF(font).horizontalAdvance(words)
+            room = QRectF(left + _SYMBOL_PX, rect.top(), width + 2, rect.height())
+            painter.drawText(room, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, words)
+            left += _SYMBOL_PX + width + _LEGEND_GAP_PX
 
     def _paint_chips(self, painter: QPainter) -> None:
         font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM)

@@ -5,8 +5,8 @@ from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QPainter, QPainterPath, QPen, QPolygonF, QTransform
+from PySide6.QtCore import QPointF, Qt
+from PySide6.QtGui import QColor, QPainter, QPen, QPolygonF, QTransform
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan
@@ -18,6 +18,7 @@ TRAIL_POINTS = 4000
 _TRAIL_JUMP_M = 1.0
 _TRAIL_SHADES = 8
 _DOT_PX = 2
+ROBOT_RADIUS_PX = 9
 
 
 def scan_points_in_map(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.float64]:
@@ -103,55 +104,23 @@ def outline_in_map(outline_m: tuple[tuple[float, float], ...], pose: Pose2D) -> 
     return [(pose.x_m + cos * x - sin * y, pose.y_m + sin * x + cos * y) for x, y in outline_m]
 
 
-def pin(tip: QPointF) -> QPainterPath:
-    """Path of a map pin with its tip at ``tip``."""
-    x, y = tip.x(), tip.y()
-    path = QPainterPath(tip)
-    path.cubicTo(x - 4, y - 9, x - 13, y - 14, x - 13, y - 24)
-    path.cubicTo(x - 13, y - 41, x + 13, y - 41, x + 13, y - 24)
-    path.cubicTo(x + 13, y - 14, x + 4, y - 9, x, y)
-    path.closeSubpath()
-    return path
-
-
-def draw_pin(
-    painter: QPainter, tip: QPointF, heading_rad: float, *, color: QColor, ground: QColor, beam_px: float, hollow: bool
+def draw_robot(
+    painter: QPainter, at: QPointF, heading_rad: float, *, color: QColor, ground: QColor, hollow: bool
 ) -> None:
-    """Draw the robot: pin, nose and beam towards ``heading_rad`` in the view (counter-clockwise from right).
+    """Draw the robot as a disc with a nose towards ``heading_rad`` in the view (counter-clockwise from right).
 
     ``hollow``: dashed outline for an unknown pose.
     """
     heading = QPointF(math.cos(heading_rad), -math.sin(heading_rad))
     side = QPointF(-heading.y(), heading.x())
-    nose = QPolygonF([tip + heading * 19, tip + heading * 9 + side * 6, tip + heading * 9 - side * 6])
+    nose = QPolygonF([at + heading * 19, at + heading * 5 + side * 8, at + heading * 5 - side * 8])
+    pen = QPen(color if hollow else ground, 2 if hollow else 1.5)
     if hollow:
-        pen = QPen(color, 2)
         pen.setDashPattern([3, 2])
-        painter.setPen(pen)
-        painter.setBrush(ground)
-        painter.drawPath(pin(tip))
-        painter.setPen(QPen(color, 1.5))
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.drawPolygon(nose)
-        painter.drawEllipse(QPointF(tip.x(), tip.y() - 24), 4, 4)
-        return
-    beam = QColor(color)
-    beam.setAlpha(60)
-    painter.setPen(Qt.PenStyle.NoPen)
-    painter.setBrush(beam)
-    # Qt angles: counter-clockwise from the right, in sixteenths of a degree.
-    painter.drawPie(
-        QRectF(tip.x() - beam_px, tip.y() - beam_px, 2 * beam_px, 2 * beam_px),
-        round((math.degrees(heading_rad) - 27) * 16), 54 * 16,
-    )  # fmt: skip
-    painter.setBrush(color)
+    painter.setPen(pen)
+    painter.setBrush(ground if hollow else color)
     painter.drawPolygon(nose)
-    painter.setPen(QPen(ground, 1.5))
-    painter.drawEllipse(tip, 4, 4)
-    painter.drawPath(pin(tip))
-    painter.setPen(Qt.PenStyle.NoPen)
-    painter.setBrush(ground)
-    painter.drawEllipse(QPointF(tip.x(), tip.y() - 24), 5, 5)
+    painter.drawEllipse(at, ROBOT_RADIUS_PX, ROBOT_RADIUS_PX)
 
 
 def draw_arrow(painter: QPainter, at: QPointF, heading_rad: float, *, color: QColor, length_px: float) -> None:
