@@ -216,6 +216,7 @@ PAGES: Mapping[str, str] = {
     "ResumeTrialCard": "practice.md#resume-a-trial-after-a-crash",
     "RobotDialog": "robot-profiles.md#quick-start",
     "RobotPanel": "robot-profiles.md#the-robot-panel",
+    "SavedSessionCard": "wizard.md#recording",
     "ScenarioEditor": "editing-scenarios.md",
     "SessionPanel": "wizard.md#recording",
     "SessionsWindow": "sessions.md",

@@ -61,6 +61,7 @@ from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.quit_guard import QuitGuard
 from caris_desktop.ui.resume_trial_card import ResumeTrialCard
 from caris_desktop.ui.robot_choice import RobotChooser
+from caris_desktop.ui.saved_session_card import SavedSessionCard
 from caris_desktop.ui.scenario_editor_window import ScenarioEditorWindow
 from caris_desktop.ui.scenario_files import ScenarioFiles
 from caris_desktop.ui.session_windows import SessionWindows
@@ -158,7 +159,9 @@ class MainWindow(PanelWindow, QWidget):
         self.help = HelpWindows(self.theme, self)
         self.sessions = SessionWindows(self.theme, console, self.wizards, self)
         self._going_on = ResumeTrialCard(self.theme, self.dock_host, console, self.sessions.record_next_part)
-        self._problems.stay_clear_of(self._going_on)
+        self._saved = SavedSessionCard(self.theme, self.dock_host, self.sessions, console.state.present.now_ns)
+        for card in (self._going_on, self._saved):
+            self._problems.stay_clear_of(card)
         self.robots = RobotChooser(self.theme, console, self._question, self)
         self.first_use = FirstUse(self.theme, console, self.actions_table, self.robots, self, settings=settings)
         self._column.insertWidget(self._column.indexOf(self._strip) + 1, self.first_use.hint)
@@ -223,6 +226,8 @@ class MainWindow(PanelWindow, QWidget):
         top_bar.scenario_menu_requested.connect(self.menus.open_scenario_menu)
         top_bar.window_menu_requested.connect(self.menus.open_window_menu)
         self.sessions.begun.connect(top_bar.show_details)
+        if state.present.live:
+            state.recording.changed.connect(self._saved.show_recording)
         for known in (self.sessions.recent_changed, self._scenarios.changed, self.robots.choices.changed):
             known.connect(self._renew_palette)
         self._status_bar.connection_clicked.connect(self._connection.open)
@@ -235,7 +240,8 @@ class MainWindow(PanelWindow, QWidget):
         for step_back in (
             self._palette_overlay.close_overlay, self._sheet.step_back, self._connection.close_overlay,
             self._preflight.close_overlay, self._alarms.close_overlay, self.first_use.close,
-            self._question.put_away, self.sessions.close_the_active_one, partial(self.help.close, only_active=True),
+            self._question.put_away, self._saved.hide, self.sessions.close_the_active_one,
+            partial(self.help.close, only_active=True),
         ):  # fmt: skip
             self.hold.escape_pressed.connect(step_back)
         self.hold.help_requested.connect(self.help.open)

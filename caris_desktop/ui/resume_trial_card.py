@@ -2,9 +2,7 @@
 
 from collections.abc import Callable
 
-from PySide6.QtCore import QEvent, QObject
-from PySide6.QtGui import QAccessible, QPaintEvent
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.intents import AsBefore
@@ -16,10 +14,8 @@ from caris_desktop.ui import event_messages, layouts, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
+from caris_desktop.ui.widgets.dock_card import DockCard
 
-_WIDTH_PX, _FROM_EDGE_PX = 520, 20
-_FROM_TOP_PX = 82
-"""Below the tabs and title bars of the top panels, so that these stay usable."""
 _ASKED: dict[AsBefore, str] = {
     "map": QT_TR_NOOP("The robot is where the map shows it"),
     "people": QT_TR_NOOP("People are identified correctly"),
@@ -61,32 +57,19 @@ def permissions_in_words(console: WizardConsole) -> str:
     return " ".join(sentences)
 
 
-class ResumeTrialCard(QWidget):
-    """Popup over the upper middle of the docks. Not a dialog: the stop and everything else stay usable.
-
-    ``start_recording`` starts the next part of the trial.
-    """
-
-    accessible_role = QAccessible.Role.Dialog
+class ResumeTrialCard(DockCard):
+    """``start_recording`` starts the next part of the trial."""
 
     def __init__(
         self, theme: Theme, over: QWidget, console: WizardConsole, start_recording: Callable[[], None]
     ) -> None:
-        super().__init__(over)
-        self.setObjectName("going_on_card")
-        self._theme = theme
-        self._over = over
-        self._console = console
-        self._heading = QLabel()
-        self._heading.setObjectName("going_on_heading")
-        self._text = QLabel()
-        self._text.setObjectName("going_on_text")
-        for label in (self._heading, self._text):
-            label.setWordWrap(True)
         self._boxes: dict[AsBefore, CheckBox] = {}
-        column = self._column = layouts.vbox(self, margins_px=(20, 16, 20, 16), spacing_px=tokens.GRID_PX)
-        column.addWidget(self._heading)
-        column.addWidget(self._text)
+        super().__init__(theme, over, line="amber")
+        self.setObjectName("going_on_card")
+        self._console = console
+        self.heading.setObjectName("going_on_heading")
+        self.text.setObjectName("going_on_text")
+        column = self.column
         for condition, text in _ASKED.items():
             box = self._boxes[condition] = CheckBox(theme, tr(text), wraps=True)
             box.setObjectName(f"going_on_{condition}")
@@ -108,10 +91,7 @@ class ResumeTrialCard(QWidget):
         buttons.addWidget(self._yes)
         column.addSpacing(4)
         column.addLayout(buttons)
-        over.installEventFilter(self)
-        theme.changed.connect(self._style)
-        self.hide()
-        self._style()
+        self.restyle()
         console.state.going_on.changed.connect(self._show)
         for value in (console.state.scenario, console.state.levels, console.state.microphone):
             value.changed.connect(self._show_permissions)
@@ -130,16 +110,16 @@ class ResumeTrialCard(QWidget):
             return
         offered, trial = status.state == "offered", trial_in_words(status.details)
         if offered:
-            self._heading.setText(tr("The program ended during a recording."))
-            self._text.setText(
+            self.heading.setText(tr("The program ended during a recording."))
+            self.text.setText(
                 tr(
                     "The program was recording {trial}. The data recorded until then is safe. You can resume "
                     "with the same participant: the emergency stop then holds the robot until you release it."
                 ).format(trial=trial)
             )
         else:
-            self._heading.setText(tr("Resuming {trial}").format(trial=trial))
-            self._text.setText(
+            self.heading.setText(tr("Resuming {trial}").format(trial=trial))
+            self.text.setText(
                 tr(
                     "Check what may have changed in the meantime. The robot is held until you release the "
                     "emergency stop."
@@ -154,9 +134,7 @@ class ResumeTrialCard(QWidget):
         self._start.setVisible(not offered)
         self._start.setEnabled(status.state == "confirmed")
         self._start.setToolTip("" if status.state == "confirmed" else tr("Check and tick all items first"))
-        self.setAccessibleName(f"{self._heading.text()} {self._text.text()}")
-        self.show()
-        self._place()
+        self.open()
 
     def _show_permissions(self, _changed: object = None) -> None:
         if self._console.state.going_on.value.state not in ("unconfirmed", "confirmed"):
@@ -165,27 +143,9 @@ class ResumeTrialCard(QWidget):
         text = text.format(kept=permissions_in_words(self._console))
         if text != box.text():
             box.setText(text)
-            self._place()
+            self.place()
 
-    def _place(self) -> None:
-        self.setFixedWidth(min(_WIDTH_PX, self._over.width() - 2 * _FROM_EDGE_PX))
-        self.resize(self.width(), self._column.heightForWidth(self.width()))
-        self.move((self._over.width() - self.width()) // 2, _FROM_TOP_PX)
-        self.raise_()
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self._over and event.type() == QEvent.Type.Resize and not self.isHidden():
-            self._place()
-        return False
-
-    def _style(self) -> None:
-        self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._theme.style_text(self._text, "dim", tokens.BODY_PX)
+    def restyle(self) -> None:
+        super().restyle()
         for box in self._boxes.values():
             box.setFont(self._theme.font(tokens.BODY_PX))
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        self._theme.paint_box(
-            self, ground="panel", line="amber", radius_px=tokens.PANEL_RADIUS_PX, line_px=1.4, inset_px=(1, 1)
-        )

@@ -33,6 +33,7 @@ from tests.ui import (
     test_practice_strip,
     test_resume_trial_card,
     test_same_names,
+    test_saved_session_card,
     test_sessions,
     test_video,
 )
@@ -247,6 +248,9 @@ class EveryWindow:
         console.state.going_on.set(test_resume_trial_card.OFFERED)
         yield Seen("going on", self._card("going_on_card"))
         console.state.going_on.set(CrashRecoveryStatus())
+        test_saved_session_card.stop_recording(console)
+        yield Seen("session saved", self._card("saved_session_card"))
+        window.hold.escape_pressed.emit()
         console.state.practice.set(test_practice_strip.status_at(2))
         yield Seen("practice", window.practice)
         console.state.practice.set(PracticeStatus())
