@@ -240,7 +240,7 @@ class MainWindow(PanelWindow, QWidget):
         for step_back in (
             self._palette_overlay.close_overlay, self._sheet.step_back, self._connection.close_overlay,
             self._preflight.close_overlay, self._alarms.close_overlay, self.first_use.close,
-            self._question.put_away, self._saved.hide, self.sessions.close_the_active_one,
+            self._question.put_away, self._saved.put_away, self.sessions.close_the_active_one,
             partial(self.help.close, only_active=True),
         ):  # fmt: skip
             self.hold.escape_pressed.connect(step_back)

@@ -49,6 +49,9 @@ class SavedSessionCard(DockCard):
             self._replay.setVisible(self._sessions.has_library)
             self.open()
 
+    def put_away(self) -> None:
+        self.hide()
+
     def _add(self, row: QHBoxLayout, name: str, text: str, icon: str, act: Callable[[], None]) -> ActionButton:
         button = ActionButton(self._theme, text, icon=icon, height_px=34)
         button.setObjectName(name)

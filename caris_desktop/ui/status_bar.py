@@ -30,9 +30,9 @@ from caris_desktop.ui.window_above import InSight
 
 HEIGHT_PX = 32
 _SIDE_PX, _GAP_PX, _STEP_PX = 16, 20, 6
-# Items hidden first in a narrow window, as long as they report no problem.
-_MAY_GO = ("models", "round_trip", "listening", "perception", "battery", "lidar", "disk")
-# Items elided next. The recording item is never hidden or elided.
+# Items that appear only with something to report (any role but "dim"); else the bar's tooltip has them.
+_WHEN_NEEDED = ("models", "round_trip", "listening", "perception", "lidar", "video", "recording", "disk")
+# Items elided if space is short. The recording item is never elided.
 _MAY_BE_CUT = ("load", "link", "dropped", "perception", "refused", "battery", "disk", "pose", "microphone", "video")
 _LEAST_PX, _NAME_CHARACTERS = 90, 40
 _NEWS_PX = (120, 340)
@@ -113,8 +113,12 @@ class StatusItem(QWidget):
         self.setToolTip("\n".join(lines))
         self.setAccessibleDescription(" ".join(self._tip.splitlines()))
 
+    @property
+    def left_out(self) -> bool:
+        return self._left_out
+
     def leave_out(self, left_out: bool) -> None:
-        """Hide the item for lack of space."""
+        """Hide the item whatever its text."""
         if left_out != self._left_out:
             self._left_out = left_out
             self.setVisible(bool(self._text) and not left_out)
@@ -295,27 +299,30 @@ class StatusBar(Bar, InSight):
         self._fit()
 
     def _fit(self) -> None:
-        """Hide the least important items if space is short; then elide long texts.
+        """Hide what is as it should be, and in a narrow window the battery; then elide long texts.
 
         The bar's tooltip shows hidden items, an item's own its elided text.
         """
-        with_text = {name: item for name, item in self.items.items() if item.text}
+        hidden = []
+        for name in _WHEN_NEEDED:
+            item = self.items[name]
+            item.leave_out(item.role == "dim")
+            if item.role == "dim" and item.text:
+                hidden.append(item.text)
+        battery = self.items["battery"]
+        battery.leave_out(False)
+        with_text = {name: item for name, item in self.items.items() if item.text and not item.left_out}
         widths = [widget.sizeHint().width() for widget in self._first if not widget.isHidden()]
         widths += [item.full_px for item in with_text.values()]
         news_px = min(self._news.full_px, _NEWS_PX[1])
         widths += [] if self._news.isHidden() else [news_px]
         missing_px = sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX - self.width()
-        hidden = []
-        for name in _MAY_GO if self._news.isHidden() else (*_MAY_GO, "video"):
-            left_out = name in with_text and with_text[name].role == "dim" and missing_px > 0
-            if left_out:
-                missing_px -= with_text[name].full_px + _GAP_PX
-                hidden.append(with_text[name].text)
-            self.items[name].leave_out(left_out)
+        if missing_px > 0 and battery.text and battery.role == "dim":
+            battery.leave_out(True)
+            missing_px -= battery.full_px + _GAP_PX
+            hidden.append(battery.text)
         self.setToolTip("\n".join(hidden))
         self.setAccessibleDescription(", ".join(hidden))
-        if self._news.isHidden():
-            self.items["video"].leave_out(False)
         for name in _MAY_BE_CUT:
             item = self.items[name]
             if item.isHidden():
@@ -380,9 +387,10 @@ class StatusBar(Bar, InSight):
         if scenario.permissions.transcription and ear.engine == "server" and not is_loopback(ear.server):
             too = tr("{models}, sound sent too").format(models=text)
             text = tr("sound leaves this computer") if local else too
+            local = False
             made = tr("Speech is transcribed on {server}, which receives the sound.")
             tip = f"{tip}\n{made.format(server=without_credentials(ear.server))}"
-        self.items["models"].say(text, tip=tip)
+        self.items["models"].say(text, "dim" if local else "text", tip=tip)
 
     def _say_listening(self, listening: ListeningStatus, microphone: MicrophoneStatus) -> None:
         """State of speech recognition, if the scenario uses it."""
@@ -438,17 +446,9 @@ class StatusBar(Bar, InSight):
         item = self.items["recording"]
         match recording.state:
             case "recording":
-                item.say(
-                    tr("recording, {size}").format(size=text_formatting.size(recording.written_bytes)),
-                    "text",
-                    icon="record",
-                )
+                item.say(tr("recording, {size}").format(size=text_formatting.size(recording.written_bytes)))
             case "paused":
-                item.say(
-                    tr("paused, {size}").format(size=text_formatting.size(recording.written_bytes)),
-                    "amber",
-                    icon="pause",
-                )
+                item.say(tr("paused, {size}").format(size=text_formatting.size(recording.written_bytes)))
             case "starting" | "stopping":
                 item.say(tr("starting to record") if recording.state == "starting" else tr("saving the recording"))
             case "failed":

@@ -252,7 +252,7 @@ class TopBar(Bar, QWidget):
             if button.text() != text:
                 button.set_label(text)
                 button.setAccessibleName(name)
-            button.setVisible(level < goes and (button is self._find or not self._in_replay))
+            button.setVisible(level < goes and (button is self._find or self._marks_session))
         self._trial.setVisible(bool(trial))
         self.scenario_button.setVisible(level < _ALL_GIVE_WAY)
 
@@ -266,10 +266,15 @@ class TopBar(Bar, QWidget):
             widths.append(min(self._trial.sizeHint().width(), _TRIAL_PX[level >= _TRIAL_SHRINKS]))
         if level < _FIND_GOES:
             widths.append(self._find.width_with(_find_words(level)))
-        if not self._in_replay:
+        if self._marks_session:
             widths += [self.mark_button.width_with(self._mark_words(level))] if level < _MARK_GOES else []
             widths += [self._error.width_with(_error_words(level))] if level < _ERROR_GOES else []
         return sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX
+
+    @property
+    def _marks_session(self) -> bool:
+        """Whether there is a session to mark: the buttons for marks come with the recording."""
+        return not self._in_replay and self._console.state.recording.value.state in IN_SESSION
 
     def _mark_words(self, level: int) -> str:
         return "" if level >= _MARK_SHRINKS else tr("Marked") if self._unmark.isActive() else tr("Mark")

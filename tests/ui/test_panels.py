@@ -134,12 +134,16 @@ def test_a_lost_robot_is_not_waited_for_in_silence(window: MainWindow, console: 
 
 
 @pytest.mark.panels("video")
-def test_a_fresh_picture_says_its_age(window: MainWindow, console: FakeConsole) -> None:
+def test_only_a_late_picture_says_its_age(window: MainWindow, console: FakeConsole) -> None:
     panel, _ = video(window)
     show_flat(console, (9, 9, 9), age_s=0.041)
     panel._refresh()
-    assert panel.fact[0].startswith("live")
-    assert panel.fact[0].endswith("ms old")
+    assert panel.fact == ("", "")
+    console.state.check_freshness()
+    show_flat(console, (9, 9, 9), age_s=0.9)
+    console.state.check_freshness()
+    panel._refresh()
+    assert panel.fact == ("delayed · 0.9 s old", "amber")
 
 
 def test_boxes_belong_to_about_the_frame_on_show() -> None:

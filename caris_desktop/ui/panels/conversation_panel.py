@@ -72,7 +72,9 @@ class ConversationPanel(Panel):
         self._find.bind(self.table, "find_said")
         self._search = _SearchLine(self)
         self._search.hide()
-        self._levels = LevelsButton(context)
+        # Autonomy levels apply to the language model only.
+        levels = context.console.scenario.permissions.assistant and context.console.scenario.assisted
+        self._title_widgets = [LevelsButton(context), self._find] if levels else [self._find]
         under_newest = layouts.vbox(margins_px=(14, 0, 14, 0), spacing_px=6)
         assisted = context.console.scenario.assisted
         self._could_follow: list[SuggestionCards | ProposalCard] = []
@@ -96,10 +98,7 @@ class ConversationPanel(Panel):
         self.update_view()
 
     def title_widgets(self) -> list[QWidget]:
-        scenario = self.console.scenario
-        # Autonomy levels apply to the language model only.
-        assisted = scenario.permissions.assistant and scenario.assisted
-        return [self._levels, self._find] if assisted else [self._find]
+        return self._title_widgets
 
     def focus_target(self) -> QWidget:
         return self.view

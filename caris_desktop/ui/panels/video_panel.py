@@ -88,7 +88,6 @@ class VideoPanel(Panel):
         self._remembered: tuple[str, int, QImage] | None = None
         self._thumbnail = PhotoThumbnail(self.theme, self.view)
         self._ended = ("", 0.0)
-        self._latency_s = 0.0
         self._note = ("", 0.0)
         self._target: Pose2D | None = None  # in the map frame, while the popup asks about it
         self._card = ChoiceCard(self.theme, self.view, name="video_card")
@@ -202,7 +201,6 @@ class VideoPanel(Panel):
             self._place_strip()
         self.view.show_model(self._model(frame))
         self._hold_ring_in_place()
-        self._latency_s = self.state.frame.age_s() or 0.0
         if not self.view.isVisible() or self.state.frame.freshness == "lost":
             return
         image_bgr = self.console.frames.read(frame)
@@ -266,12 +264,12 @@ class VideoPanel(Panel):
                     if len(self._frame_times_s) > 2
                     else 0
                 )
-                parts = [tr("live") if state.present.live else tr("recorded")]
-                if rate:
+                # A live picture that is as it should be says nothing; Diagnostics has rate and age.
+                parts = [] if state.present.live else [tr("recorded")]
+                if rate and not state.present.live:
                     parts.append(tr("{rate:.0f} fps").format(rate=rate))
-                if state.present.live:
-                    old = tr("{age} old").format(age=text_formatting.age(self._latency_s))
-                    parts.append(old if state.frame.age_known else tr("age unknown"))
+                if state.present.live and not state.frame.age_known:
+                    parts.append(tr("age unknown"))
                 self.set_fact(" · ".join(parts), "" if state.frame.age_known else "amber")
             case "stale":
                 self.set_fact(tr("delayed · {age} old").format(age=text_formatting.age(age_s or 0.0)), "amber")
