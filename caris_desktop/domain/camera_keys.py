@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema_fields import FieldSpec
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _FOV_DEG = (5.0, 170.0)
 
@@ -23,8 +23,7 @@ _HeadingRad = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class CameraModelKeys:
+class CameraModelKeys(Value):
     """Where a camera is and what it sees, as its data sheet or its calibration says."""
 
     width_px: Annotated[
@@ -101,8 +100,7 @@ class CameraModelKeys:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class PoseKeys:
+class PoseKeys(Value):
     """A place in the robot frame."""
 
     x_m: Annotated[float, FieldSpec("Distance in front of the robot's centre.", unit="metres")] = 0.0

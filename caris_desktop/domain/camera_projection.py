@@ -4,11 +4,10 @@ import math
 from dataclasses import replace
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True)
-class CameraModel:
+class CameraModel(Value):
     """A pinhole camera on the robot, without lens distortion.
 
     ``width_px`` and ``height_px`` are those of the image that the focal lengths ``fx_px``, ``fy_px`` and the principal

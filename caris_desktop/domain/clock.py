@@ -6,7 +6,7 @@ processes are comparable.
 
 import time
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 now_ns = time.monotonic_ns
 
@@ -20,8 +20,7 @@ _BASELINE_S = 15.0
 _USEFUL_UNCERTAINTY_NS = 100_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class ClockAnchor:
+class ClockAnchor(Value):
     """One reading of both clocks, which maps session time to UTC."""
 
     monotonic_ns: int

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from caris_desktop.domain.control_effects import NO_NAMES, ControlClass, RobotInterfaceNames, control_class
 from caris_desktop.domain.schema_fields import Excluded, ExternalSchema, FieldSpec, Flattened
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 ControlKind = Literal["button", "toggle", "slider", "choice", "text", "readout"]
 ControlValue = bool | float | str
@@ -42,8 +42,7 @@ _SLIDER = ("kind", "slider")
 _CHOICE = ("kind", "choice")
 
 
-@dataclass(frozen=True, slots=True)
-class PublishMessage:
+class PublishMessage(Value):
     """Publish ``message`` on ``topic``."""
 
     topic: Annotated[RosName, FieldSpec("Name of the topic.")]
@@ -53,8 +52,7 @@ class PublishMessage:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class CallService:
+class CallService(Value):
     """Call ``service`` with ``request``."""
 
     service: Annotated[RosName, FieldSpec("Name of the service.")]
@@ -64,8 +62,7 @@ class CallService:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class SendActionGoal:
+class SendActionGoal(Value):
     """Send ``goal`` to an action server (actionlib in ROS 1)."""
 
     action: Annotated[RosName, FieldSpec("Name of the action.", key="name")]
@@ -78,8 +75,7 @@ class SendActionGoal:
 ControlEffect = PublishMessage | CallService | SendActionGoal
 
 
-@dataclass(frozen=True, slots=True)
-class _EffectKeys:
+class _EffectKeys(Value):
     """What a control does, under the key of its kind."""
 
     publish: Annotated[PublishMessage | None, FieldSpec("Publish a message.", beside=_SENDING, needed=_SENDING)] = None
@@ -103,8 +99,7 @@ def _effect_keys(effect: ControlEffect | None) -> _EffectKeys:
     return _EffectKeys()
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(Value):
     """What of a topic is shown."""
 
     topic: Annotated[RosName, FieldSpec("Topic on which the robot reports the state.")]
@@ -123,16 +118,14 @@ class Reading:
     ] = 200
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
+class Choice(Value):
     """One line of a ``choice``."""
 
     title: Annotated[str, FieldSpec("Text shown to the wizard.")]
     value: Annotated[ControlValue, FieldSpec("Value of `$value` for this option.")]
 
 
-@dataclass(frozen=True, slots=True)
-class RobotControl:
+class RobotControl(Value):
     """A button, toggle, slider, choice, text field or readout bound to a topic, service or action of the robot."""
 
     id: Annotated[

@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 ControlClass = Literal["stop", "stop_release", "motion", "unknown", "harmless"]
 """``stop`` always passes. ``stop_release`` never does: only the wizard's own release of the emergency stop may.
@@ -16,8 +16,7 @@ ControlClass = Literal["stop", "stop_release", "motion", "unknown", "harmless"]
 sound, a display or similar."""
 
 
-@dataclass(frozen=True, slots=True)
-class StopField:
+class StopField(Value):
     """A topic or service of the robot's emergency stop: ``field`` at ``stops`` stops it, any other value releases it.
     Without a field everything that is sent there stops the robot.
     """
@@ -27,8 +26,7 @@ class StopField:
     stops: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class RobotInterfaceNames:
+class RobotInterfaceNames(Value):
     """The topics, services and actions of one robot that move it, stop it, and release its stop."""
 
     motion: tuple[str, ...] = ()

@@ -4,13 +4,12 @@ from typing import Literal
 
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import UtteranceCorrected
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 WhoSpoke = Literal["", "robot", "participant", "wizard"]
 
 
-@dataclass(frozen=True, slots=True)
-class Correction:
+class Correction(Value):
     """Corrected values; None: as first reported. ``person_by`` identified the person, the console with a likelihood."""
 
     text: str | None = None

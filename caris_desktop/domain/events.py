@@ -10,11 +10,10 @@ from typing import Literal
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.control_definitions import ControlValue
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Event:
+class Event(Value, eq=False):
     """Base class of events. ``stamp_ns`` is the session clock."""
 
     stamp_ns: int
@@ -34,8 +33,7 @@ MapOperation = Literal["save", "load", "start_mapping", "start_localization"]
 RequestState = Literal["requested", "succeeded", "failed"]
 
 
-@dataclass(frozen=True, slots=True)
-class TopicTraffic:
+class TopicTraffic(Value):
     """Traffic of one topic in the last second. ``age_ms`` is the age of its newest message on arrival, from the robot's
     timestamp and the estimated clock offset; None without a timestamp. ``encoding`` is empty before the first message.
     """
@@ -50,7 +48,6 @@ class TopicTraffic:
     encoding: Literal["", "cbor", "json"] = ""
 
 
-@dataclass(frozen=True, slots=True)
 class LinkChanged(Event):
     """The robot link changed state; ``detail`` gives the reason in words."""
 
@@ -60,7 +57,6 @@ class LinkChanged(Event):
     detail: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class LinkQuality(Event):
     """Ping result: round trip time, and robot clock minus session clock with its uncertainty."""
 
@@ -69,7 +65,6 @@ class LinkQuality(Event):
     clock_uncertainty_ms: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
 class CommandSent(Event):
     """One velocity command exactly as handed to the socket. ``actor`` held or released it, or stopped."""
 
@@ -79,7 +74,6 @@ class CommandSent(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class DriveEnded(Event):
     """Manual driving ended without a release by the wizard, or because ``actor`` set a goal.
 
@@ -91,14 +85,12 @@ class DriveEnded(Event):
     drive_id: int = 0
 
 
-@dataclass(frozen=True, slots=True)
 class StopRequested(Event):
     """The wizard pressed stop."""
 
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class EmergencyStopChanged(Event):
     """The latched emergency stop was set or cleared. ``by`` is wizard or robot."""
 
@@ -107,7 +99,6 @@ class EmergencyStopChanged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class GoalChanged(Event):
     """A navigation goal changed state. ``actor`` set it, or cancelled it if it is cancelled."""
 
@@ -120,7 +111,6 @@ class GoalChanged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class NavigationSpeedChanged(Event):
     """Speed limit of the robot's navigation to goals; None: as configured on the robot."""
 
@@ -128,7 +118,6 @@ class NavigationSpeedChanged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class GuardChanged(Event):
     """The obstacle guard changed its limits on motion.
 
@@ -143,7 +132,6 @@ class GuardChanged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class MovementChanged(Event):
     """The agreement of the robot's odometry with this console's commands changed.
 
@@ -158,7 +146,6 @@ class MovementChanged(Event):
     publishers: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
 class InitialPoseSet(Event):
     """The wizard set the robot's pose for localization."""
 
@@ -166,7 +153,6 @@ class InitialPoseSet(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class MapRequestChanged(Event):
     """State of a request to save or load a map, or switch mapping. ``request_id`` is the same in each state."""
 
@@ -178,7 +164,6 @@ class MapRequestChanged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class MappingChanged(Event):
     """Mapping state: the robot builds its map (True) or only localizes in it; None: not reported.
 
@@ -191,7 +176,6 @@ class MappingChanged(Event):
     can_switch: bool = False
 
 
-@dataclass(frozen=True, slots=True)
 class PlacesChanged(Event):
     """A named place was added to the scenario, moved, or removed (``pose_in_map`` None)."""
 
@@ -200,7 +184,6 @@ class PlacesChanged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class HeadMoved(Event):
     """The wizard turned the head to these angles, pan left and tilt down positive."""
 
@@ -209,7 +192,6 @@ class HeadMoved(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class ControlUsed(Event):
     """A control of the Robot panel was used. The same ``request_id`` returns with each state."""
 
@@ -221,7 +203,6 @@ class ControlUsed(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class TrafficMeasured(Event):
     """The topics of one link, once a second. ``refused`` counts all unusable messages so far."""
 
@@ -231,7 +212,6 @@ class TrafficMeasured(Event):
     topics: tuple[TopicTraffic, ...]
 
 
-@dataclass(frozen=True, slots=True)
 class GamepadChanged(Event):
     """A gamepad was connected or removed; ``device`` is its hardware id."""
 
@@ -269,15 +249,13 @@ AssistanceLevel = Literal["off", "suggest", "act"]
 VoiceOutput = Literal["robot", "computer", "both"]
 
 
-@dataclass(frozen=True, slots=True)
-class ChatMessage:
+class ChatMessage(Value):
     """One message of a prompt to a language model."""
 
     role: Literal["system", "user", "assistant"]
     content: str
 
 
-@dataclass(frozen=True, slots=True)
 class UtteranceChanged(Event):
     """State of an utterance. The same ``utterance_id`` returns with each new state.
 
@@ -303,7 +281,6 @@ class UtteranceChanged(Event):
     gesture: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class LlmExchange(Event):
     """One finished exchange with a language model.
 
@@ -336,7 +313,6 @@ class LlmExchange(Event):
     cut: Literal["", "length", "filter"] = ""
 
 
-@dataclass(frozen=True, slots=True)
 class AnswerUsed(Event):
     """Use of a language model's answer. ``utterance_id`` is the robot's utterance made from it."""
 
@@ -347,7 +323,6 @@ class AnswerUsed(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class UtteranceCorrected(Event):
     """Correction of an utterance: its text, speaker, person, tags or times. None: not changed.
 
@@ -371,7 +346,6 @@ RESPONSE_LIMIT_S = 30.0
 """Speech of the robot that starts later than this after a participant is no response."""
 
 
-@dataclass(frozen=True, slots=True)
 class ResponseTimed(Event):
     """Times of the robot's response to a turn of the participant, on the session clock; None: did not occur.
 
@@ -391,7 +365,6 @@ class ResponseTimed(Event):
     person_id: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class SuggestionChanged(Event):
     """A suggested reply was shown, or its outcome is known. The same ``suggestion_id`` returns once.
 
@@ -413,7 +386,6 @@ class SuggestionChanged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class ProposalChanged(Event):
     """State of an action that a language model proposed.
 
@@ -432,7 +404,6 @@ class ProposalChanged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class LevelChanged(Event):
     """Degree of automation of the language model."""
 
@@ -441,7 +412,6 @@ class LevelChanged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class VoiceChanged(Event):
     """Speech output changed: who speaks, and this computer's voice, rate and volume as in the scenario file."""
 
@@ -453,7 +423,6 @@ class VoiceChanged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class AssistantChanged(Event):
     """The assistant's settings changed: model, role, style, a prompt or the notes.
 
@@ -466,7 +435,6 @@ class AssistantChanged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class FaceChanged(Event):
     """The robot's face changed, on ``screens`` windows and pages.
 
@@ -490,7 +458,6 @@ PersonDetail = Literal["group", "tags", "note"]
 PeopleDecision = Literal["named", "group", "tags", "note", "identified", "rejected", "merged", "split", "consent"]
 
 
-@dataclass(frozen=True, slots=True)
 class PersonAppeared(Event):
     """A track was confirmed as a person; ``number`` is that of "Person 3", 0 if unknown."""
 
@@ -499,7 +466,6 @@ class PersonAppeared(Event):
     number: int = 0
 
 
-@dataclass(frozen=True, slots=True)
 class PersonLeft(Event):
     """A person counts as gone. ``last_seen_ns`` is the last detection; None in old recordings."""
 
@@ -508,7 +474,6 @@ class PersonLeft(Event):
     last_seen_ns: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
 class PersonRenamed(Event):
     """The wizard named a person. The name itself is only in the study's database."""
 
@@ -516,7 +481,6 @@ class PersonRenamed(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class PersonSuggested(Event):
     """A person resembles a known one; nothing is decided. ``confidence`` is how often such a match is right.
 
@@ -531,7 +495,6 @@ class PersonSuggested(Event):
     kind: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class PersonIdentified(Event):
     """``person_id`` of this visit was identified as ``is_person_id``, the id in rows and boxes from now on.
 
@@ -546,7 +509,6 @@ class PersonIdentified(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class PersonRejected(Event):
     """A person is not ``is_person_id``. If already identified as such, the visit is ``person_id``'s again."""
 
@@ -555,7 +517,6 @@ class PersonRejected(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class PersonDescribed(Event):
     """A person's group, tags or note changed. The new values are only in the study's database."""
 
@@ -564,7 +525,6 @@ class PersonDescribed(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class PeopleMerged(Event):
     """``person_id`` was merged into ``into_person_id``, in the past too."""
 
@@ -573,7 +533,6 @@ class PeopleMerged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class PersonSplit(Event):
     """A visit was moved from ``from_person_id`` to ``person_id``."""
 
@@ -582,7 +541,6 @@ class PersonSplit(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class ConsentNoted(Event):
     """A person gave or withdrew consent of this kind."""
 
@@ -592,7 +550,6 @@ class ConsentNoted(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class PersonAttended(Event):
     """Person that the wizard attends to from now on; empty: the nearest."""
 
@@ -600,7 +557,6 @@ class PersonAttended(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class PeopleUndone(Event):
     """The last decision about people was undone: ``person_id`` is as before."""
 
@@ -610,7 +566,6 @@ class PeopleUndone(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class PersonForgotten(Event):
     """All data about a person were erased from the study's database."""
 
@@ -658,8 +613,7 @@ StepHow = Literal["started", "next", "skipped", "back", "branch", "chosen"]
 list."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlannedStep:
+class PlannedStep(Value):
     """A step of the scenario. ``expected_s`` is zero if no time is expected; ``tick`` is its checklist."""
 
     step_id: str
@@ -672,7 +626,6 @@ PreflightState = Literal["not checked", "pending", "minor", "major", "passed"]
 """``pending``: in progress. ``minor``: a recording lacks something. ``major``: it should not start."""
 
 
-@dataclass(frozen=True, slots=True)
 class PhotoTaken(Event):
     """A photo. ``file_name`` is relative to the session folder, or to the study's without a recording.
 
@@ -689,7 +642,6 @@ class PhotoTaken(Event):
     pose_in_map: Pose2D | None = None
 
 
-@dataclass(frozen=True, slots=True)
 class PhotoTagged(Event):
     """New tags of a photo; they replace all earlier ones."""
 
@@ -698,7 +650,6 @@ class PhotoTagged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class PhotoDeleted(Event):
     """A photo was deleted, or ``restored``, which is possible until the session ends."""
 
@@ -707,7 +658,6 @@ class PhotoDeleted(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class Marked(Event):
     """The wizard marked a moment or an interval of the session.
 
@@ -726,14 +676,12 @@ class Marked(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class ProtocolOpened(Event):
     """A protocol is in force from now on; without steps: none."""
 
     steps: tuple[PlannedStep, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
 class StepEntered(Event):
     """A step started. ``left_step_id`` is the step before, skipped if ``how`` says so; empty if there was none.
     ``branch`` is what the participant did, if a branch led here.
@@ -748,7 +696,6 @@ class StepEntered(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class StepTicked(Event):
     """A checklist item of a step was ticked off, or unticked (not ``on``)."""
 
@@ -758,7 +705,6 @@ class StepTicked(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class ProtocolEnded(Event):
     """The wizard finished the last step, or ``skipped`` it."""
 
@@ -767,7 +713,6 @@ class ProtocolEnded(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class RecordingPaused(Event):
     """The wizard paused or resumed the recording. Nothing is recorded in between."""
 
@@ -775,7 +720,6 @@ class RecordingPaused(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class PreflightChecked(Event):
     """State of one check. A recording starts with all of them (``at_start``); manual ticks may follow.
 
@@ -794,7 +738,6 @@ class PreflightChecked(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class ScenarioOpened(Event):
     """A scenario was opened. ``content`` is the text of its file."""
 
@@ -805,7 +748,6 @@ class ScenarioOpened(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class RobotChosen(Event):
     """The console connects to this robot from now on. ``profile`` is its profile as the text of a profile file."""
 
@@ -816,7 +758,6 @@ class RobotChosen(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class LayoutChanged(Event):
     """The panel layout changed. ``layout`` is the tree of splits and tabs as in a scenario file, as JSON."""
 
@@ -824,7 +765,6 @@ class LayoutChanged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class Gap(Event):
     """Values of ``stream`` that were not recorded."""
 
@@ -833,7 +773,6 @@ class Gap(Event):
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
 class Problem(Event):
     """A problem: what happened, what it means for the session, what to do. ``until`` says what ends it.
 
@@ -849,7 +788,6 @@ class Problem(Event):
     cause: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class AlarmChanged(Event):
     """An alarm was raised, or ended: automatically by the console, or resolved by ``actor``.
 
@@ -869,7 +807,6 @@ class AlarmChanged(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class SessionStarted(Event):
     """Recording started. ``folder`` is the session folder's name, not its path."""
 
@@ -877,7 +814,6 @@ class SessionStarted(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class SessionEnded(Event):
     """Recording ended; ``reason`` is wizard, console_closed, disk_full, disk_failed or recovered."""
 
@@ -886,7 +822,6 @@ class SessionEnded(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class TrialResumed(Event):
     """A trial continues after the program ended during its recording. ``folder`` is that session's folder name."""
 
@@ -894,7 +829,6 @@ class TrialResumed(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class ConfirmedAsBefore(Event):
     """Confirmation by a person: the ``map`` shows where the robot is; the ``people`` are who the list says; recording
     and model ``permissions`` are as wanted; the participant gave ``consent`` again. With ``person_id``, only this one
@@ -906,7 +840,6 @@ class ConfirmedAsBefore(Event):
     person_id: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class PracticeStepEnded(Event):
     """A step was completed (``done``) or skipped, ``took_s`` after its start."""
 
@@ -917,7 +850,6 @@ class PracticeStepEnded(Event):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class PracticeEnded(Event):
     """The exercise ended: ``done`` of ``steps`` completed, in ``minutes``. ``score`` is out of 100."""
 

@@ -20,7 +20,7 @@ from caris_desktop.domain import events, sensing
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import PLAIN_BYTES, Base64, in_few_digits
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 MAP, BASE = "map", "base_link"  # REP 105
 INFINITE, INVALID = 1e39, 2e39
@@ -194,8 +194,7 @@ class Log(TypedDict):
 # Which stream is what
 
 
-@dataclass(frozen=True, slots=True)
-class WellKnown:
+class WellKnown(Value):
     """A schema that other programs know, and how a value of ours fills it.
 
     ``fill`` is given the value and its moment in UTC. ``holds`` names the fields of ours that the filled message holds

@@ -2,11 +2,10 @@
 
 import math
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True)
-class Pose2D:
+class Pose2D(Value):
     """Position and heading; the name of the holding field gives the frame of reference."""
 
     x_m: float
@@ -29,8 +28,7 @@ class Pose2D:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Pose3D:
+class Pose3D(Value):
     """Position and rotation in space; the rotation is a unit quaternion."""
 
     x_m: float
@@ -113,8 +111,7 @@ class Pose3D:
         return x + 2.0 * (qy * tz - qz * ty), y + 2.0 * (qz * tx - qx * tz), z + 2.0 * (qx * ty - qy * tx)
 
 
-@dataclass(frozen=True, slots=True)
-class Twist2D:
+class Twist2D(Value):
     """Velocity of the base in its own frame."""
 
     forward_mps: float = 0.0

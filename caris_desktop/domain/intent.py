@@ -5,7 +5,7 @@ from dataclasses import field
 from typing import Literal
 
 from caris_desktop.domain.actor import WIZARD, Actor
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 Permission = Literal[
     "photos",
@@ -30,8 +30,7 @@ and what a language model may do, and the consent.
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Intent:
+class Intent(Value, kw_only=True):
     """Request to the console from an actor."""
 
     actor: Actor = WIZARD
@@ -51,8 +50,7 @@ Bounds = tuple[float, float]
 Moves = Literal["base", "head"]
 
 
-@dataclass(frozen=True, slots=True)
-class IntentSpec:
+class IntentSpec(Value):
     """One line of the table.
 
     ``words`` name the request, as the subject of a sentence ("Driving is not possible: ..."). ``permission`` is what

@@ -27,12 +27,11 @@ from caris_desktop.domain.intent import AsBefore, Bounds, Intent, IntentSpec, In
 from caris_desktop.domain.sound_values import Role, TalkTo
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.trial_details import TrialDetails
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 # Intents of manual driving, stops and the head.
 
 
-@dataclass(frozen=True, slots=True)
 class Drive(Intent):
     """Hold to drive: each of -1..1 of the speed setting, all zero releases. Sent on each change only."""
 
@@ -46,7 +45,6 @@ class Drive(Intent):
         return not (self.forward or self.left or self.turn)
 
 
-@dataclass(frozen=True, slots=True)
 class ReleaseDrive(Intent):
     """Release all controls: zero at once."""
 
@@ -57,14 +55,12 @@ class ReleaseDrive(Intent):
         return True
 
 
-@dataclass(frozen=True, slots=True)
 class SetSpeed(Intent):
     """Set the speed, 0.1..1 of the scenario's limits."""
 
     fraction: float
 
 
-@dataclass(frozen=True, slots=True)
 class Stop(Intent):
     """Halt motion and cancel goals, always."""
 
@@ -73,7 +69,6 @@ class Stop(Intent):
         return True
 
 
-@dataclass(frozen=True, slots=True)
 class EmergencyStop(Intent):
     """Latch the emergency stop."""
 
@@ -82,12 +77,10 @@ class EmergencyStop(Intent):
         return True
 
 
-@dataclass(frozen=True, slots=True)
 class ReleaseEmergencyStop(Intent):
     """Release the latched emergency stop."""
 
 
-@dataclass(frozen=True, slots=True)
 class SetGuard(Intent):
     """Turn the obstacle guard on or off; off lasts until link loss, a change of scenario, or turning it on."""
 
@@ -98,7 +91,6 @@ class SetGuard(Intent):
         return self.on
 
 
-@dataclass(frozen=True, slots=True)
 class LookAt(Intent):
     """Point the head: pan left positive, tilt down positive."""
 
@@ -106,7 +98,6 @@ class LookAt(Intent):
     tilt_rad: float
 
 
-@dataclass(frozen=True, slots=True)
 class TurnHead(Intent):
     """Turn the head while a control is held: each of -1..1 of its speed, zero stops. Sent on each change only."""
 
@@ -118,7 +109,6 @@ class TurnHead(Intent):
         return not (self.pan or self.tilt)
 
 
-@dataclass(frozen=True, slots=True)
 class Nod(Intent):
     """Nod once: a brief yes while somebody speaks."""
 
@@ -151,21 +141,18 @@ DRIVING: IntentTable = {
 # Intents of navigation, places and maps.
 
 
-@dataclass(frozen=True, slots=True)
 class GoToPlace(Intent):
     """Navigate to a place of the scenario."""
 
     place: str
 
 
-@dataclass(frozen=True, slots=True)
 class GoToPoint(Intent):
     """Navigate to a point with a heading."""
 
     target_in_map: Pose2D
 
 
-@dataclass(frozen=True, slots=True)
 class CancelGoal(Intent):
     """Cancel the navigation goal."""
 
@@ -174,14 +161,12 @@ class CancelGoal(Intent):
         return True
 
 
-@dataclass(frozen=True, slots=True)
 class SetInitialPose(Intent):
     """Set the robot's pose for localization."""
 
     pose_in_map: Pose2D
 
 
-@dataclass(frozen=True, slots=True)
 class SavePlace(Intent):
     """Add a place, or move the one of that name, in the wizard's copy of the scenario."""
 
@@ -189,28 +174,24 @@ class SavePlace(Intent):
     pose_in_map: Pose2D
 
 
-@dataclass(frozen=True, slots=True)
 class RemovePlace(Intent):
     """Remove a place."""
 
     place: str
 
 
-@dataclass(frozen=True, slots=True)
 class SaveMap(Intent):
     """Save the map on the robot, by name."""
 
     name: str
 
 
-@dataclass(frozen=True, slots=True)
 class LoadMap(Intent):
     """Load a map saved on the robot."""
 
     name: str
 
 
-@dataclass(frozen=True, slots=True)
 class SetMapping(Intent):
     """Continue mapping, or only localize in the map."""
 
@@ -235,7 +216,6 @@ PLACES: IntentTable = {
 # Intents to select a robot and use its controls.
 
 
-@dataclass(frozen=True, slots=True)
 class UseControl(Intent):
     """Use a Robot panel control; a button's value is True."""
 
@@ -243,14 +223,12 @@ class UseControl(Intent):
     value: ControlValue
 
 
-@dataclass(frozen=True, slots=True)
 class UseRobot(Intent):
     """Connect to another robot instead of the current one."""
 
     robot: str
 
 
-@dataclass(frozen=True, slots=True)
 class UseSimulatedRobot(Intent):
     """Connect to the simulated robot of this computer; start it if needed."""
 
@@ -266,7 +244,6 @@ ROBOT: IntentTable = {
 # Intents of the robot's speech: utterances, queue and voice.
 
 
-@dataclass(frozen=True, slots=True)
 class Say(Intent):
     """Speak after the queued utterances. ``{name}`` and ``{place}`` are filled in."""
 
@@ -280,21 +257,18 @@ class Say(Intent):
     """Expression of the face at the start."""
 
 
-@dataclass(frozen=True, slots=True)
 class DraftSpeech(Intent):
     """Synthesise a text in advance that is being typed and may be said at any moment. Never recorded."""
 
     text: str
 
 
-@dataclass(frozen=True, slots=True)
 class FillGap(Intent):
     """Fill the placeholder that was asked for; empty: do not say it."""
 
     words: str
 
 
-@dataclass(frozen=True, slots=True)
 class MoveQueued(Intent):
     """Move a queued utterance to another place, 0 for the next."""
 
@@ -302,7 +276,6 @@ class MoveQueued(Intent):
     place: int
 
 
-@dataclass(frozen=True, slots=True)
 class EditQueued(Intent):
     """Replace the text of a queued utterance."""
 
@@ -310,19 +283,16 @@ class EditQueued(Intent):
     text: str
 
 
-@dataclass(frozen=True, slots=True)
 class CancelQueued(Intent):
     """Drop a queued utterance."""
 
     utterance_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class Silence(Intent):
     """Interrupt speech at once and drop the queue."""
 
 
-@dataclass(frozen=True, slots=True)
 class SetVoice(Intent):
     """Set who speaks from the next utterance on, and this computer's voice, as in the scenario."""
 
@@ -345,7 +315,6 @@ SPEAKING: IntentTable = {
 }
 
 
-@dataclass(frozen=True, slots=True)
 class CorrectUtterance(Intent):
     """Correct an utterance's text or speaker, or set its tags; None leaves a value as it is.
 
@@ -365,7 +334,6 @@ CONVERSATION: IntentTable = {CorrectUtterance: IntentSpec(QT_TR_NOOP("Correcting
 # Intents of microphones, the robot's sound and the wizard's own voice.
 
 
-@dataclass(frozen=True, slots=True)
 class UseMicrophone(Intent):
     """Use this input of this computer for the participant, or the wizard; None: none. Saved for the next time.
 
@@ -376,7 +344,6 @@ class UseMicrophone(Intent):
     role: Role = "participant"
 
 
-@dataclass(frozen=True, slots=True)
 class PushToTalk(Intent):
     """Send the wizard's speech to the robot, or as text to the Speak field, until it is off."""
 
@@ -393,7 +360,6 @@ class PushToTalk(Intent):
         return ("own_voice",) if self.to == "robot" else ("transcription", "speech")
 
 
-@dataclass(frozen=True, slots=True)
 class HearRobot(Intent):
     """Start or stop playing the participant's microphone to the wizard, at this volume."""
 
@@ -418,7 +384,6 @@ CAMERA_PICTURE = "camera "
 """Prefix of a camera name among the images of a question: its current frame."""
 
 
-@dataclass(frozen=True, slots=True)
 class Ask(Intent):
     """Ask the language model, in parallel to other questions; the answer streams into ``state.assistant``.
 
@@ -430,14 +395,12 @@ class Ask(Intent):
     pictures: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
 class CancelAnswer(Intent):
     """Cancel an answer of the language model; all answers in progress if none is named."""
 
     exchange_id: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class SayAnswer(Intent):
     """Say an answer of the language model, possibly edited by the wizard; the newest if none is named."""
 
@@ -445,14 +408,12 @@ class SayAnswer(Intent):
     exchange_id: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class DismissAnswer(Intent):
     """Dismiss a question and its answer, unsaid; cancel it if in progress."""
 
     exchange_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class AskAboutPhoto(Intent):
     """Ask the language model about a photo, which is sent with the question."""
 
@@ -460,21 +421,18 @@ class AskAboutPhoto(Intent):
     question: str
 
 
-@dataclass(frozen=True, slots=True)
 class AddModel(Intent):
     """Add a GGUF file that the user chose as a model of the embedded server, after asking it a question."""
 
     file: Path
 
 
-@dataclass(frozen=True, slots=True)
 class ChooseModel(Intent):
     """Ask this model from now on, named as in a scenario: ``embedded``, ``embedded:NAME``, ``ollama:NAME``, ..."""
 
     model: str
 
 
-@dataclass(frozen=True, slots=True)
 class ChoosePrompt(Intent):
     """Use this role or style of the scenario from now on; none if the name is empty."""
 
@@ -482,7 +440,6 @@ class ChoosePrompt(Intent):
     name: str
 
 
-@dataclass(frozen=True, slots=True)
 class EditPrompt(Intent):
     """Change a text for this session: the system prompt, the notes, or the role or style of that name."""
 
@@ -491,7 +448,6 @@ class EditPrompt(Intent):
     name: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class ResetPrompts(Intent):
     """Restore all texts, model, role and style of the scenario."""
 
@@ -513,7 +469,6 @@ ASSISTANT: IntentTable = {
 # Intents of suggested replies and proposals of the language model: the wizard decides on them.
 
 
-@dataclass(frozen=True, slots=True)
 class SaySuggestion(Intent):
     """Say this suggested reply, which was read at that rank."""
 
@@ -521,7 +476,6 @@ class SaySuggestion(Intent):
     suggestion_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class SayEditedSuggestion(Intent):
     """Say an edited suggested reply."""
 
@@ -529,7 +483,6 @@ class SayEditedSuggestion(Intent):
     text: str
 
 
-@dataclass(frozen=True, slots=True)
 class DismissSuggestions(Intent):
     """Dismiss all suggested replies, and the filler to be said automatically."""
 
@@ -538,14 +491,12 @@ class DismissSuggestions(Intent):
         return True
 
 
-@dataclass(frozen=True, slots=True)
 class ConfirmProposal(Intent):
     """Carry out a proposal of the model."""
 
     proposal_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class VetoProposal(Intent):
     """Reject a proposal of the language model."""
 
@@ -556,7 +507,6 @@ class VetoProposal(Intent):
         return True
 
 
-@dataclass(frozen=True, slots=True)
 class SetLevel(Intent):
     """Set the automation of the language model, up to what the scenario allows."""
 
@@ -581,14 +531,12 @@ SUGGESTIONS: IntentTable = {
 # Intents of the robot's face.
 
 
-@dataclass(frozen=True, slots=True)
 class UseFace(Intent):
     """Use another face, by name."""
 
     face: str
 
 
-@dataclass(frozen=True, slots=True)
 class KeepFace(Intent):
     """Save the face that ``content`` describes, as the text of a face file, under this name, and use it."""
 
@@ -596,14 +544,12 @@ class KeepFace(Intent):
     content: str
 
 
-@dataclass(frozen=True, slots=True)
 class ShowExpression(Intent):
     """Show an expression of the current face, by its name, from now on."""
 
     expression: str
 
 
-@dataclass(frozen=True, slots=True)
 class ShowOnFace(Intent):
     """Replace the face: by a text, a photo by its file name, the robot's camera; or show the face again."""
 
@@ -611,14 +557,12 @@ class ShowOnFace(Intent):
     text: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class ShowFaceWindow(Intent):
     """Open or close the face window."""
 
     on: bool
 
 
-@dataclass(frozen=True, slots=True)
 class ServeFace(Intent):
     """Serve the face as a page for a phone or tablet on the robot, or stop."""
 
@@ -638,7 +582,6 @@ FACE: IntentTable = {
 # Intents of people: naming, identification, consent.
 
 
-@dataclass(frozen=True, slots=True)
 class NamePerson(Intent):
     """Name a person, or remove the name with an empty one. Only the study's database stores the name."""
 
@@ -646,14 +589,12 @@ class NamePerson(Intent):
     name: str
 
 
-@dataclass(frozen=True, slots=True)
 class AttendPerson(Intent):
     """Address this person from now on; empty: the nearest one."""
 
     person_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class ConfirmPerson(Intent):
     """Identify a person as a known one: ``is_person_id``."""
 
@@ -661,7 +602,6 @@ class ConfirmPerson(Intent):
     is_person_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class RejectPerson(Intent):
     """Record that a person is not ``is_person_id``, whether suggested or already identified. Permanent."""
 
@@ -669,7 +609,6 @@ class RejectPerson(Intent):
     is_person_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class SetPersonGroup(Intent):
     """Assign a person to this group; empty: to none."""
 
@@ -677,7 +616,6 @@ class SetPersonGroup(Intent):
     group: str
 
 
-@dataclass(frozen=True, slots=True)
 class TagPerson(Intent):
     """Set a person's tags, and no others."""
 
@@ -685,7 +623,6 @@ class TagPerson(Intent):
     tags: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
 class NotePerson(Intent):
     """Set the wizard's note about a person, which replaces the earlier one."""
 
@@ -693,7 +630,6 @@ class NotePerson(Intent):
     note: str
 
 
-@dataclass(frozen=True, slots=True)
 class MergePeople(Intent):
     """Merge two identities of one person into ``into_person_id``."""
 
@@ -701,7 +637,6 @@ class MergePeople(Intent):
     into_person_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class SplitPerson(Intent):
     """Split off the person present: nothing of this visit, or of the named one, belongs to ``person_id``."""
 
@@ -709,7 +644,6 @@ class SplitPerson(Intent):
     visit_id: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class NoteConsent(Intent):
     """Record a person's consent, or its end."""
 
@@ -718,12 +652,10 @@ class NoteConsent(Intent):
     given: bool
 
 
-@dataclass(frozen=True, slots=True)
 class UndoPeople(Intent):
     """Undo the last decision about people, except erasing."""
 
 
-@dataclass(frozen=True, slots=True)
 class LookUpPerson(Intent):
     """Search all sessions with a person: entries with all these words, or everything without words."""
 
@@ -731,7 +663,6 @@ class LookUpPerson(Intent):
     text: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class ForgetPerson(Intent):
     """Erase all data about a person from the study's database, and blur them in its recordings, for good."""
 
@@ -759,7 +690,6 @@ PEOPLE: IntentTable = {
 # Intents of the session: recording, photos, scenario, layout.
 
 
-@dataclass(frozen=True, slots=True)
 class StartRecording(Intent):
     """Start a session. ``anyway``: the wizard was asked about open problems and starts nevertheless.
 
@@ -770,24 +700,20 @@ class StartRecording(Intent):
     anyway: bool = False
 
 
-@dataclass(frozen=True, slots=True)
 class StopRecording(Intent):
     """End the session."""
 
 
-@dataclass(frozen=True, slots=True)
 class PauseRecording(Intent):
     """Pause or resume the recording."""
 
     paused: bool
 
 
-@dataclass(frozen=True, slots=True)
 class TakePhoto(Intent):
     """Save the current frame."""
 
 
-@dataclass(frozen=True, slots=True)
 class TagPhoto(Intent):
     """Set a photo's tags, and no others. Photos are named by their file, as in PhotoTaken."""
 
@@ -795,21 +721,18 @@ class TagPhoto(Intent):
     tags: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
 class DeletePhoto(Intent):
     """Delete a photo. It can be restored until the session ends."""
 
     file_name: str
 
 
-@dataclass(frozen=True, slots=True)
 class RestorePhoto(Intent):
     """Restore a deleted photo."""
 
     file_name: str
 
 
-@dataclass(frozen=True, slots=True)
 class KeepLayout(Intent):
     """Record the panel layout that the wizard made. ``layout`` is a layout as in scenario files, as JSON."""
 
@@ -820,7 +743,6 @@ SizeClass = Literal["compact", "usual", "large"]
 """Screen size for which a panel layout is made."""
 
 
-@dataclass(frozen=True, slots=True)
 class SaveLayout(Intent):
     """Save the layout (as in KeepLayout) in the scenario, for screens of that size. With a ``title`` it is saved in
     another scenario of this name, which is opened.
@@ -831,19 +753,16 @@ class SaveLayout(Intent):
     title: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class ResetLayout(Intent):
     """Restore the scenario's own layout, where another one was saved in its place."""
 
 
-@dataclass(frozen=True, slots=True)
 class OpenScenario(Intent):
     """Open a scenario; the link and a running recording stay."""
 
     path: Path
 
 
-@dataclass(frozen=True, slots=True)
 class SaveScenario(Intent):
     """Write a scenario file. If it is the one in force, or was ``edited`` from that, it is in force from then on. A
     recording continues with its own scenario if this one is saved as a separate file.
@@ -857,8 +776,7 @@ class SaveScenario(Intent):
     replaces: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class SameName:
+class SameName(Value):
     """Decision about a part (``kind`` scenario, robot or face) whose ``name`` is taken: it is saved as ``new_name``. If
     that is empty, it replaces the other, which is moved aside, not deleted.
     """
@@ -868,7 +786,6 @@ class SameName:
     new_name: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class ImportScenario(Intent):
     """Unpack a scenario from one file into the user's own, and open it. On name conflicts the user is asked first;
     nothing is done until the intent is sent again with everything ``decided``.
@@ -878,7 +795,6 @@ class ImportScenario(Intent):
     decided: tuple[SameName, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
 class ConfirmFile(Intent):
     """The user's answer about the references of a file: if accepted, the file of this checksum may use them."""
 
@@ -886,31 +802,26 @@ class ConfirmFile(Intent):
     accepted: bool
 
 
-@dataclass(frozen=True, slots=True)
 class ShareScenario(Intent):
     """Write the scenario in force, with the user's files that it refers to, as one file."""
 
     path: Path
 
 
-@dataclass(frozen=True, slots=True)
 class DismissAlarm(Intent):
     """Mark a problem as resolved, where nothing else would show that it is over."""
 
     alarm_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class GoOnWithTrial(Intent):
     """Resume the trial that an unexpected end interrupted."""
 
 
-@dataclass(frozen=True, slots=True)
 class LeaveTrial(Intent):
     """Do not resume the trial."""
 
 
-@dataclass(frozen=True, slots=True)
 class ConfirmAsBefore(Intent):
     """Confirm a condition as unchanged; with a ``person_id`` of ``people``, that this one is who the list says."""
 
@@ -950,7 +861,6 @@ def new_mark_id() -> str:
     return f"m-{secrets.token_hex(4)}"
 
 
-@dataclass(frozen=True, slots=True)
 class Mark(Intent):
     """Mark this moment, or one ``earlier_s`` ago."""
 
@@ -960,7 +870,6 @@ class Mark(Intent):
     mark_id: str = field(default_factory=new_mark_id)
 
 
-@dataclass(frozen=True, slots=True)
 class BeginMark(Intent):
     """Mark an interval that starts now, or ``earlier_s`` ago, and lasts until it is ended."""
 
@@ -970,21 +879,18 @@ class BeginMark(Intent):
     mark_id: str = field(default_factory=new_mark_id)
 
 
-@dataclass(frozen=True, slots=True)
 class StretchMark(Intent):
     """Extend a marked moment to an interval, which lasts until it is ended."""
 
     mark_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class EndMark(Intent):
     """End the interval now."""
 
     mark_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class ChangeMark(Intent):
     """Change a mark of this session: its label, or an earlier start."""
 
@@ -993,14 +899,12 @@ class ChangeMark(Intent):
     earlier_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
 class WithdrawMark(Intent):
     """Withdraw a mark."""
 
     mark_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class AddNote(Intent):
     """Write a note about this moment, or one ``earlier_s`` ago. Words that begin with # are its tags."""
 
@@ -1009,7 +913,6 @@ class AddNote(Intent):
     note_id: str = field(default_factory=new_mark_id)
 
 
-@dataclass(frozen=True, slots=True)
 class ChangeNote(Intent):
     """Change a note of this session, or the note of a mark."""
 
@@ -1017,14 +920,12 @@ class ChangeNote(Intent):
     text: str
 
 
-@dataclass(frozen=True, slots=True)
 class RemoveNote(Intent):
     """Remove a note; a mark itself remains."""
 
     note_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class RestoreNote(Intent):
     """Restore a removed note."""
 
@@ -1050,36 +951,30 @@ MARKS: IntentTable = {
 # Intents of the study protocol: moving between steps.
 
 
-@dataclass(frozen=True, slots=True)
 class NextStep(Intent):
     """Continue with the next step: the first if none has started, the end after the last."""
 
 
-@dataclass(frozen=True, slots=True)
 class PreviousStep(Intent):
     """Return to the step before this one, as after a mistake: its time and ticks continue."""
 
 
-@dataclass(frozen=True, slots=True)
 class SkipStep(Intent):
     """Skip this step and start the next one."""
 
 
-@dataclass(frozen=True, slots=True)
 class TakeBranch(Intent):
     """Follow this branch of the current step, as the participant did, to its step."""
 
     branch: str
 
 
-@dataclass(frozen=True, slots=True)
 class GoToStep(Intent):
     """Start this step, by its id; restart it if current."""
 
     step_id: str
 
 
-@dataclass(frozen=True, slots=True)
 class TickItem(Intent):
     """Tick or untick a checklist item of the current step."""
 
@@ -1097,19 +992,16 @@ PROTOCOL: IntentTable = {
 }
 
 
-@dataclass(frozen=True, slots=True)
 class BeginPractice(Intent):
     """Start the exercise on the simulated robot. ``wizard`` is the trainee."""
 
     wizard: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class SkipPracticeStep(Intent):
     """Continue with the next step without completing this one."""
 
 
-@dataclass(frozen=True, slots=True)
 class EndPractice(Intent):
     """End the exercise, or dismiss its result."""
 
@@ -1121,7 +1013,6 @@ PRACTICE: IntentTable = {
 }
 
 
-@dataclass(frozen=True, slots=True)
 class TickCheck(Intent):
     """Tick or untick one of the scenario's own checks."""
 
@@ -1129,7 +1020,6 @@ class TickCheck(Intent):
     done: bool = True
 
 
-@dataclass(frozen=True, slots=True)
 class TryMicrophone(Intent):
     """Test the participant's microphone for a short time; nothing is recorded."""
 

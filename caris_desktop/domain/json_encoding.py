@@ -17,11 +17,10 @@ from caris_desktop.domain.schema import from_jsonable, json_schema, require_reco
 from caris_desktop.domain.sensing import CameraLens, RobotPose
 from caris_desktop.domain.streams import STREAMS, StreamSpec, spec_of_topic
 from caris_desktop.domain.type_hints import union_members
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True)
-class DerivedChannel:
+class DerivedChannel(Value):
     """Derived messages written for other programs only: our reader has their content from the values.
 
     ``make`` gives the message that follows from a value of one of the types ``of``, None if none does.

@@ -11,17 +11,15 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.control_definitions import ControlValue, RobotControl
 from caris_desktop.domain.events import CommandSource, MapOperation, UtteranceOrigin
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RobotCommand:
+class RobotCommand(Value, eq=False):
     """Base class of commands."""
 
     stamp_ns: int
 
 
-@dataclass(frozen=True, slots=True)
 class Drive(RobotCommand):
     """Take or change the motion lease: ramp to ``target`` and hold it. Also renews the lease.
 
@@ -34,12 +32,10 @@ class Drive(RobotCommand):
     drive_id: int = 0
 
 
-@dataclass(frozen=True, slots=True)
 class RenewLease(RobotCommand):
     """Sent every 50 ms while a drive key is held; 150 ms without one ends the motion."""
 
 
-@dataclass(frozen=True, slots=True)
 class Release(RobotCommand):
     """Release the motion lease: zero at once, repeated for 0.5 s, then silence."""
 
@@ -47,14 +43,12 @@ class Release(RobotCommand):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class StopMotion(RobotCommand):
     """Zero at once, and cancel every navigation goal and every action of a control."""
 
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class SetEmergencyStop(RobotCommand):
     """Latch or clear the emergency stop. While latched nothing moves; goals and controls that move are refused."""
 
@@ -62,7 +56,6 @@ class SetEmergencyStop(RobotCommand):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class GoTo(RobotCommand):
     """Start a navigation goal; it replaces one in progress."""
 
@@ -72,7 +65,6 @@ class GoTo(RobotCommand):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class LimitGoals(RobotCommand):
     """Limit the speed to goals from now on, if the robot's navigation supports it."""
 
@@ -80,14 +72,12 @@ class LimitGoals(RobotCommand):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class CancelGoal(RobotCommand):
     """Cancel the navigation goal in any state."""
 
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class SetGuard(RobotCommand):
     """Turn the obstacle guard on, or off on the wizard's own responsibility. Each connection starts with it on."""
 
@@ -95,7 +85,6 @@ class SetGuard(RobotCommand):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class SetInitialPose(RobotCommand):
     """Set the pose for localization, with one standard deviation of position and heading."""
 
@@ -105,7 +94,6 @@ class SetInitialPose(RobotCommand):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class RequestMap(RobotCommand):
     """Save or load a map by ``name``, or switch between mapping and localization (``name`` is then unused)."""
 
@@ -115,7 +103,6 @@ class RequestMap(RobotCommand):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class MoveHead(RobotCommand):
     """Turn the head to these angles: pan left positive, tilt down positive. Newer ones replace older ones."""
 
@@ -124,7 +111,6 @@ class MoveHead(RobotCommand):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class OfferControls(RobotCommand):
     """Add the scenario's controls to the profile's own, so that their readings are received.
 
@@ -135,7 +121,6 @@ class OfferControls(RobotCommand):
     driving_permitted: bool = True
 
 
-@dataclass(frozen=True, slots=True)
 class UseControl(RobotCommand):
     """Use a control of the profile or the scenario; a button's ``value`` is True."""
 
@@ -145,7 +130,6 @@ class UseControl(RobotCommand):
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class Say(RobotCommand):
     """Speak ``text`` through the robot's own voice.
 
@@ -162,22 +146,19 @@ class Say(RobotCommand):
     language: str = ""
 
 
-@dataclass(frozen=True, slots=True)
 class Silence(RobotCommand):
     """Stop the robot's own voice, if the robot supports that."""
 
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
 class ListenToRobot(RobotCommand):
     """Start or stop the sound of the robot's microphone. For the media link."""
 
     on: bool
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlayOnRobot(RobotCommand):
+class PlayOnRobot(RobotCommand, eq=False):
     """Sound for the robot's loudspeaker, now or not at all. For the media link.
 
     ``samples`` is int16, shape (samples, 1), at the rate that the profile gives.
@@ -186,6 +167,5 @@ class PlayOnRobot(RobotCommand):
     samples: NDArray[np.int16]
 
 
-@dataclass(frozen=True, slots=True)
 class CloseLink(RobotCommand):
     """Zero, cancel goals, close the socket and end the link process."""

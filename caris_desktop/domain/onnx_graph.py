@@ -14,7 +14,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _FLOAT = 1
 # Subset that is cut or read: field names, numbers and types as in onnx.proto of https://github.com/onnx/onnx.
@@ -41,8 +41,7 @@ _MESSAGES = {
 _PLAIN = {"string": FieldDescriptorProto.TYPE_STRING, "int64": FieldDescriptorProto.TYPE_INT64}
 
 
-@dataclass(frozen=True, slots=True)
-class GraphFacts:
+class GraphFacts(Value):
     """``input_dims`` has None for a size that is open. ``tensors`` are the names of all that nodes compute."""
 
     input_dims: tuple[int | None, ...]

@@ -8,14 +8,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 LooksKind = Literal["clothing", "face"]
 """Clothing distinguishes people on one day, a face across days. A face is used only with consent."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PersonLooks:
+class PersonLooks(Value, eq=False):
     """Appearance of a person in one frame.
 
     ``vector`` is float32 of unit length. ``model`` is the network that made it: vectors of different ones are never
@@ -31,8 +30,7 @@ class PersonLooks:
     quality: float
 
 
-@dataclass(frozen=True, slots=True)
-class PersonPortrait:
+class PersonPortrait(Value):
     """Best view of a person so far, as JPEG. ``quality`` is as in :class:`PersonLooks`."""
 
     stamp_ns: int

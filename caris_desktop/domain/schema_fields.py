@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.type_hints import union_members, without_alias
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 Known = Literal["gestures", "expressions", "robots", "faces"]
 External = Literal["address", "camera", "language_model", "model", "network", "path", "robot", "variable"]
@@ -29,8 +29,7 @@ External = Literal["address", "camera", "language_model", "model", "network", "p
 Group: TypeAlias = Any
 
 
-@dataclass(frozen=True, slots=True)
-class FieldSpec:
+class FieldSpec(Value):
     """Constraints of one place of a file in addition to its type, and its texts for people.
 
     ``noun`` is the name of one such value in messages. Numbers are bounded by ``at_least``, ``more_than`` and
@@ -78,8 +77,7 @@ class FieldSpec:
     some_of: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Flattened:
+class Flattened(Value):
     """Value stored in the file as the ``keys`` of another declaration, among those of its group."""
 
     keys: Group
@@ -87,8 +85,7 @@ class Flattened:
     write: Callable[[Any], Any]
 
 
-@dataclass(frozen=True, slots=True)
-class StoredAs:
+class StoredAs(Value):
     """Value stored in the file as ``kind``, which is another declaration."""
 
     kind: Any
@@ -96,8 +93,7 @@ class StoredAs:
     write: Callable[[Any], Any]
 
 
-@dataclass(frozen=True, slots=True)
-class ExternalSchema:
+class ExternalSchema(Value):
     """Value explained elsewhere, because several files have it: in a schema and on a page."""
 
     schema: str
@@ -108,8 +104,7 @@ class Excluded:
     """Marker of attributes that are not in the file."""
 
 
-@dataclass(frozen=True, slots=True)
-class ValueForm:
+class ValueForm(Value):
     """Form of one place: its type without annotations, the rules that apply there, and how it is written."""
 
     kind: Any
@@ -120,8 +115,7 @@ class ValueForm:
     in_file: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class Key:
+class Key(Value):
     """One key of a group, ``attribute`` in the program; ``default`` may be ``dataclasses.MISSING``."""
 
     name: str

@@ -26,15 +26,14 @@ from caris_desktop.domain.schema_fields import (
     text_of,
 )
 from caris_desktop.domain.schema_labels import title_of
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 ABSENT = MISSING
 """Marker of a missing value."""
 _NAMING_KEYS = ("title", "name", "group", "say", "id", "source", "text")
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
+class Difference(Value):
     """Difference of two files at one place; ``ABSENT`` if one has no value."""
 
     path: KeyPath

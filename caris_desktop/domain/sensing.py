@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.control_definitions import ControlValue
 from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 MOST_LIDAR_TILT_RAD = math.radians(5.0)
 """Up to this tilt a LIDAR measures walls to 4 mm in 1 m. It meets the floor at least 3 m away (mounted 0.25 m high).
@@ -33,8 +33,7 @@ def lidar_mounting(robot_from_laser: Pose3D) -> LidarMounting:
     return "upside_down" if robot_from_laser.tilt_rad >= math.pi - MOST_LIDAR_TILT_RAD else "tilted"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LaserScan:
+class LaserScan(Value, eq=False):
     """One planar scan. ``ranges_m`` is float32, shape (beams,); ``inf``: no return, ``nan``: invalid.
 
     ``robot_from_laser`` is None if the mounting is unknown; the scan then has no position and is not shown.
@@ -86,8 +85,7 @@ class LaserScan:
         return np.column_stack((laser.x_m + distances * np.cos(angles), laser.y_m + distances * np.sin(angles)))
 
 
-@dataclass(frozen=True, slots=True)
-class Odometry:
+class Odometry(Value):
     """Dead reckoning: pose in the drifting odometry frame, velocity in the robot frame."""
 
     stamp_ns: int
@@ -96,8 +94,7 @@ class Odometry:
     twist: Twist2D
 
 
-@dataclass(frozen=True, slots=True)
-class RobotPose:
+class RobotPose(Value):
     """Robot's estimated pose in the map."""
 
     stamp_ns: int
@@ -105,8 +102,7 @@ class RobotPose:
     pose_in_map: Pose2D
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OccupancyGrid:
+class OccupancyGrid(Value, eq=False):
     """A map. ``cells`` is int8, shape (height, width), row 0 at the origin; -1 unknown, 0 free ... 100 occupied."""
 
     stamp_ns: int
@@ -135,8 +131,7 @@ def _inflated_grid(
     return OccupancyGrid(*fields, np.frombuffer(content, dtype=np.int8).reshape(shape))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlannedPath:
+class PlannedPath(Value, eq=False):
     """Planned path of the navigation. ``points_in_map`` is float32, shape (points, 2), metres; may be empty."""
 
     stamp_ns: int
@@ -144,8 +139,7 @@ class PlannedPath:
     points_in_map: NDArray[np.float32] = field(metadata={"shape": (-1, 2)})
 
 
-@dataclass(frozen=True, slots=True)
-class HeadState:
+class HeadState(Value):
     """Head angles: pan left positive, tilt down positive, both from straight ahead."""
 
     stamp_ns: int
@@ -154,24 +148,21 @@ class HeadState:
     tilt_rad: float
 
 
-@dataclass(frozen=True, slots=True)
-class ControlReadings:
+class ControlReadings(Value):
     """Newest value of each control in the Robot panel that the robot reports, by control id."""
 
     stamp_ns: int
     values: dict[str, ControlValue]
 
 
-@dataclass(frozen=True, slots=True)
-class BatteryState:
+class BatteryState(Value):
     """Battery charge: ``charge_fraction`` is 0..1, None if not reported."""
 
     stamp_ns: int
     charge_fraction: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class FrameRef:
+class FrameRef(Value):
     """A camera frame whose pixels are in the shared frame ring named ``ring``.
 
     The pixels are uint8 BGR, shape (height_px, width_px, 3). They are overwritten after a while; the ring shows a
@@ -196,8 +187,7 @@ class FrameRef:
         return self.stamp_ns if self.taken_ns is None else self.taken_ns
 
 
-@dataclass(frozen=True, slots=True)
-class CameraState:
+class CameraState(Value):
     """Connection of a camera of this computer. ``detail`` and ``advice`` explain a failure to the wizard.
 
     ``ended``: a video was played to its end, or the camera is no longer used. ``fps`` is None if not reported.
@@ -213,8 +203,7 @@ class CameraState:
     fps: float | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DepthGrid:
+class DepthGrid(Value, eq=False):
     """Depth in front of a camera, along its axis.
 
     ``depths_mm`` is uint16, shape (rows, columns): the frame in that many parts; 0 if unknown.
@@ -234,8 +223,7 @@ class DepthGrid:
         return float(np.median(known)) / 1000.0 if known.size * 4 >= max(inside.size, 1) else None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AudioChunk:
+class AudioChunk(Value, eq=False):
     """Sound of one source for the recorder, which writes it to a file and records an :class:`AudioBlock`.
 
     ``samples`` is int16, shape (samples, channels); ``stamp_ns`` is the time of the first. ``source`` is a plain name
@@ -248,8 +236,7 @@ class AudioChunk:
     samples: NDArray[np.int16] = field(metadata={"shape": (-1, -1)})
 
 
-@dataclass(frozen=True, slots=True)
-class AudioBlock:
+class AudioBlock(Value):
     """Recorded sound: ``sample_count`` samples of ``file_name`` from ``first_sample`` on.
 
     ``stamp_ns`` is the time of the first of them on the session clock.
@@ -263,8 +250,7 @@ class AudioBlock:
     sample_rate_hz: int
 
 
-@dataclass(frozen=True, slots=True)
-class StatusShown:
+class StatusShown(Value):
     """Status that the console's panels show from this time on, so that a replay shows the same.
 
     ``name`` is the value's name in LiveState, ``content`` its plain JSON form.
@@ -275,8 +261,7 @@ class StatusShown:
     content: Any
 
 
-@dataclass(frozen=True, slots=True)
-class CameraLens:
+class CameraLens(Value):
     """Lens data that a camera sends. ``model`` contains them in place of the robot profile's."""
 
     stamp_ns: int
@@ -285,8 +270,7 @@ class CameraLens:
     model: CameraModel
 
 
-@dataclass(frozen=True, slots=True)
-class PersonBox:
+class PersonBox(Value):
     """A person detected in a frame. ``track`` is the tracker's number, ``person_id`` the opaque identity.
 
     ``posture`` is empty, and ``hand_raised`` and ``facing`` (towards the camera) are None, if not visible or not
@@ -305,8 +289,7 @@ class PersonBox:
     facing: bool | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class ThingBox:
+class ThingBox(Value):
     """A thing detected in a frame, other than a person. ``label`` is the detector's name: chair, dog."""
 
     label: str
@@ -317,8 +300,7 @@ class ThingBox:
     confidence: float
 
 
-@dataclass(frozen=True, slots=True)
-class People:
+class People(Value):
     """All people detected in one frame; ``stamp_ns`` is the timestamp of that frame.
 
     ``things`` are of the kinds that the scenario lists, and not tracked. ``unfollowed`` are boxes of possible people,
@@ -337,8 +319,7 @@ class People:
     unfollowed: tuple[PersonBox, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class PersonPlace:
+class PersonPlace(Value):
     """Position of one person. ``source`` is what measured the distance, ``floor`` by the feet in the frame.
     ``spread_m`` is one standard deviation. ``track`` is that of the box, -1 in older recordings.
     """
@@ -351,8 +332,7 @@ class PersonPlace:
     track: int = -1
 
 
-@dataclass(frozen=True, slots=True)
-class PeopleInMap:
+class PeopleInMap(Value):
     """People with a measured position in the map; ``stamp_ns`` is the timestamp of the camera frame.
 
     ``camera`` is empty for the combined people of several cameras.

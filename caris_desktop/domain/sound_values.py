@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 MICROPHONE = "microphone"
 """A microphone of this computer for the participant, as in a laboratory with the wizard behind the wall."""
@@ -20,8 +20,7 @@ TalkTo = Literal["robot", "dictation"]
 """Target of the wizard's voice: the robot, or the Speak field as text."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlayedSound:
+class PlayedSound(Value, eq=False):
     """Sound that a loudspeaker plays, sent as soon as known: the echo canceller's reference. Never recorded.
 
     ``samples`` is int16, shape (samples, channels); the first is heard at ``stamp_ns``, which may be in the future. An
@@ -43,16 +42,14 @@ def joined(before: PlayedSound, piece: PlayedSound) -> PlayedSound:
     return replace(before, samples=np.concatenate([before.samples, silence, piece.samples]))
 
 
-@dataclass(frozen=True, slots=True)
-class PlayedSoundEnded:
+class PlayedSoundEnded(Value):
     """End of an utterance at ``stamp_ns``, whatever was still to be played. Never recorded."""
 
     stamp_ns: int
     utterance_id: str
 
 
-@dataclass(frozen=True, slots=True)
-class Hearing:
+class Hearing(Value):
     """Current speech at one microphone.
 
     ``utterance_id`` is the current turn, empty between turns. ``committed`` words are final, ``tentative`` words may

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain import events, foxglove, sensing, sound_values
 from caris_desktop.domain.foxglove import WellKnown
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
 class Delivery(Enum):
@@ -26,8 +26,7 @@ ShownAs = Literal["panels", "picture"]
 """What a busy machine updates less often: first all panels, including the map, and only then the image."""
 
 
-@dataclass(frozen=True, slots=True)
-class StreamSpec:
+class StreamSpec(Value):
     """One stream. ``expected_period_s`` is None if silence means nothing (latched values, events).
 
     ``keyed_by`` names the field that divides the stream into separate values: the newest of each counts. ``source``

@@ -9,7 +9,7 @@ import dataclasses
 import reprlib
 from collections.abc import Callable, Iterable, Sequence
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, dataclass_transform
 
 if TYPE_CHECKING:
     from dataclasses import dataclass as dataclass  # noqa: PLC0414 - given on
@@ -146,3 +146,25 @@ def _refuse_to_set(_self: Any, name: str, _value: Any) -> None:
 
 def _refuse_to_delete(_self: Any, name: str) -> None:
     raise dataclasses.FrozenInstanceError(f"cannot delete field {name!r}")
+
+
+if TYPE_CHECKING:
+
+    @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
+    class Value:
+        """Base class of values: its subclasses are frozen dataclasses with slots."""
+
+        __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
+        def __init_subclass__(cls, *, eq: bool = True, kw_only: bool = False) -> None: ...
+
+else:
+
+    class _ValueClass(type):
+        def __new__(cls, name, bases, namespace, *, eq=True, kw_only=False):
+            made = super().__new__(cls, name, bases, namespace)
+            # The library makes the class with slots by another call of this.
+            return made if "__slots__" in namespace else _made(made, eq=eq, frozen=True, slots=True, kw_only=kw_only)
+
+    class Value(metaclass=_ValueClass, eq=False):
+        """Base class of values: its subclasses are frozen dataclasses with slots."""

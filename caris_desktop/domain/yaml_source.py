@@ -10,7 +10,7 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 MAX_DEPTH = 40
 
@@ -32,8 +32,7 @@ class YamlSourceError(ValueError):
         self.line = line
 
 
-@dataclass(frozen=True, slots=True)
-class LocatedData:
+class LocatedData(Value):
     """Plain data and the line at which each key or list item begins, counted from 1."""
 
     data: Any

@@ -18,7 +18,7 @@ from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_file import (
     MAX_FILE_BYTES,
     ScenarioError,
@@ -49,8 +49,7 @@ class BundleError(Exception):
     """Unusable or unwritable bundle; the text says what is wrong and what is allowed."""
 
 
-@dataclass(frozen=True, slots=True)
-class BundledFile:
+class BundledFile(Value):
     """One YAML file, named without its suffix."""
 
     kind: PartKind
@@ -58,14 +57,12 @@ class BundledFile:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Bundle:
+class Bundle(Value):
     scenario: BundledFile
     beside: tuple[BundledFile, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Unpacked:
+class Unpacked(Value):
     """Path of the imported scenario; files renamed because of a conflict without a decision; and paths of replaced
     files.
     """
@@ -75,8 +72,7 @@ class Unpacked:
     put_aside: tuple[Path, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class NameConflict:
+class NameConflict(Value):
     """Import conflict: ``part`` has the name of another file at ``there`` with ``text``. ``own``: it is the user's and
     may be replaced; shipped files may not. ``free`` is an unused name.
     """
@@ -88,8 +84,7 @@ class NameConflict:
     free: str
 
 
-@dataclass(frozen=True, slots=True)
-class ImportQuestion:
+class ImportQuestion(Value):
     """Bundle with name conflicts that need a decision."""
 
     path: Path

@@ -36,7 +36,7 @@ from caris_desktop.domain.schema_paths import (
     with_value_at,
     without_at,
 )
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.yaml_source import LocatedData, YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.scenario.scenario_file import mistakes
@@ -49,8 +49,7 @@ _ID = "id"
 """By which an entry is known as well as by its name, and which may stay when that changes."""
 
 
-@dataclass(frozen=True, slots=True)
-class Mistake:
+class Mistake(Value):
     """Mistake at a place in the file, as a sentence; ``line`` counts from 1."""
 
     path: KeyPath
@@ -74,8 +73,7 @@ class _State:
         return self._write()
 
 
-@dataclass(frozen=True, slots=True)
-class UndoStep:
+class UndoStep(Value):
     """Undo step: ``path`` is the changed place, ``words`` its display name."""
 
     before: _State

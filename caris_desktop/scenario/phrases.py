@@ -6,7 +6,7 @@ from typing import Annotated
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.schema_fields import FieldSpec
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _OF_TEXT_FIELDS = "ACVXYZ"
 _PATTERN = rf"^(Ctrl\+(?![{_OF_TEXT_FIELDS}]$)(Shift\+)?[A-Z0-9])?$"
@@ -24,8 +24,7 @@ KEYS_OF_A_GROUP = 8
 Sentence = Annotated[str, FieldSpec(shortest=1, longest=500)]
 
 
-@dataclass(frozen=True, slots=True)
-class Phrase:
+class Phrase(Value):
     """A sentence with what goes along with it."""
 
     say: Annotated[Sentence, FieldSpec("Text that the robot says.", title="Sentence")]
@@ -48,8 +47,7 @@ class Phrase:
     ] = ""
 
 
-@dataclass(frozen=True, slots=True)
-class PhraseGroup:
+class PhraseGroup(Value):
     """Phrases for one part of the session, on F1 to F8 while their group is chosen. F10 chooses the next group."""
 
     group: Annotated[
@@ -72,8 +70,7 @@ class PhraseGroup:
 PhraseEntry = Sentence | Phrase | PhraseGroup
 
 
-@dataclass(frozen=True, slots=True)
-class PhraseKeys:
+class PhraseKeys(Value):
     """Phrases on F1 to F8 while a group is selected. ``title`` is empty for ungrouped phrases."""
 
     title: str
@@ -152,8 +149,7 @@ KEYS_BY_PLACE = tuple(f"Ctrl+{number}" for number in range(4, 4 + MOST_GESTURES)
 """Of those that have no key of their own."""
 
 
-@dataclass(frozen=True, slots=True)
-class Gesture:
+class Gesture(Value):
     """A gesture with the name shown to the wizard."""
 
     title: Annotated[str, FieldSpec("Text shown to the wizard.", shortest=1, longest=40)]

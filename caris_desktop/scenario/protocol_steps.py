@@ -8,7 +8,7 @@ from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.schema_fields import FieldSpec
 from caris_desktop.domain.schema_validation import allowed_words
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 MOST_BRANCHES = 9
 """One for each digit."""
@@ -19,8 +19,7 @@ _SECONDS = 60.0
 _Title = Annotated[str, FieldSpec(shortest=1, longest=60)]
 
 
-@dataclass(frozen=True, slots=True)
-class Branch:
+class Branch(Value):
     """A possible action of the participant, and the step that follows."""
 
     title: Annotated[_Title, FieldSpec("Action of the participant; the text of its button.")]
@@ -36,8 +35,7 @@ class Branch:
     ]
 
 
-@dataclass(frozen=True, slots=True)
-class ProtocolStep:
+class ProtocolStep(Value):
     """One step of the protocol."""
 
     title: Annotated[_Title, FieldSpec("Title in the window, in the recording and in every table.")]
@@ -108,8 +106,7 @@ class ProtocolStep:
         return self.minutes * _SECONDS
 
 
-@dataclass(frozen=True, slots=True)
-class ProtocolSettings:
+class ProtocolSettings(Value):
     """The steps of the study, in order. The wizard may go to any step at any time, and the steps taken are recorded."""
 
     steps: Annotated[tuple[ProtocolStep, ...], FieldSpec("The steps, in order.", longest=60)] = ()

@@ -9,7 +9,7 @@ import platformdirs
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario
 
 SUFFIXES = (".yaml", ".yml")
@@ -31,8 +31,7 @@ def own_file(path: Path | None) -> Path:
     return user_scenarios_dir() / (path.name if path is not None else "scenario.yaml")
 
 
-@dataclass(frozen=True, slots=True)
-class ScenarioChoice:
+class ScenarioChoice(Value):
     """One file of the library. An unreadable file is listed by its name; an own file with a duplicate title gets its
     name added.
     """

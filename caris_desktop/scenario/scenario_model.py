@@ -21,15 +21,14 @@ from caris_desktop.domain.key_path import KeyPath, Problem
 from caris_desktop.domain.schema_fields import Excluded, FieldSpec, Flattened, StoredAs, data_of, value_from
 from caris_desktop.domain.schema_validation import allowed_words, problems
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.phrases import MOST_GESTURES, Gesture, PhraseEntry, Sentence
 from caris_desktop.scenario.protocol_steps import ProtocolSettings
 
 CheckTitle = Annotated[str, FieldSpec(shortest=1, longest=80)]
 
 
-@dataclass(frozen=True, slots=True)
-class ManualCheck:
+class ManualCheck(Value):
     """A check with what to do about it."""
 
     check: Annotated[CheckTitle, FieldSpec("Condition to check, as shown to the wizard.")]
@@ -55,8 +54,7 @@ place."""
 _ErrorName = Annotated[str, FieldSpec(shortest=1, longest=40)]
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorKind:
+class ErrorKind(Value):
     """A kind of wizard error with what is meant by it."""
 
     kind: Annotated[_ErrorName, FieldSpec("Word that is recorded and shown on its button.")]
@@ -72,8 +70,7 @@ USUAL_ERRORS = (
 """The recorded words stay English; what is shown of them is translated."""
 
 
-@dataclass(frozen=True, slots=True)
-class RecordingSettings:
+class RecordingSettings(Value):
     """Recording settings of this scenario."""
 
     labels: Annotated[
@@ -125,8 +122,7 @@ class RecordingSettings:
         return tuple(given) or USUAL_ERRORS
 
 
-@dataclass(frozen=True, slots=True)
-class MapSettings:
+class MapSettings(Value):
     """The Map panel."""
 
     follow: Annotated[
@@ -146,8 +142,7 @@ class MapSettings:
     trail: Annotated[bool, FieldSpec("The robot's driven path is drawn.", title="Shows the driven path")] = True
 
 
-@dataclass(frozen=True, slots=True)
-class VideoSettings:
+class VideoSettings(Value):
     """The Video panel."""
 
     camera: Annotated[
@@ -156,8 +151,7 @@ class VideoSettings:
     ] = ""
 
 
-@dataclass(frozen=True, slots=True)
-class DriveSettings:
+class DriveSettings(Value):
     """The Drive panel."""
 
     first: Annotated[
@@ -166,8 +160,7 @@ class DriveSettings:
     ] = "arrows"
 
 
-@dataclass(frozen=True, slots=True)
-class LogSettings:
+class LogSettings(Value):
     """The log in the Session panel."""
 
     shows: Annotated[
@@ -175,8 +168,7 @@ class LogSettings:
     ] = "everything"
 
 
-@dataclass(frozen=True, slots=True)
-class QuestionSettings:
+class QuestionSettings(Value):
     """The Assistant panel."""
 
     left_out: Annotated[
@@ -185,8 +177,7 @@ class QuestionSettings:
     ] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class PanelSettings:
+class PanelSettings(Value):
     """How panels are when the scenario is opened. The wizard can change each of it, and finds it so the next time;
     another scenario has its own.
     """
@@ -204,8 +195,7 @@ def levels_up_to(highest: AssistanceLevel) -> tuple[AssistanceLevel, ...]:
     return levels[: levels.index(highest) + 1]
 
 
-@dataclass(frozen=True, slots=True)
-class AssistanceSettings:
+class AssistanceSettings(Value):
     """Automation level of each function: `off`, `suggest` (the wizard's key carries it out) or `act` (carried out after
     a countdown that the wizard sees and can stop). During a session, the wizard can lower each level, and raise it
     again to the level in the scenario. Actions that move the robot always wait for the wizard's key.
@@ -254,8 +244,7 @@ MODEL_PATTERN = "^(embedded(:[A-Za-z0-9][A-Za-z0-9._-]*)?|ollama:.+|openai:.+|ge
 MODEL_ALLOWED = "embedded, embedded:NAME, ollama:NAME, openai:NAME or gemini:NAME."
 
 
-@dataclass(frozen=True, slots=True)
-class NamedText:
+class NamedText(Value):
     """A text that is selected by its name."""
 
     name: Annotated[str, FieldSpec("Name shown to the wizard.", shortest=1, longest=40)]
@@ -265,8 +254,7 @@ class NamedText:
 AssistantPeople = Literal["numbers", "names", "history"]
 
 
-@dataclass(frozen=True, slots=True)
-class AssistantSettings:
+class AssistantSettings(Value):
     """Settings of the language model."""
 
     model: Annotated[
@@ -359,23 +347,20 @@ _Label = Annotated[str, FieldSpec(shortest=1, longest=80)]
 _Coordinate = Annotated[float, FieldSpec(unit="metres", at_least=-10_000, at_most=10_000)]
 
 
-@dataclass(frozen=True, slots=True)
-class PanelLeaf:
+class PanelLeaf(Value):
     """One panel."""
 
     panel: Annotated[_Panel, FieldSpec("Name of the panel.")]
 
 
-@dataclass(frozen=True, slots=True)
-class TabNode:
+class TabNode(Value):
     """Panels on top of one another."""
 
     tabs: Annotated[tuple[_Panel, ...], FieldSpec("The panels, from left to right.", shortest=1)]
     current: Annotated[_Panel | None, FieldSpec("The tab that is shown first.")] = None
 
 
-@dataclass(frozen=True, slots=True)
-class SplitNode:
+class SplitNode(Value):
     """Parts side by side or on top of one another."""
 
     split: Annotated[
@@ -402,8 +387,7 @@ LayoutNode = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class Permissions:
+class Permissions(Value):
     """Permissions of the wizard in this scenario. A permission that is false has no button, no shortcut and no
     effect.
     """
@@ -444,8 +428,7 @@ class Permissions:
         return next((permission for permission in needed if not getattr(self, permission)), None)
 
 
-@dataclass(frozen=True, slots=True)
-class _PoseKeys:
+class _PoseKeys(Value):
     """A pose as people write it, with its heading in degrees."""
 
     x_m: Annotated[_Coordinate, FieldSpec("Position along the x axis of the map.", title="x")]
@@ -469,16 +452,14 @@ def _pose_keys(pose: Pose2D) -> _PoseKeys:
     return _PoseKeys(round(pose.x_m, 4), round(pose.y_m, 4), round(math.degrees(pose.heading_rad), 3))
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
+class Place(Value):
     """A named place in the map."""
 
     name: Annotated[_Label, FieldSpec("Name shown to the wizard; must be unique.")]
     pose_in_map: Annotated[Pose2D, Flattened(_PoseKeys, _PoseKeys.pose, _pose_keys)]
 
 
-@dataclass(frozen=True, slots=True)
-class DrivingLimits:
+class DrivingLimits(Value):
     """Speeds at the full speed setting; the robot profile's own limits still apply."""
 
     max_forward_mps: Annotated[
@@ -489,8 +470,7 @@ class DrivingLimits:
     ] = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class PerceptionSettings:
+class PerceptionSettings(Value):
     """Detection of people in the camera pictures, and their recognition."""
 
     model: Annotated[
@@ -595,8 +575,7 @@ class PerceptionSettings:
     ] = 0.95
 
 
-@dataclass(frozen=True, slots=True)
-class BlurSettings:
+class BlurSettings(Value):
     """Pixelation of people in all stored pictures: videos, photos and everything derived from them.
 
     A picture is pixelated as a whole if detection is too late for it.
@@ -618,8 +597,7 @@ class BlurSettings:
     ] = False
 
 
-@dataclass(frozen=True, slots=True)
-class CameraSettings:
+class CameraSettings(Value):
     """One camera that the console shows, uses for perception and records."""
 
     source: Annotated[str, FieldSpec(
@@ -648,8 +626,7 @@ class CameraSettings:
     )] = ""  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class FaceSettings:
+class FaceSettings(Value):
     """The robot's face, if `permissions` include `face`: in a separate window, or as a web page on the robot."""
 
     face: Annotated[
@@ -676,8 +653,7 @@ class FaceSettings:
     ] = "this_computer"
 
 
-@dataclass(frozen=True, slots=True)
-class ListeningSettings:
+class ListeningSettings(Value):
     """How what is said near the robot is turned into text, and when somebody has finished. Used with the permission
     `transcription`.
     """
@@ -746,8 +722,7 @@ class ListeningSettings:
     ] = 3.0  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class SoundSettings:
+class SoundSettings(Value):
     """Microphones and loudspeakers. A microphone is open only while a permitted function needs it."""
 
     ear: Annotated[
@@ -786,8 +761,7 @@ class SoundSettings:
         return self.ear
 
 
-@dataclass(frozen=True, slots=True)
-class VoiceSettings:
+class VoiceSettings(Value):
     """Speech output of this computer."""
 
     name: Annotated[
@@ -816,8 +790,7 @@ class VoiceSettings:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Scenario:
+class Scenario(Value):
     """Setup of the console for one kind of study: layout, permissions, phrases, prompts and places. Never code."""
 
     title: Annotated[_Label, FieldSpec("Shown in the window and in the scenario menu.", section="About")]

@@ -19,7 +19,7 @@ from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.private_files import narrow
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.trial_details import TrialDetails
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
 MIN_FREE_BYTES = 200 * 1024 * 1024
@@ -31,8 +31,7 @@ class StudyFolderError(UserFacingError):
     """Unusable study folder. English text with separate values, for translation."""
 
 
-@dataclass(frozen=True, slots=True)
-class StudyFolder:
+class StudyFolder(Value):
     """Paths inside one study folder. ``narrowed`` counts files and folders that were readable by other users."""
 
     path: Path

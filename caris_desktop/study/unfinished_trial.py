@@ -14,15 +14,14 @@ from typing import Any
 
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
 _MOST_BYTES = 64 * 1024
 _MOST_PEOPLE = 100
 
 
-@dataclass(frozen=True, slots=True)
-class UnfinishedTrial:
+class UnfinishedTrial(Value):
     """Interrupted trial: its session folder, settings, and people present.
 
     ``scenario`` is the path of its file, empty without one; ``robot`` the name of its profile. ``attended`` is the id

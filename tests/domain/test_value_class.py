@@ -15,11 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import caris_desktop.domain
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 
 
-@dataclass(frozen=True, slots=True)
-class Ours:
+class Ours(Value):
     """Fields of both classes."""
 
     x: int
@@ -40,7 +39,6 @@ class Theirs:
     KIND: ClassVar[str] = "kind"
 
 
-@dataclass(frozen=True, slots=True)
 class Longer(Ours):
     more: list[int] = field(default_factory=list)
     made: int = field(default=7, init=False)
@@ -51,8 +49,7 @@ class Longer(Ours):
             raise ValueError("below nothing")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ByName:
+class ByName(Value, kw_only=True):
     x: int
     y: int = 2
 
@@ -63,8 +60,7 @@ class Changing:
     items: list[int] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Itself:
+class Itself(Value, eq=False):
     x: int
 
 
