@@ -1,6 +1,7 @@
 """Declared files: a frozen dataclass per file format, from which checks, schema and tables follow.
 
-Fields are ``Annotated`` with a :class:`FieldSpec`. They determine the check and its sentences (``schema_validation``),
+Fields are made by ``setting``, and explained by the docstring that follows them, or ``Annotated`` with a
+:class:`FieldSpec`. They determine the check and its sentences (``schema_validation``),
 values and write-back (here), the JSON Schema for editors (``schema_json``) and the guide's tables (``schema_docs``). A
 file may contain booleans, whole numbers, numbers, text, one of several words, lists of any or fixed length, groups of
 keys, one of several groups, text or one of several groups, and groups with undeclared keys (messages of a robot).
@@ -105,7 +106,10 @@ class Excluded:
 
 
 class ValueForm(Value):
-    """Form of one place: its type without annotations, the rules that apply there, and how it is written."""
+    """Form of one place: its type without annotations, the rules that apply there, and how it is written.
+
+    ``place`` is the attribute that declares it.
+    """
 
     kind: Any
     rule: FieldSpec = FieldSpec()
@@ -113,6 +117,7 @@ class ValueForm(Value):
     written_as: StoredAs | None = None
     elsewhere: ExternalSchema | None = None
     in_file: bool = True
+    place: tuple[Group, str] | None = None
 
 
 class Key(Value):
@@ -228,7 +233,9 @@ def _attributes(group: Group) -> tuple[Key, ...]:
     hints = typing.get_type_hints(group, include_extras=True)
     found = []
     for each in fields(group):
-        form = form_of(hints[each.name])
+        form = replace(form_of(hints[each.name]), place=(group, each.name))
+        if "rule" in each.metadata:
+            form = _with_mark(form, FieldSpec(**each.metadata["rule"]))
         default = each.default if each.default_factory is MISSING else each.default_factory()
         if form.in_file:
             if form.spread is None and not _is_known(form):

@@ -1,6 +1,11 @@
 """JSON Schema of a declared file, with which editors complete, check and explain it."""
 
+import ast
+import functools
+import inspect
+import itertools
 import json
+import sys
 from typing import Any
 
 from caris_desktop.domain.schema_fields import (
@@ -42,9 +47,27 @@ def schema_text(declaration: Group, *, title: str, schema_id: str = "") -> str:
 
 
 def description_of(form: ValueForm) -> str:
-    """Description for people: the rule's text, else the declaration's docstring."""
-    description = form.rule.text or (form.kind.__doc__ if is_group(form.kind) else "") or ""
+    """Description for people: the docstring of the attribute, else the rule's text, else the declaration's docstring.
+
+    Raises OSError if the source of the declaration is missing.
+    """
+    group, name = form.place or (None, "")
+    description = "" if group is None else _docstrings(group.__module__).get((group.__name__, name), "")
+    description = description or form.rule.text or (form.kind.__doc__ if is_group(form.kind) else "") or ""
     return " ".join(description.replace("``", "`").split())
+
+
+@functools.cache
+def _docstrings(module: str) -> dict[tuple[str, str], str]:
+    """Docstrings of the attributes of all classes in a module, by both names: they are in its source only."""
+    found = {}
+    for group in ast.parse(inspect.getsource(sys.modules[module])).body:
+        if isinstance(group, ast.ClassDef):
+            for pair in itertools.pairwise(group.body):
+                match pair:
+                    case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                        found[group.name, name] = text
+    return found
 
 
 def _schema(form: ValueForm, definitions: dict[str, Any]) -> dict[str, Any]:

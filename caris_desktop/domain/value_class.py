@@ -148,9 +148,14 @@ def _refuse_to_delete(_self: Any, name: str) -> None:
     raise dataclasses.FrozenInstanceError(f"cannot delete field {name!r}")
 
 
+def setting(*, default: Any = dataclasses.MISSING, default_factory: Any = dataclasses.MISSING, **rule: Any) -> Any:
+    """Field with a rule of ``schema_fields.FieldSpec``, whose ``text`` is the docstring that follows in the source."""
+    return dataclasses.field(default=default, default_factory=default_factory, metadata={"rule": rule})
+
+
 if TYPE_CHECKING:
 
-    @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
+    @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field, setting))
     class Value:
         """Base class of values: its subclasses are frozen dataclasses with slots."""
 

@@ -1,21 +1,21 @@
 """Phrases of a scenario (plain, with options, or in titled groups), its gestures, and their keys."""
 
 from collections.abc import Iterable, Iterator
-from typing import Annotated
+from typing import Annotated, Any
 
 from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.schema_fields import FieldSpec
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import Value
+from caris_desktop.domain.value_class import Value, setting
 
 _OF_TEXT_FIELDS = "ACVXYZ"
 _PATTERN = rf"^(Ctrl\+(?![{_OF_TEXT_FIELDS}]$)(Shift\+)?[A-Z0-9])?$"
 _ALLOWED = "Ctrl or Ctrl+Shift with a letter or digit, such as Ctrl+G; not the keys for editing text."
 
 
-def own_key(meaning: str) -> FieldSpec:
-    """Field declaration; ``meaning`` is the key's function."""
-    return FieldSpec(meaning, pressed=True, pattern=_PATTERN, allowed=_ALLOWED, quiet=True)
+def own_key() -> Any:
+    """Field with a combination of keys; none by default."""
+    return setting(default="", pressed=True, pattern=_PATTERN, allowed=_ALLOWED, quiet=True)
 
 
 KEYS_OF_A_GROUP = 8
@@ -27,44 +27,24 @@ Sentence = Annotated[str, FieldSpec(shortest=1, longest=500)]
 class Phrase(Value):
     """A sentence with what goes along with it."""
 
-    say: Annotated[Sentence, FieldSpec("Text that the robot says.", title="Sentence")]
-    key: Annotated[str, own_key("Its own key, which works whichever group is selected.")] = ""
-    gesture: Annotated[
-        str,
-        FieldSpec(
-            "Action of the robot when the sentence starts: the id of a control of the Robot panel, `nod`, or "
-            "`look` to turn the head to the person addressed.",
-            knows="gestures",
-            longest=80,
-            quiet=True,
-        ),
-    ] = ""
-    face: Annotated[
-        str,
-        FieldSpec(
-            "Expression of the robot's face when the sentence starts.", knows="expressions", longest=40, quiet=True
-        ),
-    ] = ""
+    say: Sentence = setting(title="Sentence")
+    """Text that the robot says."""
+    key: str = own_key()
+    """Its own key, which works whichever group is selected."""
+    gesture: str = setting(default="", knows="gestures", longest=80, quiet=True)
+    """Action of the robot when the sentence starts: the id of a control of the Robot panel, `nod`, or `look` to turn
+    the head to the person addressed."""
+    face: str = setting(default="", knows="expressions", longest=40, quiet=True)
+    """Expression of the robot's face when the sentence starts."""
 
 
 class PhraseGroup(Value):
     """Phrases for one part of the session, on F1 to F8 while their group is chosen. F10 chooses the next group."""
 
-    group: Annotated[
-        str,
-        FieldSpec(
-            "Title by which the wizard selects the group, with F10.", title="Title of the group", shortest=1, longest=40
-        ),
-    ]
-    phrases: Annotated[
-        tuple[Sentence | Phrase, ...],
-        FieldSpec(
-            "Sentences on F1 to F8 while the group is selected, in this order.",
-            title="Sentences",
-            shortest=1,
-            longest=KEYS_OF_A_GROUP,
-        ),
-    ]
+    group: str = setting(title="Title of the group", shortest=1, longest=40)
+    """Title by which the wizard selects the group, with F10."""
+    phrases: tuple[Sentence | Phrase, ...] = setting(title="Sentences", shortest=1, longest=KEYS_OF_A_GROUP)
+    """Sentences on F1 to F8 while the group is selected, in this order."""
 
 
 PhraseEntry = Sentence | Phrase | PhraseGroup
@@ -152,17 +132,12 @@ KEYS_BY_PLACE = tuple(f"Ctrl+{number}" for number in range(4, 4 + MOST_GESTURES)
 class Gesture(Value):
     """A gesture with the name shown to the wizard."""
 
-    title: Annotated[str, FieldSpec("Text shown to the wizard.", shortest=1, longest=40)]
-    does: Annotated[
-        str,
-        FieldSpec(
-            "`nod`, `look` to turn the head to the person addressed, or the id of a control of the Robot panel.",
-            knows="gestures",
-            shortest=1,
-            longest=80,
-        ),
-    ]
-    key: Annotated[str, own_key("Its own key, instead of the default key for its position.")] = ""
+    title: str = setting(shortest=1, longest=40)
+    """Text shown to the wizard."""
+    does: str = setting(knows="gestures", shortest=1, longest=80)
+    """`nod`, `look` to turn the head to the person addressed, or the id of a control of the Robot panel."""
+    key: str = own_key()
+    """Its own key, instead of the default key for its position."""
 
 
 def gesture_problems(gestures: Iterable[Gesture], of_phrases: Iterable[str]) -> Iterator[Problem]:

@@ -8,7 +8,7 @@ from caris_desktop.domain.key_path import Problem
 from caris_desktop.domain.schema_fields import FieldSpec
 from caris_desktop.domain.schema_validation import allowed_words
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import Value
+from caris_desktop.domain.value_class import Value, setting
 
 MOST_BRANCHES = 9
 """One for each digit."""
@@ -22,79 +22,42 @@ _Title = Annotated[str, FieldSpec(shortest=1, longest=60)]
 class Branch(Value):
     """A possible action of the participant, and the step that follows."""
 
-    title: Annotated[_Title, FieldSpec("Action of the participant; the text of its button.")]
-    to: Annotated[
-        str,
-        FieldSpec(
-            "The step that follows, by title or id.",
-            title="Next step",
-            refers=("protocol", "steps", "title"),
-            shortest=1,
-            longest=60,
-        ),
-    ]
+    title: _Title
+    """Action of the participant; the text of its button."""
+    to: str = setting(title="Next step", refers=("protocol", "steps", "title"), shortest=1, longest=60)
+    """The step that follows, by title or id."""
 
 
 class ProtocolStep(Value):
     """One step of the protocol."""
 
-    title: Annotated[_Title, FieldSpec("Title in the window, in the recording and in every table.")]
-    id: Annotated[
-        str,
-        FieldSpec(
-            "Short name that stays the same when the title changes; derived from the title if not given.",
-            pattern="^([a-z0-9][a-z0-9_-]*)?$",
-            allowed="lower-case letters, digits, - and _.",
-            longest=40,
-            quiet=True,
-        ),
-    ] = ""
-    say: Annotated[
-        str,
-        FieldSpec(
-            "Sentence that the robot says in this step, with one key. A sentence of `phrases` includes its "
-            "gesture and face.",
-            longest=500,
-            quiet=True,
-        ),
-    ] = ""
-    go_to: Annotated[
-        str,
-        FieldSpec(
-            "The one of the `places` that belongs to the step.", refers=("places", "name"), longest=80, quiet=True
-        ),
-    ] = ""
-    minutes: Annotated[
-        float,
-        FieldSpec(
-            "Expected duration; 0.5 is half a minute, 0 means no expected duration.",
-            unit="minutes",
-            at_least=0,
-            at_most=600,
-            quiet=True,
-        ),
-    ] = 0.0
-    tick: Annotated[
-        tuple[Annotated[str, FieldSpec(shortest=1, longest=80)], ...],
-        FieldSpec(
-            "Items that the wizard ticks off in this step.", title="To tick off", longest=12, unique=True, quiet=True
-        ),
-    ] = ()
-    branches: Annotated[
-        tuple[Branch, ...],
-        FieldSpec("Alternative next steps, depending on what the participant does.", longest=MOST_BRANCHES, quiet=True),
-    ] = ()
-    then: Annotated[
-        str,
-        FieldSpec(
-            "The step that follows, by title or id, or `end`; if not given, the step below.",
-            refers=("protocol", "steps", "title"),
-            else_one_of=(END,),
-            longest=60,
-            quiet=True,
-        ),
-    ] = ""
-    note: Annotated[str, FieldSpec("A reminder for the wizard, shown with the step.", longest=500, quiet=True)] = ""
+    title: _Title
+    """Title in the window, in the recording and in every table."""
+    id: str = setting(
+        default="",
+        pattern="^([a-z0-9][a-z0-9_-]*)?$",
+        allowed="lower-case letters, digits, - and _.",
+        longest=40,
+        quiet=True,
+    )
+    """Short name that stays the same when the title changes; derived from the title if not given."""
+    say: str = setting(default="", longest=500, quiet=True)
+    """Sentence that the robot says in this step, with one key. A sentence of `phrases` includes its gesture and
+    face."""
+    go_to: str = setting(default="", refers=("places", "name"), longest=80, quiet=True)
+    """The one of the `places` that belongs to the step."""
+    minutes: float = setting(default=0.0, unit="minutes", at_least=0, at_most=600, quiet=True)
+    """Expected duration; 0.5 is half a minute, 0 means no expected duration."""
+    tick: tuple[Annotated[str, FieldSpec(shortest=1, longest=80)], ...] = setting(
+        default=(), title="To tick off", longest=12, unique=True, quiet=True
+    )
+    """Items that the wizard ticks off in this step."""
+    branches: tuple[Branch, ...] = setting(default=(), longest=MOST_BRANCHES, quiet=True)
+    """Alternative next steps, depending on what the participant does."""
+    then: str = setting(default="", refers=("protocol", "steps", "title"), else_one_of=(END,), longest=60, quiet=True)
+    """The step that follows, by title or id, or `end`; if not given, the step below."""
+    note: str = setting(default="", longest=500, quiet=True)
+    """A reminder for the wizard, shown with the step."""
 
     @property
     def step_id(self) -> str:
@@ -109,11 +72,10 @@ class ProtocolStep(Value):
 class ProtocolSettings(Value):
     """The steps of the study, in order. The wizard may go to any step at any time, and the steps taken are recorded."""
 
-    steps: Annotated[tuple[ProtocolStep, ...], FieldSpec("The steps, in order.", longest=60)] = ()
-    begins: Annotated[
-        Literal["with_recording", "by_hand"],
-        FieldSpec("The first step starts with the recording, or when the wizard goes to it.", quiet=True),
-    ] = "with_recording"
+    steps: tuple[ProtocolStep, ...] = setting(default=(), longest=60)
+    """The steps, in order."""
+    begins: Literal["with_recording", "by_hand"] = setting(default="with_recording", quiet=True)
+    """The first step starts with the recording, or when the wizard goes to it."""
 
 
 def step_named(steps: Iterable[ProtocolStep], name: str) -> ProtocolStep | None:

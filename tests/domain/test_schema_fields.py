@@ -22,14 +22,17 @@ from caris_desktop.domain.schema_fields import (
 )
 from caris_desktop.domain.schema_json import file_schema
 from caris_desktop.domain.schema_validation import problems
+from caris_desktop.domain.value_class import setting
 
 
 @dataclass(frozen=True, slots=True)
 class Lamp:
     """One lamp of ``a shelf``."""
 
-    name: Annotated[str, FieldSpec("How it is called.", shortest=1, longest=20)]
-    brightness: Annotated[float, FieldSpec("How bright it is.", unit="percent", at_least=0, at_most=100)] = 50.0
+    name: str = setting(shortest=1, longest=20)
+    """How it is called."""
+    brightness: float = setting(default=50.0, unit="percent", at_least=0, at_most=100)
+    """How bright it is."""
 
 
 @dataclass(frozen=True, slots=True)
