@@ -20,8 +20,6 @@ class Event(Value, eq=False):
 
 
 # Events of the robot and its link.
-
-
 LinkState = Literal["connecting", "connected", "trouble", "lost", "closed"]
 CommandSource = Literal["keyboard", "gamepad", "onscreen", "rehearsal", "stop", "lease", "none"]
 GoalState = Literal["requested", "active", "reached", "cancelled", "failed"]
@@ -221,31 +219,19 @@ class GamepadChanged(Event):
 
 
 # Events of the conversation and of the language model.
-
-
 Speaker = Literal["robot", "participant", "wizard"]
 UtteranceOrigin = Literal[
     "typed", "phrase", "filler", "assistant", "suggestion", "heard", "dictated", "own_voice"
 ]  # fmt: skip
 UtteranceState = Literal["requested", "started", "finished", "interrupted", "failed"]
 LlmOutcome = Literal["answered", "cancelled", "failed"]
-
-
 ReplyMeans = Literal[
     "typed", "phrase", "suggestion", "edited_suggestion", "filler", "assistant", "own_voice", "dictated"
 ]
-
-
 SuggestionState = Literal["displayed", "taken", "edited", "dismissed", "superseded", "expired"]
-
-
 ProposalState = Literal["displayed", "counting", "confirmed", "vetoed", "lapsed", "refused"]
-
-
 AssistedFunction = Literal["replies", "fillers", "actions"]
 AssistanceLevel = Literal["off", "suggest", "act"]
-
-
 VoiceOutput = Literal["robot", "computer", "both"]
 
 
@@ -450,8 +436,6 @@ class FaceChanged(Event):
 
 
 # Events of people: appearance, identification, consent.
-
-
 IdentifiedBy = Literal["wizard", "console"]
 ConsentKind = Literal["face", "photo", "video", "sound"]
 PersonDetail = Literal["group", "tags", "note"]
@@ -574,8 +558,6 @@ class PersonForgotten(Event):
 
 
 # Events of the session: recording, photos, marks, the steps of the protocol, problems and alarms.
-
-
 Severity = Literal["info", "warning", "error"]
 ProblemEnd = Literal[
     "",
@@ -604,8 +586,6 @@ OVERTAKEN = "more came at once than could be taken"
 """Reason of a gap that the link leaves when newer values replace older ones."""
 LOST_ON_THE_WAY = "lost between the robot's sensor and this computer"
 """Reason of a gap that shows in the robot's timestamps alone."""
-
-
 LATE_FROM_S = 1.0
 """Least overrun of a late step; a shorter one counts as in time."""
 StepHow = Literal["started", "next", "skipped", "back", "branch", "chosen"]

@@ -7,8 +7,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.actor import MODEL, WIZARD, in_words
 from caris_desktop.domain.control_definitions import RobotControl
 from caris_desktop.domain.events import ProblemEnd, Severity
-from caris_desktop.domain.intent import Moves
-from caris_desktop.domain.intents import INTENTS, AsBefore, Intent, IntentSpec, Permission
+from caris_desktop.domain.intents import INTENTS, AsBefore, Intent, IntentSpec, Moves, Permission
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.live.state import LiveState
