@@ -11,7 +11,7 @@ nothing.
 import base64
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,168 +30,47 @@ _LEVELS: dict[events.Severity, int] = {"info": _INFO, "warning": _WARNING}
 _LABEL_PX, _LINE_PX = 14.0, 2.0
 
 
-# The shapes, each named and filled as Foxglove says
-
-
-class Time(TypedDict):
-    sec: int
-    nsec: int
-
-
-class Vector2(TypedDict):
-    x: float
-    y: float
-
-
-class Vector3(TypedDict):
-    x: float
-    y: float
-    z: float
-
-
-class Quaternion(TypedDict):
-    x: float
-    y: float
-    z: float
-    w: float
-
-
-class Pose(TypedDict):
-    position: Vector3
-    orientation: Quaternion
-
-
-class Color(TypedDict):
-    r: float
-    g: float
-    b: float
-    a: float
-
-
-class KeyValuePair(TypedDict):
-    key: str
-    value: str
-
-
-class LaserScan(TypedDict):
-    """With our name for the frame of the laser, in addition to that of ``pose``."""
-
-    timestamp: Time
-    frame_id: str
-    pose: Pose
-    start_angle: float
-    end_angle: float
-    ranges: list[float]
-    intensities: list[float]
-    laser_frame_id: str
-
-
-class PackedElementField(TypedDict):
-    name: str
-    offset: int
-    type: int
-
-
-class Grid(TypedDict):
-    """With our count of rows, which others know from the amount of data."""
-
-    timestamp: Time
-    frame_id: str
-    pose: Pose
-    column_count: int
-    cell_size: Vector2
-    row_stride: int
-    cell_stride: int
-    fields: list[PackedElementField]
-    data: Base64
-    row_count: int
-
-
-class PoseInFrame(TypedDict):
-    timestamp: Time
-    frame_id: str
-    pose: Pose
-
-
-class PosesInFrame(TypedDict):
-    timestamp: Time
-    frame_id: str
-    poses: list[Pose]
-
-
-class FrameTransform(TypedDict):
-    timestamp: Time
-    parent_frame_id: str
-    child_frame_id: str
-    translation: Vector3
-    rotation: Quaternion
-
-
-class FrameTransforms(TypedDict):
-    transforms: list[FrameTransform]
-
-
-class CircleAnnotation(TypedDict):
-    timestamp: Time
-    position: Vector2
-    diameter: float
-    thickness: float
-    fill_color: Color
-    outline_color: Color
-    metadata: list[KeyValuePair]
-
-
-class PointsAnnotation(TypedDict):
-    timestamp: Time
-    type: int
-    points: list[Vector2]
-    outline_color: Color
-    outline_colors: list[Color]
-    fill_color: Color
-    thickness: float
-    metadata: list[KeyValuePair]
-
-
-class TextAnnotation(TypedDict):
-    timestamp: Time
-    position: Vector2
-    text: str
-    font_size: float
-    text_color: Color
-    background_color: Color
-    metadata: list[KeyValuePair]
-
-
-class ImageAnnotations(TypedDict):
-    timestamp: Time
-    circles: list[CircleAnnotation]
-    points: list[PointsAnnotation]
-    texts: list[TextAnnotation]
-    metadata: list[KeyValuePair]
-
-
-class CameraCalibration(TypedDict):
-    timestamp: Time
-    frame_id: str
-    width: int
-    height: int
-    distortion_model: str
-    D: list[float]
-    K: list[float]
-    R: list[float]
-    P: list[float]
-
-
-class Log(TypedDict):
-    timestamp: Time
-    level: int
-    message: str
-    name: str
-    file: str
-    line: int
-
-
-# Which stream is what
+Message = dict[str, Any]
+Shape = Mapping[str, Any]
+"""Fields of a schema: each a plain type, another shape, or a list with one of these."""
+Time = dict[str, int]
+TIME: Shape = {"sec": int, "nsec": int}
+_FRAME: Shape = {"timestamp": TIME, "frame_id": str}
+_VECTOR2, _VECTOR3, _QUATERNION, _COLOR = (dict.fromkeys(names, float) for names in ("xy", "xyz", "xyzw", "rgba"))
+_POSE: Shape = {"position": _VECTOR3, "orientation": _QUATERNION}
+_METADATA: Shape = {"metadata": [{"key": str, "value": str}]}
+# With our name for the frame of the laser, in addition to that of ``pose``.
+_LASER_SCAN: Shape = {
+    **_FRAME, "pose": _POSE, "start_angle": float, "end_angle": float, "ranges": [float], "intensities": [float],
+    "laser_frame_id": str,
+}  # fmt: skip
+# With our count of rows, which others know from the amount of data.
+_GRID: Shape = {
+    **_FRAME, "pose": _POSE, "column_count": int, "cell_size": _VECTOR2, "row_stride": int, "cell_stride": int,
+    "fields": [{"name": str, "offset": int, "type": int}], "data": Base64, "row_count": int,
+}  # fmt: skip
+_TRANSFORM: Shape = {
+    "timestamp": TIME, "parent_frame_id": str, "child_frame_id": str, "translation": _VECTOR3, "rotation": _QUATERNION,
+}  # fmt: skip
+TRANSFORMS: Shape = {"transforms": [_TRANSFORM]}
+_CIRCLE: Shape = {
+    "timestamp": TIME, "position": _VECTOR2, "diameter": float, "thickness": float, "fill_color": _COLOR,
+    "outline_color": _COLOR, **_METADATA,
+}  # fmt: skip
+_POINTS: Shape = {
+    "timestamp": TIME, "type": int, "points": [_VECTOR2], "outline_color": _COLOR, "outline_colors": [_COLOR],
+    "fill_color": _COLOR, "thickness": float, **_METADATA,
+}  # fmt: skip
+_TEXT: Shape = {
+    "timestamp": TIME, "position": _VECTOR2, "text": str, "font_size": float, "text_color": _COLOR,
+    "background_color": _COLOR, **_METADATA,
+}  # fmt: skip
+_ANNOTATIONS: Shape = {"timestamp": TIME, "circles": [_CIRCLE], "points": [_POINTS], "texts": [_TEXT], **_METADATA}
+_CALIBRATION: Shape = {
+    **_FRAME, "width": int, "height": int, "distortion_model": str, "D": [float], "K": [float], "R": [float],
+    "P": [float],
+}  # fmt: skip
+_LOG: Shape = {"timestamp": TIME, "level": int, "message": str, "name": str, "file": str, "line": int}
 
 
 class WellKnown(Value):
@@ -203,10 +82,10 @@ class WellKnown(Value):
     """
 
     name: str
-    shape: type[Any]
-    fill: Callable[[Any, Time], Mapping[str, Any]]
+    shape: Shape
+    fill: Callable[[Any, Time], Message]
     holds: frozenset[str] = frozenset()
-    restore: Callable[[dict[str, Any]], dict[str, Any]] = lambda _message: {}
+    restore: Callable[[Message], Message] = lambda _message: {}
 
 
 def time_of(utc_ns: int) -> Time:
@@ -215,7 +94,7 @@ def time_of(utc_ns: int) -> Time:
     return {"sec": seconds, "nsec": nanoseconds}
 
 
-def pose_of(pose: Pose2D | None) -> Pose:
+def pose_of(pose: Pose2D | None) -> Message:
     """Foxglove pose of a pose on the floor; the origin for None."""
     x_m, y_m, half_rad = (0.0, 0.0, 0.0) if pose is None else (pose.x_m, pose.y_m, pose.heading_rad / 2.0)
     half_rad = _finite(half_rad)
@@ -226,7 +105,7 @@ def pose_of(pose: Pose2D | None) -> Pose:
     }
 
 
-def transforms_of(value: Any, at: Time) -> FrameTransforms | None:
+def transforms_of(value: Any, at: Time) -> Message | None:
     """Coordinate frames known from this value: robot in the map, fixed camera on the robot."""
     match value:
         case sensing.RobotPose():
@@ -235,13 +114,13 @@ def transforms_of(value: Any, at: Time) -> FrameTransforms | None:
         case sensing.CameraLens() if not value.model.on_head:
             model = value.model
             x, y, z, w = map(_finite, model.optical_rotation())
-            position: Vector3 = {"x": _finite(model.x_m), "y": _finite(model.y_m), "z": _finite(model.z_m)}
-            rotation: Quaternion = {"x": x, "y": y, "z": z, "w": w}
+            position = {"x": _finite(model.x_m), "y": _finite(model.y_m), "z": _finite(model.z_m)}
+            rotation = {"x": x, "y": y, "z": z, "w": w}
             return {"transforms": [_transform(at, BASE, _optical_frame(value.camera), position, rotation)]}
     return None
 
 
-def _transform(at: Time, parent: str, child: str, translation: Vector3, rotation: Quaternion) -> FrameTransform:
+def _transform(at: Time, parent: str, child: str, translation: Message, rotation: Message) -> Message:
     return {
         "timestamp": at,
         "parent_frame_id": parent,
@@ -262,7 +141,7 @@ def _optical_frame(camera: str) -> str:
 # Scans
 
 
-def _fill_scan(scan: sensing.LaserScan, at: Time) -> LaserScan:
+def _fill_scan(scan: sensing.LaserScan, at: Time) -> Message:
     """Scan in the map at the time of measurement: a turning robot has moved on when its pose arrives."""
     frame, pose = scan.frame_id, None
     if scan.map_from_laser is not None:
@@ -282,7 +161,7 @@ def _fill_scan(scan: sensing.LaserScan, at: Time) -> LaserScan:
     }
 
 
-def _restore_scan(message: dict[str, Any]) -> dict[str, Any]:
+def _restore_scan(message: Message) -> Message:
     if "ranges" not in message:
         return {}
     return {
@@ -313,7 +192,7 @@ def _with_invalid(numbers: Any) -> Any:
 # The map
 
 
-def _fill_grid(grid: sensing.OccupancyGrid, at: Time) -> Grid:
+def _fill_grid(grid: sensing.OccupancyGrid, at: Time) -> Message:
     rows, columns = grid.cells.shape
     size_m = _finite(grid.resolution_m)
     return {
@@ -331,7 +210,7 @@ def _fill_grid(grid: sensing.OccupancyGrid, at: Time) -> Grid:
     }
 
 
-def _restore_grid(message: dict[str, Any]) -> dict[str, Any]:
+def _restore_grid(message: Message) -> Message:
     if "data" not in message:
         return {}
     shape = [message.get("row_count"), message.get("column_count")]
@@ -341,28 +220,28 @@ def _restore_grid(message: dict[str, Any]) -> dict[str, Any]:
 # Poses, cameras, people
 
 
-def _fill_pose(pose: sensing.RobotPose, at: Time) -> PoseInFrame:
+def _fill_pose(pose: sensing.RobotPose, at: Time) -> Message:
     return {"timestamp": at, "frame_id": MAP, "pose": pose_of(pose.pose_in_map)}
 
 
-_AHEAD: Quaternion = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+_AHEAD = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 
 
-def _fill_path(path: sensing.PlannedPath, at: Time) -> PosesInFrame:
+def _fill_path(path: sensing.PlannedPath, at: Time) -> Message:
     """Points of the path; orientations are unknown."""
     points: Any = _numbers(path.points_in_map)
-    poses: list[Pose] = [{"position": {"x": x, "y": y, "z": 0.0}, "orientation": _AHEAD} for x, y in points]
+    poses = [{"position": {"x": x, "y": y, "z": 0.0}, "orientation": _AHEAD} for x, y in points]
     return {"timestamp": at, "frame_id": MAP, "poses": poses}
 
 
-def _restore_path(message: dict[str, Any]) -> dict[str, Any]:
+def _restore_path(message: Message) -> Message:
     if "poses" not in message:
         return {}
     points = [_with_invalid([pose["position"]["x"], pose["position"]["y"]]) for pose in message["poses"]]
     return {"points_in_map": points}
 
 
-def _fill_lens(lens: sensing.CameraLens, at: Time) -> CameraCalibration:
+def _fill_lens(lens: sensing.CameraLens, at: Time) -> Message:
     model: CameraModel = lens.model
     fx, fy, cx, cy = map(_finite, (model.fx_px, model.fy_px, model.cx_px, model.cy_px))
     return {
@@ -378,13 +257,13 @@ def _fill_lens(lens: sensing.CameraLens, at: Time) -> CameraCalibration:
     }
 
 
-_OUTLINE: Color = {"r": 0.2, "g": 0.6, "b": 1.0, "a": 1.0}
-_NOTHING: Color = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
-_LETTERS: Color = {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0}
-_BEHIND: Color = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.6}
+_OUTLINE = {"r": 0.2, "g": 0.6, "b": 1.0, "a": 1.0}
+_NOTHING = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
+_LETTERS = {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0}
+_BEHIND = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.6}
 
 
-def _fill_people(people: sensing.People, at: Time) -> ImageAnnotations:
+def _fill_people(people: sensing.People, at: Time) -> Message:
     return {
         "timestamp": at,
         "circles": [],
@@ -394,7 +273,7 @@ def _fill_people(people: sensing.People, at: Time) -> ImageAnnotations:
     }
 
 
-def _box_around(box: sensing.PersonBox, at: Time) -> PointsAnnotation:
+def _box_around(box: sensing.PersonBox, at: Time) -> Message:
     left, top = _pixel(box.left_px), _pixel(box.top_px)
     right, bottom = _pixel(box.left_px + box.width_px), _pixel(box.top_px + box.height_px)
     return {
@@ -409,7 +288,7 @@ def _box_around(box: sensing.PersonBox, at: Time) -> PointsAnnotation:
     }
 
 
-def _label_of(box: sensing.PersonBox, at: Time) -> TextAnnotation:
+def _label_of(box: sensing.PersonBox, at: Time) -> Message:
     return {
         "timestamp": at,
         "position": {"x": _pixel(box.left_px), "y": _pixel(box.top_px)},
@@ -428,7 +307,7 @@ def _pixel(place_px: float) -> float:
 # Words
 
 
-def _fill_utterance(utterance: events.UtteranceChanged, at: Time) -> Log:
+def _fill_utterance(utterance: events.UtteranceChanged, at: Time) -> Message:
     """Log entry of an utterance, once at level info: at its start for speech, at its end for recognition. A recognition
     that is discarded is not a failure.
     """
@@ -442,30 +321,32 @@ def _fill_utterance(utterance: events.UtteranceChanged, at: Time) -> Log:
     return _log(at, level, utterance.text, utterance.speaker)
 
 
-def _fill_correction(corrected: events.UtteranceCorrected, at: Time) -> Log:
+def _fill_correction(corrected: events.UtteranceCorrected, at: Time) -> Message:
     changes = (corrected.text, corrected.speaker, corrected.person_id, *(corrected.tags or ()))
     has_times = corrected.start_ns is not None or corrected.end_ns is not None
     words = ", ".join(filter(None, changes)) or ("time of the utterance" if has_times else "not sure")
     return _log(at, _INFO, f"corrected: {words}", corrected.speaker or "")
 
 
-def _fill_problem(problem: events.Problem, at: Time) -> Log:
+def _fill_problem(problem: events.Problem, at: Time) -> Message:
     words = " ".join(part for part in (problem.what, problem.meaning, problem.advice) if part)
     return _log(at, _LEVELS.get(problem.severity, _ERROR), words, "console")
 
 
-def _log(at: Time, level: int, message: str, name: str) -> Log:
+def _log(at: Time, level: int, message: str, name: str) -> Message:
     return {"timestamp": at, "level": level, "message": message, "name": name, "file": "", "line": 0}
 
 
 LASER_SCAN = WellKnown(
-    "foxglove.LaserScan", LaserScan, _fill_scan, frozenset({"frame_id", "ranges_m", "intensities"}), _restore_scan
+    "foxglove.LaserScan", _LASER_SCAN, _fill_scan, frozenset({"frame_id", "ranges_m", "intensities"}), _restore_scan
 )
-GRID = WellKnown("foxglove.Grid", Grid, _fill_grid, frozenset({"cells"}), _restore_grid)
-POSE = WellKnown("foxglove.PoseInFrame", PoseInFrame, _fill_pose)
-PATH = WellKnown("foxglove.PosesInFrame", PosesInFrame, _fill_path, frozenset({"points_in_map"}), _restore_path)
-CALIBRATION = WellKnown("foxglove.CameraCalibration", CameraCalibration, _fill_lens)
-ANNOTATIONS = WellKnown("foxglove.ImageAnnotations", ImageAnnotations, _fill_people)
-UTTERANCE_LOG = WellKnown("foxglove.Log", Log, _fill_utterance)
-CORRECTION_LOG = WellKnown("foxglove.Log", Log, _fill_correction)
-PROBLEM_LOG = WellKnown("foxglove.Log", Log, _fill_problem)
+GRID = WellKnown("foxglove.Grid", _GRID, _fill_grid, frozenset({"cells"}), _restore_grid)
+POSE = WellKnown("foxglove.PoseInFrame", {**_FRAME, "pose": _POSE}, _fill_pose)
+PATH = WellKnown(
+    "foxglove.PosesInFrame", {**_FRAME, "poses": [_POSE]}, _fill_path, frozenset({"points_in_map"}), _restore_path
+)
+CALIBRATION = WellKnown("foxglove.CameraCalibration", _CALIBRATION, _fill_lens)
+ANNOTATIONS = WellKnown("foxglove.ImageAnnotations", _ANNOTATIONS, _fill_people)
+UTTERANCE_LOG = WellKnown("foxglove.Log", _LOG, _fill_utterance)
+CORRECTION_LOG = WellKnown("foxglove.Log", _LOG, _fill_correction)
+PROBLEM_LOG = WellKnown("foxglove.Log", _LOG, _fill_problem)

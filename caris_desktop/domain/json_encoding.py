@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from caris_desktop.domain.foxglove import FrameTransforms, Time, time_of, transforms_of
+from caris_desktop.domain.foxglove import TRANSFORMS, Shape, Time, time_of, transforms_of
 from caris_desktop.domain.schema import from_jsonable, json_schema, require_recordable, shape_schema, to_jsonable
 from caris_desktop.domain.sensing import CameraLens, RobotPose
 from caris_desktop.domain.streams import STREAMS, StreamSpec, spec_of_topic
@@ -28,13 +28,13 @@ class DerivedChannel(Value):
 
     topic: str
     schema_name: str
-    shape: type[Any]
+    shape: Shape
     of: tuple[type[Any], ...]
     make: Callable[[Any, Time], Any | None]
 
 
 DERIVED: tuple[DerivedChannel, ...] = (
-    DerivedChannel("/tf", "foxglove.FrameTransforms", FrameTransforms, (RobotPose, CameraLens), transforms_of),
+    DerivedChannel("/tf", "foxglove.FrameTransforms", TRANSFORMS, (RobotPose, CameraLens), transforms_of),
 )
 DERIVED_TOPICS = frozenset(channel.topic for channel in DERIVED)
 

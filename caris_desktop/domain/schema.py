@@ -101,11 +101,6 @@ def json_schema(value_type: type[Any]) -> dict[str, Any]:
     return schema
 
 
-def shape_schema(kind: Any) -> dict[str, Any]:
-    """JSON Schema of a type: a dataclass, a TypedDict, or a type of their fields."""
-    return _schema(kind)
-
-
 def _as_it_is(data: Any) -> Any:
     return data
 
@@ -350,7 +345,13 @@ _GRID_SCHEMA = {
 _PRIMITIVES = {int: "integer", float: "number", str: "string", bool: "boolean"}
 
 
-def _schema(kind: Any) -> dict[str, Any]:
+def shape_schema(kind: Any) -> dict[str, Any]:
+    """JSON Schema of a type: a dataclass, a type of its fields, a list with one, or a dict with those of its keys."""
+    if isinstance(kind, dict):
+        properties = {name: shape_schema(each) for name, each in kind.items()}
+        return {"type": "object", "properties": properties, "required": list(kind)}
+    if isinstance(kind, list):
+        return {"type": "array", "items": shape_schema(kind[0])}
     kind = without_alias(kind)
     origin, arguments = get_origin(kind), get_args(kind)
     if kind in _PRIMITIVES:
@@ -361,20 +362,16 @@ def _schema(kind: Any) -> dict[str, Any]:
         return {}
     if kind is Base64:
         return {"type": "string", "contentEncoding": "base64"}
-    if typing.is_typeddict(kind):
-        hints = typing.get_type_hints(kind)
-        properties = {name: _schema(hint) for name, hint in hints.items()}
-        return {"type": "object", "properties": properties, "required": list(hints)}
     if kind is type(None):
         return {"type": "null"}
     if origin is Literal:
         return {"type": "string", "enum": list(arguments)}
     if members := union_members(kind):
-        return {"anyOf": [_schema(member) for member in members]}
+        return {"anyOf": [shape_schema(member) for member in members]}
     if origin in (tuple, list):
-        return {"type": "array", "items": _schema(_only_item(kind))}
+        return {"type": "array", "items": shape_schema(_only_item(kind))}
     if origin is dict and arguments[0] is str:
-        return {"type": "object", "additionalProperties": _schema(arguments[1])}
+        return {"type": "object", "additionalProperties": shape_schema(arguments[1])}
     if dtype := array_dtype(kind):
         return (
             {"type": "array", "items": {"anyOf": [{"type": ["number", "null"]}, {"const": _NAN}]}}
@@ -397,7 +394,7 @@ def _schema(kind: Any) -> dict[str, Any]:
 
 
 def _field_schema(field: "dataclasses.Field[Any]", kind: Any) -> dict[str, Any]:
-    schema = _schema(kind)
+    schema = shape_schema(kind)
     if schema.get("type") == "array":
         # Arrays of more than one dimension are nested lists.
         for _ in field.metadata.get("shape", ())[1:]:
