@@ -5,7 +5,7 @@ tolerated: the text contains them, their messages give line and place, and only 
 """
 
 from collections.abc import Callable, Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +66,7 @@ class _State:
     def __init__(self, data: dict[str, Any], write: Callable[[], str], unreadable: Mistake | None = None) -> None:
         self.data = data
         self.unreadable = unreadable
+        self.mistakes: tuple[Mistake, ...] | None = None if unreadable is None else (unreadable,)
         self._write = write
 
     @cached_property
@@ -100,11 +101,7 @@ class ScenarioDocument:
         self._state = state
         self._undone: list[UndoStep] = []
         self._done: list[UndoStep] = []
-        self._lines: tuple[str, LocatedData] | None = None
-        self._checked: tuple[_State, tuple[Mistake, ...]] | None = None
         self._without_mistakes: _State | None = None
-        self._valid: Scenario | None = None
-        self._valid_state: _State | None = None
 
     # ---- what it says
 
@@ -161,37 +158,24 @@ class ScenarioDocument:
     @property
     def mistakes(self) -> tuple[Mistake, ...]:
         """All mistakes that block saving, by line."""
-        if self._checked is None or self._checked[0] is not self._state:
-            self._checked = (self._state, self._found_mistakes())
-            if not self._checked[1]:
-                self._without_mistakes = self._state
-        return self._checked[1]
-
-    def _found_mistakes(self) -> tuple[Mistake, ...]:
-        if self.unreadable is not None:
-            return (self.unreadable,)
-        found = [
-            Mistake(path, self.line_of(path), message) for path, message in mistakes(self.data, self._velocity_topic_of)
-        ]
-        return tuple(sorted(found, key=lambda mistake: mistake.line))
+        state = self._state
+        if state.mistakes is None:
+            found = [(self.line_of(path), path, text) for path, text in mistakes(self.data, self._velocity_topic_of)]
+            found.sort(key=lambda mistake: mistake[0])
+            state.mistakes = tuple(Mistake(path, line, message) for line, path, message in found)
+        if not state.mistakes:
+            self._without_mistakes = state
+        return state.mistakes
 
     @property
     def scenario(self) -> Scenario | None:
         """Last version without a mistake; None if there is none."""
         meant = self._state if not self.mistakes else self._without_mistakes
-        if meant is not None and meant is not self._valid_state:
-            self._valid = value_from(Scenario, migrate(meant.data))
-            self._valid_state = meant
-        return self._valid
+        return None if meant is None else _scenario_of(meant)
 
     def line_of(self, path: KeyPath) -> int:
         """First line of that place, or of the part that contains it."""
-        if self._lines is None or self._lines[0] != self.text:
-            try:
-                self._lines = (self.text, quick_data(self.text))
-            except YamlSourceError:
-                self._lines = (self.text, LocatedData({}))
-        return self._lines[1].line_of(path)
+        return _located(self.text).line_of(path)
 
     def differences(self) -> tuple[Difference, ...]:
         """Changes since the last save."""
@@ -478,6 +462,20 @@ class ScenarioDocument:
             return None
         text = left[text_key(group)]
         return text if isinstance(text, str) else None
+
+
+@lru_cache(maxsize=1)
+def _scenario_of(state: _State) -> Scenario:
+    scenario: Scenario = value_from(Scenario, migrate(state.data))
+    return scenario
+
+
+@lru_cache(maxsize=1)
+def _located(text: str) -> LocatedData:
+    try:
+        return quick_data(text)
+    except YamlSourceError:
+        return LocatedData({})
 
 
 def _says(text: str, data: dict[str, Any]) -> bool:

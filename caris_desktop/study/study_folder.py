@@ -155,14 +155,8 @@ def load_last_details(folder: StudyFolder) -> TrialDetails:
     if not isinstance(data, Mapping):
         _log.warning("%s is ignored: no trial details in it", folder.last_details)
         return TrialDetails()
-    known = {field.name for field in fields(TrialDetails)}
-    return TrialDetails(
-        **{
-            key: value[:_MAX_DETAIL_CHARACTERS]
-            for key, value in data.items()
-            if key in known and isinstance(value, str)
-        }
-    )
+    texts = {field.name: data.get(field.name) for field in fields(TrialDetails)}
+    return TrialDetails(**{key: text[:_MAX_DETAIL_CHARACTERS] for key, text in texts.items() if isinstance(text, str)})
 
 
 def save_last_details(folder: StudyFolder, details: TrialDetails) -> None:

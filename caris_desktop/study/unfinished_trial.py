@@ -9,11 +9,13 @@ import json
 import logging
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.schema import from_jsonable, to_jsonable
 from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
@@ -41,12 +43,7 @@ def save_unfinished(folder: Path, trial: UnfinishedTrial) -> None:
     import psutil  # not needed by the first window or without a recording
 
     own = psutil.Process()
-    data = {
-        "session": str(trial.session), "scenario": trial.scenario, "robot": trial.robot,
-        "people": list(trial.people[:_MOST_PEOPLE]), "attended": trial.attended,
-        "step": trial.step,
-        "began": own.create_time(),
-    }  # fmt: skip
+    data = to_jsonable(replace(trial, people=trial.people[:_MOST_PEOPLE])) | {"began": own.create_time()}
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     replace_file(folder / f"{own.pid}.json", json.dumps(data).encode(), durable=True)
 
@@ -68,8 +65,11 @@ def take_newest(folder: Path, study: Path) -> UnfinishedTrial | None:
         data, written_s = _read(path)
         if data is not None and _runs(path.stem, data.get("began")):
             continue
-        trial = None if data is None else _trial(data)
-        if data is None or trial is None or not trial.session.is_dir():
+        try:
+            trial = from_jsonable(UnfinishedTrial, data)
+        except ValueError:
+            trial = None
+        if trial is None or not trial.session.is_dir():
             path.unlink(missing_ok=True)
             continue
         if not trial.session.resolve().is_relative_to(study.resolve()):
@@ -102,15 +102,3 @@ def _runs(pid: str, began: object) -> bool:
         return False
     except psutil.AccessDenied:
         return True
-
-
-def _trial(data: Mapping[str, Any]) -> UnfinishedTrial | None:
-    texts = {key: data.get(key) for key in ("session", "scenario", "robot", "attended")}
-    people, step = data.get("people"), data.get("step")
-    if not (all(isinstance(text, str) for text in texts.values()) and isinstance(people, list)):
-        return None
-    return UnfinishedTrial(
-        Path(str(texts["session"])), str(texts["scenario"]), str(texts["robot"]),
-        tuple(person for person in people if isinstance(person, str)), str(texts["attended"]),
-        step if isinstance(step, str) else "",
-    )  # fmt: skip
