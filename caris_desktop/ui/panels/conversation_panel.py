@@ -74,7 +74,7 @@ class ConversationPanel(Panel):
         self._search.hide()
         # Autonomy levels apply to the language model only.
         levels = context.console.scenario.permissions.assistant and context.console.scenario.assisted
-        self._title_widgets = [LevelsButton(context), self._find] if levels else [self._find]
+        self._title_widgets: list[QWidget] = [LevelsButton(context), self._find] if levels else [self._find]
         under_newest = layouts.vbox(margins_px=(14, 0, 14, 0), spacing_px=6)
         assisted = context.console.scenario.assisted
         self._could_follow: list[SuggestionCards | ProposalCard] = []
