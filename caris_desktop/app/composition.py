@@ -56,7 +56,13 @@ from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_c
 from caris_desktop.perception.inference_settings import DetectorSettings, InferenceSettings
 from caris_desktop.perception.weights import DetectorChoice
 from caris_desktop.recording.recorder.expected_size import expected_bytes_per_hour
-from caris_desktop.recording.recorder.recorder_messages import SessionHeader
+from caris_desktop.recording.session.session_header import (
+    RecordedRobot,
+    RecordedScenario,
+    SessionError,
+    SessionHeader,
+    read_header,
+)
 from caris_desktop.robot.link import LinkSettings
 from caris_desktop.robot.profile import ProfileError, leaves_ros_open, list_profiles, load_profile, with_ros
 from caris_desktop.ros.dialect import Dialect
@@ -511,17 +517,13 @@ def _no_robot_to_practise_on(_actor: Actor) -> None:
 
 def details_of_session(folder: Path) -> TrialDetails:
     """Trial details of a session; empty if its header is unreadable."""
-    # A starting window does not need the session reader.
-    from caris_desktop.recording.session.session_header import SessionError, read_header
-
     try:
-        trial = read_header(folder).get("trial")
+        trial = read_header(folder).trial
     except SessionError as error:
         _log.warning("%s", error)
         return TrialDetails()
     known = {field.name for field in fields(TrialDetails)}
-    recorded = trial if isinstance(trial, dict) else {}
-    return TrialDetails(**{key: text for key, text in recorded.items() if key in known and isinstance(text, str)})
+    return TrialDetails(**{key: text for key, text in trial.items() if key in known})
 
 
 def _new_session(
@@ -532,13 +534,10 @@ def _new_session(
     if replace(details, recording="") != TrialDetails():
         save_last_details(study, details)
     return folder, SessionHeader(
-        anchor=ClockAnchor.take(),
+        ClockAnchor.take(),
         program_version=__version__,
-        scenario_title=scenario.title,
-        scenario_file=scenario.path.name if scenario.path else "",
-        scenario_sha256=scenario.sha256,
-        robot_profile=robot.name if robot else "",
-        robot_address=robot.address if robot else "",
+        scenario=RecordedScenario(scenario.title, scenario.path.name if scenario.path else "", scenario.sha256),
+        robot=RecordedRobot(robot.name, robot.address) if robot else RecordedRobot(),
         trial=asdict(details),
         software=_software(),
         settings={

@@ -46,8 +46,7 @@ def read_back(folder: Path, exports: Path) -> ReadBack:
 
 def _missing(session: Session, read: Counter[str]) -> list[str]:
     """Streams with more or fewer values in the record than the recorder counted."""
-    counts = session.header.get("counts")
-    counted = Counter({str(name): int(count) for name, count in (counts or {}).items() if name in BY_NAME})
+    counted = Counter({name: count for name, count in session.header.counts.items() if name in BY_NAME})
     if not counted:
         return ["The recorder counted no values, so it is unknown whether the recording is complete."]
     return [

@@ -211,7 +211,7 @@ class ReplayConsole(QObject):
         self._parts = parts
         self._session = session
         # A bag of another program has unknown places; those of the default scenario would be wrong.
-        foreign = isinstance(session.header.get("source"), dict)
+        foreign = bool(session.header.source)
         self._stand_in = replace(parts.start_scenario, places=()) if foreign else parts.start_scenario
         self._scenario = self._stand_in
         # Scenario as in its file, without the wizard's layout.
@@ -280,7 +280,7 @@ class ReplayConsole(QObject):
                 else tr("Part of this session is missing."),
                 " ".join(map(tr, notices)),
                 tr("The remaining data is shown. Data found by a repair is saved in the session's folder 'recovered'.")
-                if session.repairs
+                if session.header.repairs
                 else tr("The remaining data is shown. If there is a copy of the session, restore the files from it."),
             )
 

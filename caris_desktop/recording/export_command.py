@@ -5,11 +5,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.session.manifest import verify_manifest
-from caris_desktop.recording.session.missing_data import missing_values, missing_words, recorded_losses
-from caris_desktop.recording.session.session_header import SessionError, read_header
+from caris_desktop.recording.session.missing_data import missing_values, missing_words
+from caris_desktop.recording.session.session_header import SessionError, read_header, reading
 from caris_desktop.recording.session.session_reader import RECOVERED
 from caris_desktop.recording.session_export import (
     BY_FORMAT,
@@ -127,12 +126,8 @@ def _verify(sessions: Sequence[Path]) -> list[str]:
 def _losses_since_closed(folder: Path) -> tuple[str, ...]:
     try:
         header = read_header(folder)
+        with reading(folder / "events.mcap"):
+            missing = missing_words(header, missing_values(folder, header))
     except SessionError as error:
         return (str(error),)
-    try:
-        missing = missing_words(header, missing_values(folder, header))
-    except OSError as error:
-        return (
-            localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / "events.mcap", why=error.strerror),
-        )
-    return missing if header.get("reason") == RECOVERED else (*recorded_losses(header), *missing)
+    return missing if header.reason == RECOVERED else (*header.losses, *missing)

@@ -21,7 +21,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.annotation_store import annotation_files, load_documents
-from caris_desktop.recording.session.session_header import SessionError, read_header
+from caris_desktop.recording.session.session_header import HEADER_NAME, SessionError, header_of, read_header
 from caris_desktop.recording.session.session_reader import Session
 
 _log = logging.getLogger(__name__)
@@ -87,10 +87,10 @@ def pseudonymised(session: Session, of: Pseudonyms) -> Session:
     def scrub(content: bytes) -> bytes:
         return without_actors(without_addresses(content))
 
-    header = json.loads(scrub(json.dumps(session.header).encode()))
-    trial = header.get("trial")
-    if isinstance(trial, dict) and trial.get("wizard"):
-        trial["wizard"] = of.wizard(str(trial["wizard"]))
+    content = json.loads(scrub(json.dumps(session.header.to_json()).encode()))
+    header = header_of(content, session.folder / HEADER_NAME)
+    if header.trial.get("wizard"):
+        header = replace(header, trial={**header.trial, "wizard": of.wizard(header.trial["wizard"])})
     return replace(session, header=header, scrub=scrub, coder_name=of.coder, wizard_name=of.wizard)
 
 
@@ -106,9 +106,7 @@ def _key(name: str) -> str:
 
 def _scrubber(session: Session) -> Callable[[bytes], bytes]:
     """Replace robot addresses by the profile name in JSON and text."""
-    robot = session.header.get("robot")
-    entry = robot if isinstance(robot, dict) else {}
-    chosen = [(str(entry.get("profile") or ""), str(entry.get("address") or ""))]
+    chosen = [(session.header.robot.profile, session.header.robot.address)]
     chosen += [(event.name, event.address) for _, event in session.values(BY_TYPE[RobotChosen].name)]
     profiles = [name for name, _ in chosen if name and "://" not in name]
     default = json.dumps(profiles[0] if profiles else _ROBOT)[1:-1].encode()
@@ -191,12 +189,9 @@ def _wizards_of(folders: Iterable[Path]) -> list[str]:
     for folder in folders:
         try:
             header = read_header(folder)
-            trial = header.get("trial")
-            at_ns = int(header["clock"]["utc_ns"]) - int(header["clock"]["monotonic_ns"]) + int(header["started_ns"])
-        except (SessionError, KeyError, TypeError, ValueError):
+        except SessionError:
             continue
-        if isinstance(trial, dict):
-            found.append((at_ns, str(trial.get("wizard") or "").strip()))
+        found.append((header.clock.utc_ns_at(header.started_ns), header.trial.get("wizard", "").strip()))
     return [name for _, name in sorted(found)]
 
 

@@ -22,7 +22,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, 
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonymised, pseudonyms_of
-from caris_desktop.recording.session.missing_data import lost_values, missing_words
+from caris_desktop.recording.session.missing_data import missing_words
 from caris_desktop.recording.session.session_header import is_session
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 
@@ -236,7 +236,7 @@ def export_all(
         report(0.0, localized("{session}", session=folder.absolute().name))  # a name, not a translatable text
         try:
             session = _opened(folder, pseudonyms)
-            damaged = missing_words(session.header, Counter(session.lost) - Counter(lost_values(session.header)))
+            damaged = missing_words(session.header, Counter(session.lost) - Counter(session.header.lost))
             problems += [_message_for(folder.name, loss) for loss in damaged]
             sentences = [each for each in dict.fromkeys((*session.notices, *session.losses)) if each not in damaged]
             notices += [_message_for(folder.name, sentence) for sentence in sentences]

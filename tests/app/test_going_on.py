@@ -101,7 +101,7 @@ def test_a_killed_program_offers_to_continue_and_records_nothing_before_all_is_c
     assert console.close() == 0
 
     assert second != first
-    trials = [read_header(folder)["trial"] for folder in (first, second)]
+    trials = [read_header(folder).trial for folder in (first, second)]
     assert trials[0]["participant"] == trials[1]["participant"] == "P1"
     assert trials[1]["recording"] == "2"
     happened = [value for _, value in open_session(second).values()]

@@ -32,9 +32,10 @@ from caris_desktop.live.status import AssistantStatus
 from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.recording.foreign.bag_import import ImportReport
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
-from caris_desktop.recording.recorder.recorder_messages import SessionHeader, StartRecording
+from caris_desktop.recording.recorder.recorder_messages import StartRecording
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder
 from caris_desktop.recording.replay.video_reader import VideoReader
+from caris_desktop.recording.session.session_header import SessionHeader
 from caris_desktop.recording.session.session_reader import SessionError, open_session
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import scenario_text
@@ -60,7 +61,7 @@ def _record(folder: Path, timed: Sequence[tuple[float, Callable[[int], Any]]]) -
     """Record a session of a minute; returns its start."""
     begin_ns = clock.now_ns()
     folder.parent.mkdir(exist_ok=True)
-    start = StartRecording(folder, SessionHeader(ClockAnchor.take(), "0.test"))
+    start = StartRecording(folder, SessionHeader(ClockAnchor.take(), program_version="0.test"))
     recorder = SessionRecorder(
         start, frames=FrameRings(()), report=lambda _: None, limits=DiskLimits(reserve_bytes=4096)
     )

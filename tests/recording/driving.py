@@ -24,11 +24,11 @@ from caris_desktop.recording.recorder.disk_watch import DiskLimits
 from caris_desktop.recording.recorder.recorder_messages import (
     ARRIVED,
     RecorderReport,
-    SessionHeader,
     StartRecording,
     StopRecording,
 )
 from caris_desktop.recording.recorder.recorder_process import run_recorder
+from caris_desktop.recording.session.session_header import RecordedScenario, SessionHeader
 
 SPAWN = multiprocessing.get_context("spawn")
 
@@ -110,9 +110,9 @@ class RecorderUnderTest:
 
 def header(**fields: Any) -> SessionHeader:
     return SessionHeader(
-        anchor=ClockAnchor.take(),
+        clock=ClockAnchor.take(),
         program_version="0.test",
-        **{"scenario_title": "Tour guide", "trial": {"participant": "P07", "condition": "B"}, **fields},
+        **{"scenario": RecordedScenario("Tour guide"), "trial": {"participant": "P07", "condition": "B"}, **fields},
     )
 
 

@@ -23,7 +23,7 @@ from caris_desktop.domain.sensing import (
     StatusShown,
     ThingBox,
 )
-from caris_desktop.recording.recorder.recorder_messages import SessionHeader
+from caris_desktop.recording.session.session_header import RecordedScenario, SessionHeader
 from tests.recording.session.test_session_reader import record
 
 S = 1_000_000_000
@@ -36,9 +36,9 @@ def make_session(
     """Record the values that ``values_from`` creates for the start time, and return that time."""
     begin_ns = clock.now_ns()
     header = SessionHeader(
-        anchor=ClockAnchor.take(),
+        clock=ClockAnchor.take(),
         program_version="0.test",
-        scenario_title="Tour guide",
+        scenario=RecordedScenario("Tour guide"),
         trial=trial or {"participant": "P07", "condition": "B", "trial": "2"},
     )
     record(folder, list(values_from(begin_ns)), head=header)

@@ -19,7 +19,6 @@ from caris_desktop.recording.foreign.bag_import import import_bag
 from caris_desktop.recording.photo_file import PhotoFileError, previews
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
-from caris_desktop.recording.session.missing_data import lost_values
 from caris_desktop.recording.session.session_header import SessionError
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportError, export_session
@@ -87,7 +86,6 @@ def test_no_mutation_of_a_session_does_harm(request: pytest.FixtureRequest, sess
             opened = open_session(copy)
             for _ in opened.values():
                 pass
-            lost_values(opened.header)
             SessionTimeline(opened).between(opened.started_ns, opened.started_ns + 1_000_000_000)
             with VideoReader(opened) as videos:
                 for camera in ("front", "rear"):

@@ -30,13 +30,13 @@ from caris_desktop.recording.recorder.recorder_messages import (
     OfferMarkers,
     PauseRecording,
     RecorderReport,
-    SessionHeader,
     SetRecordingPermissions,
     StartRecording,
     StopRecording,
     TakePhoto,
     UseConsents,
 )
+from caris_desktop.recording.session.session_header import SessionHeader
 from caris_desktop.scenario.scenario_model import Scenario
 
 _log = logging.getLogger(__name__)

@@ -28,7 +28,7 @@ from caris_desktop.live.services.suggestions_service import SuggestionsService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording
-from caris_desktop.recording.recorder.recorder_messages import SessionHeader
+from caris_desktop.recording.session.session_header import SessionHeader
 from caris_desktop.scenario.scenario_model import Scenario
 
 

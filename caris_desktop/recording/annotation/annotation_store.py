@@ -28,7 +28,7 @@ from caris_desktop.recording.annotation.annotation_editing import (
 )
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.coding_file import FORMAT_VERSION, CodedInterval, CodedTier, Coding
-from caris_desktop.recording.session.session_header import SessionError, read_header, times_of
+from caris_desktop.recording.session.session_header import SessionError, read_header
 
 _FOLDER = "annotations"
 _MAX_FILE_MB = 64
@@ -96,10 +96,10 @@ def annotation_files(folder: Path) -> tuple[Path, ...]:
 
 def _duration_ms(folder: Path) -> int:
     try:
-        times = times_of(read_header(folder), folder)
+        header = read_header(folder)
     except SessionError:
         return 0
-    return 0 if times.ended_ns is None else max(0, -(-(times.ended_ns - times.clock.started_ns) // 1_000_000))
+    return 0 if header.ended_ns is None else max(0, -(-(header.ended_ns - header.started_ns) // 1_000_000))
 
 
 def _path_of(folder: Path, coder: str) -> Path:

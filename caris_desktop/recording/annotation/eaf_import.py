@@ -32,6 +32,7 @@ from caris_desktop.recording.annotation.annotation_model import (
     VocabularyEntry,
 )
 from caris_desktop.recording.annotation.annotation_store import file_content
+from caris_desktop.recording.session.session_header import SessionHeader
 
 PROPERTY = "caris-desktop"  # property with the exporter's notes on data that ELAN has no field for
 _MOST_ELEMENTS = 2_000_000
@@ -62,18 +63,11 @@ def read_eaf(path: Path, *, coder: str = "", media_began_ms: Mapping[str, int] |
         raise AnnotationError(QT_TR_NOOP("{file} cannot be imported. {error}"), file=path.name, error=error) from error
 
 
-def media_began_ms_of(header: Mapping[str, Any]) -> dict[str, int]:
-    """Start of each video and audio file of a session by name, in ms from the session start, from ``session.json``."""
-    began_ms: dict[str, int] = {}
-    for key in ("videos", "audio"):
-        rows = header.get(key)
-        for row in rows if isinstance(rows, list) else []:
-            try:
-                began_ns = int(row["first_stamp_ns"]) - int(header["started_ns"])
-                began_ms[str(row["file_name"])] = round(began_ns / 1e6)
-            except (KeyError, TypeError, ValueError) as error:
-                _log.warning("a file in the list of %s is left out: %r", key, error)
-    return began_ms
+def media_began_ms_of(header: SessionHeader) -> dict[str, int]:
+    """Start of each video and audio file of a session by name, in ms from the session start."""
+    first_ns = {one.file_name: one.first_stamp_ns for one in header.videos}
+    first_ns |= {one.file_name: one.first_stamp_ns for one in header.audio}
+    return {name: round((stamp_ns - header.started_ns) / 1e6) for name, stamp_ns in first_ns.items()}
 
 
 @dataclass(frozen=True, slots=True)

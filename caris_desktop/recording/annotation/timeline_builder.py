@@ -85,10 +85,8 @@ def _mark_text(mark: FinalMark) -> str:
 
 
 def _cameras(session: Session) -> tuple[str, ...]:
-    videos = session.header.get("videos")
-    rows = [row for row in videos if isinstance(row, dict)] if isinstance(videos, list) else []
-    cameras = [str(row.get("camera", "")) for row in rows if (session.folder / str(row.get("file_name"))).is_file()]
-    return tuple(dict.fromkeys(camera for camera in cameras if camera))
+    there = (video.camera for video in session.header.videos if (session.folder / video.file_name).is_file())
+    return tuple(dict.fromkeys(camera for camera in there if camera))
 
 
 class _Speed:

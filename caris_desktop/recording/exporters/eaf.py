@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 from xml.etree import ElementTree
 
@@ -226,7 +225,7 @@ def _annotation_ids(document: AnnotationDocument) -> dict[str, str]:
 
 
 def _media(session: Session, out: Path, progress: Callable[[float], None]) -> Iterator[LinkedMedia]:
-    videos = [row for row in _rows(session.header.get("videos")) if _is_ours(session, row.get("file_name"))]
+    videos = [video for video in session.header.videos if _is_ours(session, video.file_name)]
     blocks: dict[str, list[tuple[int, int, int, int]]] = {}
     for _, value in session.values("audio"):
         if isinstance(value, AudioBlock) and _is_ours(session, value.file_name) and value.sample_rate_hz > 0:
@@ -234,27 +233,21 @@ def _media(session: Session, out: Path, progress: Callable[[float], None]) -> It
                 (value.stamp_ns, value.first_sample, value.sample_count, value.sample_rate_hz)
             )
     count = len(videos) + len(blocks)
-    for number, row in enumerate(videos):
-        first_ns = row.get("first_stamp_ns")
-        if isinstance(first_ns, int) and abs(first_ns) < 2**63:
+    for number, video in enumerate(videos):
 
-            def report(fraction: float, number: int = number) -> None:
-                progress((number + fraction) / count)
+        def report(fraction: float, number: int = number) -> None:
+            progress((number + fraction) / count)
 
-            linked = _video(session, str(row["file_name"]), first_ns, out, report)
-            yield replace(linked, note=f"{linked.note} {moments_words(row)}")
+        linked = _video(session, video.file_name, video.first_stamp_ns, out, report)
+        yield replace(linked, note=f"{linked.note} {moments_words(video)}")
     for number, (name, its_blocks) in enumerate(blocks.items(), start=len(videos)):
         progress(number / count)
         yield _sound(session, name, its_blocks, out)
 
 
-def _rows(videos: Any) -> list[dict[str, Any]]:
-    return [row for row in videos if isinstance(row, dict)] if isinstance(videos, list) else []
-
-
-def _is_ours(session: Session, name: Any) -> bool:
+def _is_ours(session: Session, name: str) -> bool:
     """True for a plain file in the session's folder: header fields are untrusted."""
-    if not isinstance(name, str) or not _PLAIN_NAME.fullmatch(name):
+    if not _PLAIN_NAME.fullmatch(name):
         return False
     path = session.folder / name
     try:

@@ -162,10 +162,8 @@ def _facts(facts: SessionData) -> list[tuple[str, str]]:
     session, trial = facts.session, facts.session.trial
     head = session.header
     robots = facts.of(RobotChosen)
-    robot_head = head.get("robot") if isinstance(head.get("robot"), dict) else {}
-    scenario_head = head.get("scenario") if isinstance(head.get("scenario"), dict) else {}
-    robot = (robots[-1].title or robots[-1].name) if robots else str((robot_head or {}).get("profile") or "")
-    title = _scenarios(facts) or str((scenario_head or {}).get("title") or "")
+    robot = (robots[-1].title or robots[-1].name) if robots else head.robot.profile
+    title = _scenarios(facts) or head.scenario.title
     listed = [
         ("When", when_text(session)),
         ("Participant", trial.get("participant", "")),
@@ -178,7 +176,7 @@ def _facts(facts: SessionData) -> list[tuple[str, str]]:
         ("Robot", robot),
         ("Checked before", _checked(facts)),
         ("Session", session.folder.name),
-        ("Program", f"CARIS Desktop {head.get('program_version', '')}".strip()),
+        ("Program", f"CARIS Desktop {head.program_version}".strip()),
     ]
     return [(name, value) for name, value in listed if value]
 

@@ -372,10 +372,9 @@ class _Writer:
         ]
         of_pandas = json.dumps({"index_columns": ["task"], "column_indexes": [], "columns": columns})
         write_table(tasks.replace_schema_metadata({"pandas": of_pandas}), self._new("meta/tasks.parquet"))
-        robot = self._session.header.get("robot")
         info = {
             "codebase_version": "v3.0",
-            "robot_type": str(robot.get("profile", "")) if isinstance(robot, dict) else None,
+            "robot_type": self._session.header.robot.profile,
             "total_episodes": len(records),
             "total_frames": records[-1]["dataset_to_index"],
             "total_tasks": len(self._tasks),

@@ -16,7 +16,6 @@ from caris_desktop.domain.events import (
     ScenarioOpened,
 )
 from caris_desktop.domain.streams import spec_of_topic
-from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.exporters.methods_words import distinct
 from caris_desktop.recording.measures.session_measures import Measures, ModelUse, measure, read_facts
@@ -25,7 +24,7 @@ from caris_desktop.recording.session.responses import Response
 from caris_desktop.recording.session.robot_clock_mapping import ClockSummary, robot_clock
 from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
 from caris_desktop.recording.session.session_checks import Preflight, preflight_of
-from caris_desktop.recording.session.session_header import SessionError, read_header
+from caris_desktop.recording.session.session_header import SessionError, read_header, reading
 from caris_desktop.recording.session.session_protocol import StepRecord
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.studies.study_index import session_folders
@@ -61,12 +60,11 @@ def read_known(session: Session, progress: Callable[[float], None]) -> KnownSess
     opened, chosen = facts.of(ScenarioOpened), facts.of(RobotChosen)
     head = session.header
     robots = [event.title or event.name for event in chosen]
-    if not robots and isinstance(head.get("robot"), dict) and head["robot"].get("profile"):
-        robots = [str(head["robot"]["profile"])]
+    if not robots and head.robot.profile:
+        robots = [head.robot.profile]
     scenarios = [read_scenario(event) for event in opened]
-    if not scenarios and isinstance(head.get("scenario"), dict) and head["scenario"].get("title"):
-        of = head["scenario"]
-        scenarios = [ScenarioText(str(of["title"]), str(of.get("file", "")), str(of.get("sha256", "")))]
+    if not scenarios and head.scenario.title:
+        scenarios = [ScenarioText(head.scenario.title, head.scenario.file, head.scenario.sha256)]
     rare = [value for _, value in session.values("event/head_moved", "event/control_used")]
     anchor = session.clock.anchor
     return KnownSession(
@@ -92,12 +90,8 @@ def read_known(session: Session, progress: Callable[[float], None]) -> KnownSess
 
 
 def _streams(session: Session) -> frozenset[str]:
-    try:
+    with reading(session.folder):
         channels = mcap_chunks.read_index(session.folder / "events.mcap").channels.values()
-    except OSError as error:
-        raise SessionError(
-            localized(QT_TR_NOOP("{folder} cannot be read: {why}."), folder=session.folder, why=error.strerror or error)
-        ) from error
     specs = (spec_of_topic(channel.topic) for channel in channels)
     return frozenset(spec.name for spec in specs if spec is not None)
 
@@ -144,8 +138,7 @@ def _score(session: Session) -> int | None:
 
 def _head_purpose(folder: Path) -> str:
     """Purpose from the session header alone, since there may be hundreds of sessions. Raises SessionError."""
-    trial = read_header(folder).get("trial")
-    return purpose_of(trial if isinstance(trial, dict) else {})
+    return purpose_of(read_header(folder).trial)
 
 
 def purpose_of(trial: dict[str, Any]) -> str:

@@ -708,14 +708,13 @@ class _Answers:
         return days_words(one.session for one in self._of.known)
 
     def _software(self) -> str:
-        versions = distinct(str(one.session.header.get("program_version", "")) for one in self._of.known)
+        versions = distinct(one.session.header.program_version for one in self._of.known)
         text = f"CARIS Desktop {listing(versions)}." if versions else "CARIS Desktop."
         named: dict[str, list[str]] = {}
         for one in self._of.known:
-            software = one.session.header.get("software")
-            for name, version in software.items() if isinstance(software, dict) else ():
-                if str(version) not in named.setdefault(str(name), []):
-                    named[str(name)].append(str(version))
+            for name, version in one.session.header.software.items():
+                if version not in named.setdefault(name, []):
+                    named[name].append(version)
         listed = ", ".join(f"{name} {' / '.join(versions)}" for name, versions in sorted(named.items()))
         return f"{text} {listed}." if listed else text
 
@@ -810,7 +809,7 @@ def _sentences(study: StudyFacts) -> Iterable[str]:
     wizards = study.wizards()
     robots = distinct(name for one in study.known for name in one.robots)
     recorded_s = study.recorded_s()
-    versions = distinct(str(one.session.header.get("program_version", "")) for one in study.known)
+    versions = distinct(one.session.header.program_version for one in study.known)
     by_whom = number_of(len(wizards), "wizard") if wizards else "[number of] wizards"
     with_people = f" with {number_of(len(people), 'participant')}" if people else ""
     yield (

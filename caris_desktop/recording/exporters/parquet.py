@@ -21,7 +21,7 @@ def write_parquet(session: Session, out: Path, context: ExportContext) -> list[P
     about = {
         "session": session.folder.name,
         "started_utc": session.clock.utc(session.started_ns),
-        "program_version": str(session.header.get("program_version", "")),
+        "program_version": session.header.program_version,
         "licence": context.licence,
     }
     files: dict[str, _TableFile] = {}

@@ -478,8 +478,7 @@ _OF_NUMBERS_BEFORE_3 = """\
 
 
 def _of_numbers(session: Session) -> str:
-    version = session.header.get("format_version")
-    return _OF_NUMBERS_BEFORE_3 if isinstance(version, int) and version < 3 else _OF_NUMBERS
+    return _OF_NUMBERS_BEFORE_3 if session.header.format_version < 3 else _OF_NUMBERS
 
 
 def _format_text(session: Session, specs: list[StreamSpec]) -> str:
@@ -489,7 +488,7 @@ def _format_text(session: Session, specs: list[StreamSpec]) -> str:
     name = _folder_name(session)
     return f"""# How to read this session
 
-`{name}/` is one session of CARIS Desktop, format version {session.header.get("format_version", "?")}, as it was
+`{name}/` is one session of CARIS Desktop, format version {session.header.format_version}, as it was
 recorded. CARIS Desktop opens it with `caris-desktop replay {name}`; to read it without the program, only this page is
 needed.
 
@@ -544,7 +543,7 @@ def _graph(session: Session, packed: list[_Packed], licence: Entity) -> list[Ent
     clock, trial = session.clock, session.trial
     started, ended = clock.utc(session.started_ns), clock.utc(session.ended_ns)
     now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
-    recorded_by = str(session.header.get("program_version") or "unknown")
+    recorded_by = session.header.program_version or "unknown"
     software = {version: _software(version) for version in dict.fromkeys((recorded_by, __version__))}
     folder = _folder_name(session)
     folder_id = f"{quote(folder)}/"
@@ -669,8 +668,7 @@ def _title(session: Session) -> str:
 
 
 def _about(session: Session, files: list[_Packed]) -> str:
-    scenario = session.header.get("scenario")
-    title = scenario.get("title", "") if isinstance(scenario, dict) else ""
+    title = session.header.scenario.title
     parts = [
         (
             "A recorded session of a Wizard-of-Oz study with a mobile robot: sensor data, driving, speech, and "
@@ -678,7 +676,7 @@ def _about(session: Session, files: list[_Packed]) -> str:
         ),
         f"Scenario: {title}." if title else "",
         f"It lasted {session.duration_s:.0f} s.",
-        "It was imported from another program's bag." if isinstance(session.header.get("source"), dict) else "",
+        "It was imported from another program's bag." if session.header.source else "",
         "The recording was cut off; this copy contains the data that was saved." if not session.closed_properly else "",
         "Files that changed after the session was closed are marked as changed."
         if any(file.unlike_manifest for file in files)
@@ -689,7 +687,7 @@ def _about(session: Session, files: list[_Packed]) -> str:
         )
         if session.pseudonymised
         else "",
-        *session.repairs,
+        *session.header.repairs,
         *session.losses,
     ]
     return " ".join(part for part in parts if part)

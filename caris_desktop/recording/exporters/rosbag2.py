@@ -560,8 +560,7 @@ def _quality(*, latched: bool) -> Any:
 
 def _imported_velocity_type(session: Session) -> VelocityType:
     """Velocity type of the bag that the session was imported from; sessions of a robot have it in the profile."""
-    source = session.header.get("source")
-    topics = source.get("topics") if isinstance(source, dict) else None
+    topics = session.header.source.get("topics")
     stamped = any(
         isinstance(topic, dict)
         and topic.get("became") == BY_TYPE[CommandSent].name
@@ -578,7 +577,8 @@ def _one(topic: RosTopic, message: Message) -> _Out:
 def _session_json(session: Session) -> str:
     """Session header without paths and network addresses."""
     fields = ("format", "format_version", "program_version", "scenario", "trial", "clock", "started_ns", "ended_ns")
-    head = {name: session.header[name] for name in fields if name in session.header}
+    header = session.header.to_json()
+    head = {name: header[name] for name in fields if name in header}
     return json.dumps({**head, "folder": session.folder.name}, ensure_ascii=False)
 
 

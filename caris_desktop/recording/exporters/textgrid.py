@@ -79,15 +79,10 @@ def write_textgrid(session: Session, out: Path, context: ExportContext) -> list[
 
 def _sounds(session: Session) -> Iterator[_Span]:
     taken = {FILE_NAME.casefold()}
-    entries = session.header.get("audio")
-    for row in entries if isinstance(entries, list) else ():
-        try:
-            name = f"{PurePath(row['file_name']).stem}.TextGrid"
-            first_us = (row["first_stamp_ns"] - session.started_ns) // 1000
-            whole_us = row["samples"] * 1_000_000 // row["sample_rate_hz"]
-        except (TypeError, KeyError, ZeroDivisionError):
-            # An edited header: the session's own TextGrid has everything.
-            continue
+    for sound in session.header.audio:
+        name = f"{PurePath(sound.file_name).stem}.TextGrid"
+        first_us = (sound.first_stamp_ns - session.started_ns) // 1000
+        whole_us = sound.samples * 1_000_000 // max(1, sound.sample_rate_hz)
         if whole_us > 0 and name.casefold() not in taken:
             taken.add(name.casefold())
             yield _Span(name, first_us, whole_us)

@@ -6,10 +6,9 @@ Players find the captions of ``video-NAME.mp4`` in ``video-NAME.vtt`` in the sam
 import re
 from collections.abc import Iterable
 from pathlib import Path, PurePath
-from typing import Any
 
-from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.frame_times import moments_words
+from caris_desktop.recording.session.session_header import VideoInfo
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 from caris_desktop.recording.session_export import ExportContext
@@ -20,22 +19,12 @@ _MOMENT_SHOWN_NS = 2_000_000_000
 _SPEAKERS = {"robot": "Robot", "participant": "Participant", "wizard": "Wizard", "": "Somebody"}
 
 
-@dataclass(frozen=True, slots=True)
-class _Video:
-    """One video of the session; its time 0 is ``first_stamp_ns``."""
-
-    file_name: str
-    first_stamp_ns: int
-    last_stamp_ns: int
-    moments: str = ""
-
-
 def write_vtt(session: Session, out: Path, context: ExportContext) -> list[Path]:
     """Fill the empty folder ``out``. Raises OSError, SessionError."""
     utterances = [utterance for utterance in spoken(session) if utterance.said]
     context.progress(0.7)
     last_ns = max([session.ended_ns, *(utterance.end_ns or 0 for utterance in utterances)])
-    session_video = _Video("", session.started_ns, last_ns)
+    session_video = VideoInfo("", "", first_stamp_ns=session.started_ns, last_stamp_ns=last_ns)
     paths = [_write(out / "captions.vtt", session, session_video, utterances)]
     for speaker in _SPEAKERS:
         theirs = [utterance for utterance in utterances if utterance.speaker == speaker]
@@ -52,13 +41,13 @@ def write_vtt(session: Session, out: Path, context: ExportContext) -> list[Path]
     return paths
 
 
-def _write(path: Path, session: Session, video: _Video, utterances: Iterable[SpokenUtterance]) -> Path:
+def _write(path: Path, session: Session, video: VideoInfo, utterances: Iterable[SpokenUtterance]) -> Path:
     name = _line(session.folder.name)
     if video.file_name:
         begins_s = session.clock.session_s(video.first_stamp_ns)
         note = (
             f"Times are relative to the first frame of {_line(video.file_name)}, at second {begins_s:.3f} of {name}. "
-            f"{video.moments}"
+            f"{moments_words(video)}"
         )
     else:
         note = f"Times are relative to the start of the session {name}, at {session.clock.utc(session.started_ns)}."
@@ -69,7 +58,7 @@ def _write(path: Path, session: Session, video: _Video, utterances: Iterable[Spo
     return path
 
 
-def _cue(utterance: SpokenUtterance, video: _Video) -> tuple[int, str] | None:
+def _cue(utterance: SpokenUtterance, video: VideoInfo) -> tuple[int, str] | None:
     """Start time and text of a cue; None if the video does not cover it."""
     start_ns, end_ns = utterance.start_ns or 0, utterance.end_ns or utterance.start_ns or 0
     if end_ns == start_ns:
@@ -104,20 +93,9 @@ def _line(text: str) -> str:
     return " ".join(printable.replace("-->", "->").split())
 
 
-def _videos(session: Session) -> list[_Video]:
-    entries = session.header.get("videos")
-    videos = [_video(row) for row in entries] if isinstance(entries, list) else []
-    return [video for video in videos if video is not None]
-
-
-def _video(row: Any) -> _Video | None:
-    """Video of a header row; None if the row is damaged."""
-    if not isinstance(row, dict):
-        return None
-    name, first_ns, last_ns = row.get("file_name"), row.get("first_stamp_ns"), row.get("last_stamp_ns")
-    if (
-        not (isinstance(name, str) and isinstance(first_ns, int) and isinstance(last_ns, int))
-        or not PurePath(name).stem
-    ):
-        return None
-    return _Video(name, first_ns, last_ns, moments_words(row))
+def _videos(session: Session) -> list[VideoInfo]:
+    return [
+        video
+        for video in session.header.videos
+        if video.last_stamp_ns >= video.first_stamp_ns and PurePath(video.file_name).stem
+    ]

@@ -1,6 +1,5 @@
 """Import of foreign bags as session folders, for replay, annotation and export."""
 
-import json
 import logging
 import math
 import shutil
@@ -17,7 +16,7 @@ from typing import Any
 from caris_desktop import __version__
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import SessionEnded, SessionStarted
-from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.file_replacement import no_room
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
@@ -36,7 +35,6 @@ from caris_desktop.recording.foreign.bag_values import (
     SESSION_TOPIC,
     BagPicture,
     MessageConverter,
-    OwnSession,
     TopicMapping,
     TopicRole,
     has_mountings,
@@ -47,11 +45,11 @@ from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.video_encoders import x264
 from caris_desktop.recording.recorder.video_writer import VideoFileWriter
-from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, VideoInfo
 from caris_desktop.recording.session.frame_times import index_path
 from caris_desktop.recording.session.manifest import write_manifest
 from caris_desktop.recording.session.media_names import video_file_name
 from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import SessionHeader, VideoInfo, recorded_files
 from caris_desktop.ros.message_fields import MessageError
 
 _log = logging.getLogger(__name__)
@@ -154,7 +152,7 @@ class _Survey:
     counts: Counter[BagChannel]
     first_ns: int = _LATEST_UTC_NS
     last_ns: int = 0
-    own_session: OwnSession | None = None
+    own_session: SessionHeader | None = None
     mounts: list[tuple[BagChannel, bytes]] = field(default_factory=list)
     stretches: list["_BagPart"] = field(default_factory=list)
 
@@ -199,7 +197,7 @@ def _import(bag: Bag, path: Path, folder: Path, place: Path, progress: Callable[
             "Nothing was written."
         )
     origin = survey.own_session
-    anchor = origin.anchor if origin is not None else ClockAnchor(_FIRST_STAMP_NS, survey.first_ns)
+    anchor = origin.clock if origin is not None else ClockAnchor(_FIRST_STAMP_NS, survey.first_ns)
     clock = SessionClock(anchor, origin.started_ns if origin is not None else anchor.monotonic_ns)
     writer = _SessionWriter(place, clock)
     maker = MessageConverter(casting.roles.values(), origin)
@@ -347,7 +345,7 @@ def _utc_text(at_ns: int) -> str:
     return f"{datetime.fromtimestamp(at_ns // 1_000_000_000, UTC):%Y-%m-%d %H:%M:%S}"
 
 
-def _own_session(channel: BagChannel, data: bytes, at_ns: int) -> OwnSession | None:
+def _own_session(channel: BagChannel, data: bytes, at_ns: int) -> SessionHeader | None:
     try:
         origin = own_session(MessageReader(channel).read(data))
     except (NotUnderstoodError, MessageError):
@@ -355,8 +353,8 @@ def _own_session(channel: BagChannel, data: bytes, at_ns: int) -> OwnSession | N
     if origin is None:
         return None
     # Implausible times: the mapping would not match the messages.
-    sane = 0 <= origin.anchor.monotonic_ns < _LATEST_UTC_NS and 0 <= origin.started_ns < _LATEST_UTC_NS
-    return origin if sane and abs(origin.anchor.utc_ns_at(origin.started_ns) - at_ns) < _NEAR_NS else None
+    sane = 0 <= origin.clock.monotonic_ns < _LATEST_UTC_NS and 0 <= origin.started_ns < _LATEST_UTC_NS
+    return origin if sane and abs(origin.clock.utc_ns_at(origin.started_ns) - at_ns) < _NEAR_NS else None
 
 
 class _SessionWriter:
@@ -543,36 +541,20 @@ def _write_header(
     clock: SessionClock,
     ended_ns: int,
     videos: tuple[VideoInfo, ...],
-    origin: OwnSession | None,
+    origin: SessionHeader | None,
 ) -> None:
-    header = origin.header if origin is not None else {}
-    trial = header.get("trial")
-    scenario = header.get("scenario")
-    named = {
-        key: str(scenario[key]) for key in ("title", "file", "sha256") if isinstance(scenario, dict) and key in scenario
-    }
-    data = {
-        "format": FORMAT,
-        "format_version": FORMAT_VERSION,
-        "program_version": __version__,
-        "scenario": {"title": "", "file": "", "sha256": "", **named},
-        "robot": {"profile": "", "address": ""},
-        "trial": {str(key): str(value) for key, value in trial.items()} if isinstance(trial, dict) else {},
-        "clock": {
-            "monotonic_ns": clock.anchor.monotonic_ns,
-            "utc_ns": clock.anchor.utc_ns,
-            "note": "The UTC time of a timestamp is utc_ns + (stamp_ns - monotonic_ns).",
-        },
-        "started_ns": clock.started_ns,
-        "started_utc": clock.utc(clock.started_ns),
-        "ended_ns": ended_ns,
-        "ended_utc": clock.utc(ended_ns),
-        "duration_s": round(clock.session_s(ended_ns), 3),
-        "reason": REASON,
-        "counts": report.values,
-        "dropped": {},
-        "videos": [asdict(video) for video in videos],
-        "source": {
+    header = SessionHeader(clock.anchor) if origin is None else origin
+    SessionHeader(
+        clock.anchor,
+        program_version=__version__,
+        scenario=header.scenario,
+        trial=header.trial,
+    ).started(clock.started_ns).ended(
+        ended_ns,
+        REASON,
+        counts=dict(report.values),
+        videos=videos,
+        source={
             "kind": report.kind,
             "name": name,
             "imported_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
@@ -580,11 +562,5 @@ def _write_header(
             "not_understood": [topic.topic for topic in report.not_understood[:_MAX_TOPICS_TOLD]],
             "notes": list(report.notes),
         },
-        "files": [
-            {"name": file.relative_to(place).as_posix(), "bytes": file.stat().st_size}
-            for file in sorted(place.rglob("*"))
-            if file.is_file()
-        ],
-    }
-    text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
-    replace_file(place / "session.json", text.encode("utf-8", "replace"), durable=True)
+        files=recorded_files(place),
+    ).write(place)

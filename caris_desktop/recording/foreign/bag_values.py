@@ -5,13 +5,13 @@ import logging
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.camera_projection import CameraModel
-from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import (
     CommandSent,
     GoalChanged,
@@ -38,6 +38,7 @@ from caris_desktop.domain.sensing import (
 from caris_desktop.domain.streams import BY_NAME
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.foreign.bag_files import BagChannel
+from caris_desktop.recording.session.session_header import SessionError, SessionHeader, header_of
 from caris_desktop.ros import message_conversion, navigation_messages
 from caris_desktop.ros.dialect import plain_name
 from caris_desktop.ros.message_fields import Message, MessageError, frame_of, message_of, text
@@ -87,16 +88,6 @@ class TopicRole:
 
 
 @dataclass(frozen=True, slots=True)
-class OwnSession:
-    """Original session of a bag that this program exported."""
-
-    anchor: ClockAnchor
-    started_ns: int
-    ended_ns: int | None
-    header: dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
 class TopicMapping:
     """Role per channel, and reasons for the unused ones."""
 
@@ -104,14 +95,11 @@ class TopicMapping:
     reasons: dict[BagChannel, str]
 
 
-def own_session(data: Any) -> OwnSession | None:
-    """Parse the message of ``/caris/session``; None if it is not from our export."""
+def own_session(data: Any) -> SessionHeader | None:
+    """Header of the original session in the message of ``/caris/session``; None if it is not from our export."""
     try:
-        header = json.loads(text(message_of(data, "String"), "data", "String"))
-        anchor = ClockAnchor(int(header["clock"]["monotonic_ns"]), int(header["clock"]["utc_ns"]))
-        ended = header.get("ended_ns")
-        return OwnSession(anchor, int(header["started_ns"]), ended if isinstance(ended, int) else None, header)
-    except (KeyError, TypeError, ValueError, RecursionError):
+        return header_of(json.loads(text(message_of(data, "String"), "data", "String")), Path(SESSION_TOPIC))
+    except (SessionError, TypeError, ValueError, RecursionError):
         _log.info("%s does not describe a session", SESSION_TOPIC, exc_info=True)
         return None
 
@@ -315,7 +303,7 @@ class FrameTree:
 class MessageConverter:
     """Converts messages to domain values in sequence. ``stamp_ns`` is bag time as session time."""
 
-    def __init__(self, roles: Iterable[TopicRole], origin: OwnSession | None) -> None:
+    def __init__(self, roles: Iterable[TopicRole], origin: SessionHeader | None) -> None:
         self._origin = origin
         self._tree = FrameTree()
         self._pose_from_tf = not any(role.stream == "pose" for role in roles)
@@ -506,7 +494,7 @@ class MessageConverter:
             raise MessageError(f"a value of {stream} from another time")
         if isinstance(value, LinkQuality) and value.clock_offset_ms is not None and self._origin is not None:
             # The export mapped the robot's stamps to UTC, which is their clock from here on.
-            utc_minus_session_ns = self._origin.anchor.utc_ns - self._origin.anchor.monotonic_ns
+            utc_minus_session_ns = self._origin.clock.utc_ns - self._origin.clock.monotonic_ns
             value = replace(value, clock_offset_ms=utc_minus_session_ns / 1e6)
         yield value
 

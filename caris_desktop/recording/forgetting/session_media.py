@@ -58,12 +58,12 @@ class SessionMedia:
                     progress((number + done) / len(videos), name)
 
                 self._cover_video(path, video, report)
-        if self._tracks.any and isinstance(self._session.header.get("videos"), list):
+        if self._tracks.any and isinstance(self._session.header.as_read.get("videos"), list):
             self._treat_other_videos(recorded_names)
         self._treat_photos(how)
 
     def _recorded_entries(self, section: str) -> list[dict[str, Any]]:
-        entries = self._session.header.get(section)
+        entries = self._session.header.as_read.get(section)
         return [
             entry
             for entry in (entries if isinstance(entries, list) else ())
@@ -201,7 +201,7 @@ def examined_media(session: Session, tracks: PersonTracks | None) -> frozenset[P
     folder = session.folder
 
     def of(section: str, *, is_known: Callable[[dict[str, Any]], bool] = lambda _entry: True) -> Iterator[Path]:
-        entries = session.header.get(section)
+        entries = session.header.as_read.get(section)
         for entry in entries if isinstance(entries, list) else ():
             if isinstance(entry, dict) and is_known(entry):
                 yield folder / str(entry.get("file_name"))

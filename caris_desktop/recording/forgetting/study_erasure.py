@@ -46,7 +46,7 @@ from caris_desktop.recording.forgetting.text_erasure import Decision, TextWork
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, FolderHeldError, hold, is_held
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, write_manifest
 from caris_desktop.recording.session.session_clock import clock_text
-from caris_desktop.recording.session.session_header import SessionError, read_header
+from caris_desktop.recording.session.session_header import SessionError, read_raw_header
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.studies.study_index import DATABASE_NAME
 
@@ -659,7 +659,7 @@ class _Forgetting:
         """Note the erasure in the session header and update the checksums."""
         header = folder / "session.json"
         try:
-            recorded = read_header(folder)
+            recorded = read_raw_header(folder)
         except SessionError as error:
             self._problems.append(_message_for(folder, error))
             return

@@ -17,8 +17,8 @@ from caris_desktop.domain.sensing import AudioBlock, AudioChunk
 from caris_desktop.domain.translation import localized
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import gap_messages
-from caris_desktop.recording.session.format import AudioInfo
 from caris_desktop.recording.session.media_names import audio_file_name
+from caris_desktop.recording.session.session_header import AudioInfo
 
 HEADER_BYTES = 44
 _HEADER = struct.Struct("<4sI4s4sIHHIIHH4sI")

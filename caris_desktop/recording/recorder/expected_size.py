@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.recording.session.session_header import SessionError, read_header
 
 _log = logging.getLogger(__name__)
 _SESSIONS_LOOKED_AT = 5
 _LEAST_S = 20.0
-_MAX_HEADER_BYTES = 1024 * 1024
 # Measured with the simulated robot: LIDAR, poses, people and events; one 640x480 camera at 30 Hz; 16 kHz audio.
 _EVENTS_BYTES_PER_HOUR = 60e6
 _VIDEO_BYTES_PER_HOUR = 900e6
@@ -38,13 +37,11 @@ def expected_bytes_per_hour(sessions: Path, *, scenario: str, video: bool, audio
 
 def _bytes_per_hour(folder: Path, scenario: str) -> float | None:
     try:
-        with (folder / "session.json").open("rb") as file:
-            header = parse_json(file.read(_MAX_HEADER_BYTES))
-        duration_s = header["duration_s"]
-        if header["scenario"]["title"] != scenario or duration_s is None or duration_s < _LEAST_S:
+        header = read_header(folder)
+        if header.scenario.title != scenario or header.duration_s is None or header.duration_s < _LEAST_S:
             return None
         size = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (SessionError, OSError) as error:
         _log.debug("%s does not count: %s", folder, error)
         return None
-    return float(size / duration_s * 3600.0)
+    return float(size / header.duration_s * 3600.0)

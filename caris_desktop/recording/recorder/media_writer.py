@@ -25,9 +25,9 @@ from caris_desktop.recording.recorder.recorder_messages import TakePhoto
 from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders
 from caris_desktop.recording.recorder.video_writer import VideoFileWriter
 from caris_desktop.recording.session import gap_messages
-from caris_desktop.recording.session.format import VideoInfo
 from caris_desktop.recording.session.media_names import video_file_name
 from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import VideoInfo
 
 _log = logging.getLogger(__name__)
 MAX_QUEUED_BYTES = 64 * 1024 * 1024

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Literal
 
 from caris_desktop.domain.actor import Actor
-from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.session.session_header import SessionHeader
 
 # Cannot begin a pickle; eight bytes of session time follow.
 ARRIVED = b"T"
@@ -44,26 +44,6 @@ class UseConsents:
 
     video: frozenset[str] = frozenset()
     photos: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True, slots=True)
-class SessionHeader:
-    """Content for ``session.json``. ``trial`` holds the answers of the start dialog by field name.
-
-    ``software`` maps programs and libraries to versions; ``settings`` describes this run's settings as text. Neither
-    contains keys or paths.
-    """
-
-    anchor: ClockAnchor
-    program_version: str
-    scenario_title: str = ""
-    scenario_file: str = ""
-    scenario_sha256: str = ""
-    robot_profile: str = ""
-    robot_address: str = ""
-    trial: dict[str, str] = field(default_factory=dict)
-    software: dict[str, str] = field(default_factory=dict)
-    settings: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

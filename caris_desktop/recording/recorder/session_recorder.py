@@ -3,14 +3,13 @@
 Long because it decides where each value goes, and when to give up.
 """
 
-import json
 import logging
 import shutil
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,7 +32,7 @@ from caris_desktop.domain.events import (
     Severity,
     UtteranceChanged,
 )
-from caris_desktop.domain.file_replacement import bring_to_disk, no_room, replace_file
+from caris_desktop.domain.file_replacement import bring_to_disk, no_room
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
@@ -56,10 +55,9 @@ from caris_desktop.recording.recorder.recorder_messages import BlurDemand, Recor
 from caris_desktop.recording.recorder.video_encoders import Encoders
 from caris_desktop.recording.session import gap_messages
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, hold
-from caris_desktop.recording.session.format import FORMAT, FORMAT_VERSION, TRIAL_METADATA, VideoInfo
-from caris_desktop.recording.session.manifest import HashingStopped, session_files, write_manifest
+from caris_desktop.recording.session.manifest import HashingStopped, write_manifest
 from caris_desktop.recording.session.progress_counts import forget_counts, store_counts
-from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import HEADER_NAME, TRIAL_METADATA, RecordedPause, recorded_files
 
 _REMEMBER_S = 30.0
 
@@ -194,7 +192,8 @@ class SessionRecorder:
         # get this time: arrivals never decrease, and queued values arrived before now.
         self._written_until_ns = self.started_ns
         self.dropped: Counter[str] = Counter()
-        self._header = start.header
+        robot = replace(start.header.robot, address=without_credentials(start.header.robot.address))
+        self._header = replace(start.header, robot=robot).started(self.started_ns)
         self._frames = frames
         self._blurring = blurring
         self._report = report
@@ -211,8 +210,8 @@ class SessionRecorder:
         self._spared_because = ""
         self._lowered: dict[str, int] = {}
         self._reported_lowered = False
-        self._pauses: list[list[int | None]] = []
-        self._clock = SessionClock(start.header.anchor, self.started_ns)
+        self._pauses: list[RecordedPause] = []
+        self._clock = self._header.session_clock
         self._latched: dict[str, _Held] = {}
         self._missed: Counter[tuple[str, str]] = Counter()
         self._unwritable: set[str] = set()
@@ -220,7 +219,7 @@ class SessionRecorder:
         self._disk = DiskWatch(limits)
         self._flushed_ns = self._housekept_ns = self._counted_ns = 0
         self._ended_ns: int | None = None
-        self._reason: str | None = None
+        self._reason = ""
         self.folder.mkdir(parents=True, exist_ok=True)
         if any(path.name != LOCK_NAME for path in self.folder.iterdir()):
             raise FileExistsError(17, "the folder already contains files", str(self.folder))
@@ -241,10 +240,10 @@ class SessionRecorder:
             self._write_header()
             self._log = EventLog(
                 DiskFile(self.folder / "events.mcap", on_full=self._make_room),
-                anchor=start.header.anchor,
+                anchor=start.header.clock,
                 metadata={
                     "program_version": start.header.program_version,
-                    "scenario": start.header.scenario_title,
+                    "scenario": start.header.scenario.title,
                     **trial_metadata(start.header.trial),
                 },
             )
@@ -260,7 +259,7 @@ class SessionRecorder:
         self._media_sync = FsyncThread(
             "media", lambda: [*self._audio.files(), *self._media.files()], every_s=_SYNC_MEDIA_EVERY_S
         )
-        self._log_sync.note(self.folder / "session.json")
+        self._log_sync.note(self.folder / HEADER_NAME)
         self._record(SessionStarted(self.started_ns, self.folder.name, start.actor), arrived_ns=self.started_ns)
         self.tick()
         self._log_sync.start()
@@ -379,7 +378,7 @@ class SessionRecorder:
 
     @property
     def paused(self) -> bool:
-        return bool(self._pauses) and self._pauses[-1][1] is None
+        return bool(self._pauses) and self._pauses[-1].resumed_ns is None
 
     def pause(self, *, paused: bool, at_ns: int, actor: Actor) -> None:
         """Pause or resume. Both are recorded."""
@@ -391,11 +390,12 @@ class SessionRecorder:
             self._put_blocks(self._audio.finish_blocks())
             self._report_missed()
             self._record(RecordingPaused(at_ns, True, actor), arrived_ns=at_ns)
-            self._pauses.append([at_ns, None])
+            self._pauses.append(RecordedPause(at_ns))
             self._guarded(self._log.flush)
             self._log_sync.ask()
         else:
-            self._pauses[-1][1] = self._sound_from_ns = self._goes_on_ns = at_ns
+            self._pauses[-1] = RecordedPause(self._pauses[-1].paused_ns, at_ns)
+            self._sound_from_ns = self._goes_on_ns = at_ns
             # Latched values that the console sends again are new in the record, however recent the last write.
             self._latched.clear()
             self._record(RecordingPaused(at_ns, False, actor), arrived_ns=at_ns)
@@ -478,7 +478,7 @@ class SessionRecorder:
         The folder stays held until then, so that the session does not count as interrupted.
         """
         try:
-            for path in (*self._plain.take_replaced(), self.folder / "session.json"):
+            for path in (*self._plain.take_replaced(), self.folder / HEADER_NAME):
                 self._log_sync.note(path)
             self._log_sync.sync_now()
             if not self._media.wait(timeout_s=0.0):
@@ -908,48 +908,17 @@ class SessionRecorder:
 
     def _write_header(self) -> None:
         """Write the session header, before the session or after its end."""
-        header = self._header
-        ended = self._ended_ns is not None
-        videos: tuple[VideoInfo, ...] = self._media.infos() if ended else ()
-        data = {
-            "format": FORMAT,
-            "format_version": FORMAT_VERSION,
-            "program_version": header.program_version,
-            "scenario": {
-                "title": header.scenario_title,
-                "file": header.scenario_file,
-                "sha256": header.scenario_sha256,
-            },
-            "robot": {"profile": header.robot_profile, "address": without_credentials(header.robot_address)},
-            "trial": header.trial,
-            "software": header.software,
-            "settings": header.settings,
-            "clock": {
-                "monotonic_ns": header.anchor.monotonic_ns,
-                "utc_ns": header.anchor.utc_ns,
-                "note": (
-                    "The UTC time of a timestamp is utc_ns + (stamp_ns - monotonic_ns). In events.mcap, "
-                    "publish_time is the measurement time of a value, from the robot's timestamp if its clock is "
-                    "known. log_time is the arrival time at the console. Both are in UTC."
-                ),
-            },
-            "started_ns": self.started_ns,
-            "started_utc": self._clock.utc(self.started_ns),
-            "ended_ns": self._ended_ns,
-            "ended_utc": None if self._ended_ns is None else self._clock.utc(self._ended_ns),
-            "duration_s": None if self._ended_ns is None else round(self._clock.session_s(self._ended_ns), 3),
-            "reason": self._reason,
-            "pauses": [{"paused_ns": begin_ns, "resumed_ns": end_ns} for begin_ns, end_ns in self._pauses],
-            "counts": dict(sorted(self._log.counts.items())) if ended else {},
-            "dropped": dict(sorted(self.dropped.items())),
-            "videos": [asdict(video) for video in videos],
-            "audio": [asdict(sound) for sound in self._audio.infos()] if ended else [],
-            "files": _files(self.folder) if ended else [],
-        }
-        text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
-        replace_file(
-            self.folder / "session.json", text.encode("utf-8", "replace"), durable=True, on_full=self._make_room
-        )
+        header = replace(self._header, pauses=tuple(self._pauses), dropped=dict(sorted(self.dropped.items())))
+        if self._ended_ns is not None:
+            header = header.ended(
+                self._ended_ns,
+                self._reason,
+                counts=dict(sorted(self._log.counts.items())),
+                videos=self._media.infos(),
+                audio=self._audio.infos(),
+                files=recorded_files(self.folder),
+            )
+        header.write(self.folder, on_full=self._make_room)
 
 
 @dataclass(frozen=True, slots=True)
@@ -1008,14 +977,6 @@ def explain_start_error(error: OSError, folder: Path) -> tuple[str, str, str]:
         meaning,
         QT_TR_NOOP("Choose a writable study folder, then record again."),
     )
-
-
-def _files(folder: Path) -> list[dict[str, Any]]:
-    return [
-        {"name": name, "bytes": (folder / name).stat().st_size}
-        for name in session_files(folder)
-        if name != "session.json"
-    ]
 
 
 def _megabytes(count: int) -> str:

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.streams import BY_TYPE, Delivery, StreamSpec, spec_of_topic
-from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.mcap_chunks import BlockIndex, DamagedBlockError, Message
-from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_header import reading
 from caris_desktop.recording.session.session_reader import Session, value_reader
 
 _log = logging.getLogger(__name__)
@@ -44,13 +43,9 @@ class SessionTimeline:
         """Raises SessionError if the recording cannot be read."""
         self.session = session
         self._path = session.folder / "events.mcap"
-        try:
+        with reading(self._path):
             self._index: BlockIndex = mcap_chunks.read_index(self._path)
             self._file: IO[bytes] = self._path.open("rb")
-        except OSError as error:
-            raise SessionError(
-                localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=self._path, why=error.strerror or error)
-            ) from error
         anchor = session.clock.anchor
         self._session_from_utc_ns = anchor.monotonic_ns - anchor.utc_ns
         # Arrival of the last message of each chunk, including all before it.
@@ -218,14 +213,11 @@ class SessionTimeline:
 
     def _unfolded(self, number: int) -> _Block | None:
         try:
-            content = mcap_chunks.read_block(self._file, self._index, number)
+            with reading(self._path):
+                content = mcap_chunks.read_block(self._file, self._index, number)
         except DamagedBlockError as error:
             _log.warning("%s: the block at byte %d is left out: %s", self._path, self._index.offsets[number], error)
             return None
-        except OSError as error:
-            raise SessionError(
-                localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=self._path, why=error.strerror or error)
-            ) from error
         messages = tuple(mcap_chunks.messages_of(content))
         logged_ns = np.array([message.log_ns for message in messages], np.int64) + self._session_from_utc_ns
         if number:

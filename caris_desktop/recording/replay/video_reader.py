@@ -21,7 +21,6 @@ from caris_desktop.recording.session.frame_times import (
 )
 from caris_desktop.recording.session.media_names import camera_of_video, video_file_name
 from caris_desktop.recording.session.media_repair import content_of
-from caris_desktop.recording.session.missing_data import recorded_bytes_of
 from caris_desktop.recording.session.session_header import inside
 from caris_desktop.recording.session.session_reader import Session
 
@@ -60,10 +59,13 @@ class VideoReader:
         self._videos: dict[str, list[_Video]] = {}
         self._firsts: dict[str, NDArray[np.int64]] = {}
         self._stamps: dict[str, NDArray[np.int64]] = {}
-        self.problems: list[str] = []
+        self.problems: list[str] = [
+            f"session.json contains an invalid entry for a video or sound: {entry}"
+            for entry in session.header.invalid_media
+        ]
         files = _files_of(session, self.problems)
         for path, camera, first_ns in sorted(files, key=lambda file: (file[2], file[0].name)):
-            video = _Video(path, first_ns, recorded_bytes_of(session.header, path.name))
+            video = _Video(path, first_ns, session.header.size_of(path.name))
             self._videos.setdefault(camera, []).append(video)
 
     @property
@@ -303,24 +305,19 @@ class _Video:
 
 def _files_of(session: Session, problems: list[str]) -> list[tuple[Path, str, int]]:
     """Path, camera and first stamp of each video: by the header, else by the files present."""
-    entries = session.header.get("videos")
     files: dict[str, tuple[Path, str, int]] = {}
-    for entry in entries if isinstance(entries, list) else ():
-        try:
-            name, camera, first_ns = str(entry["file_name"]), str(entry["camera"]), int(entry["first_stamp_ns"])
-        except (KeyError, TypeError, ValueError):
-            problems.append(f"session.json contains an invalid entry for a video: {str(entry)[:200]}")
-            continue
+    for video in session.header.videos:
+        name = video.file_name
         if not inside(session.folder, name):
             problems.append(f"{name} is outside the session folder. It is skipped.")
         elif not (session.folder / name).is_file():
             problems.append(f"{name} is missing.")
         else:
-            files[name] = (session.folder / name, camera, first_ns)
+            files[name] = (session.folder / name, video.camera, video.first_stamp_ns)
     # The header of an interrupted recording does not list them.
     others = [path for path in sorted(session.folder.glob("video-*.mp4")) if path.name not in files]
     others = [path for path in others if inside(session.folder, path.name)]
-    if others and session.header.get("ended_ns") is None:
+    if others and session.header.ended_ns is None:
         files |= {path.name: file for path in others if (file := _unnamed(session, path)) is not None}
     return list(files.values())
 

@@ -1,9 +1,7 @@
 """Frame index of a video: arrival and capture time of each frame, one line each."""
 
-from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +9,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import VideoInfo
 
 INDEX_HEAD = "frame,video_s,stamp_ns,robot_stamp_ns,utc,sequence,taken_ns,taken_utc,uncertainty_ms\n"
 INDEX_SUFFIX = ".frames.csv"
@@ -113,14 +112,13 @@ def read_frame_times(path: Path) -> FrameTimes:
     return FrameTimes(video_s, stamps_ns, robot_stamps_ns, taken_ns, uncertainty_ms).first(complete)
 
 
-def moments_words(video: Mapping[str, Any]) -> str:
-    """User text on which moments a video of ``session.json`` shows."""
-    delay_ms, uncertainty_ms = video.get("delay_ms"), video.get("uncertainty_ms")
-    if not isinstance(delay_ms, (int, float)) or not isinstance(uncertainty_ms, (int, float)):
+def moments_words(video: VideoInfo) -> str:
+    """User text on which moments a video shows."""
+    if video.delay_ms is None or video.uncertainty_ms is None:
         return "Its frames are shown at their arrival time at the computer; their capture time is unknown."
     return (
         f"Its frames are shown at their capture time, from the robot's timestamps and clock, accurate to "
-        f"{uncertainty_ms:.1f} ms; they reached the computer {delay_ms:.0f} ms later."
+        f"{video.uncertainty_ms:.1f} ms; they reached the computer {video.delay_ms:.0f} ms later."
     )
 
 

@@ -33,11 +33,6 @@ def progress_counts(folder: Path) -> Counter[str] | None:
             data = json.loads(file.read(_MAX_BYTES))
     except (OSError, ValueError, RecursionError):
         return None
-    return counts_of(data)
-
-
-def counts_of(data: object) -> Counter[str] | None:
-    """Counts from file content; None if invalid."""
     if not isinstance(data, dict):
         return None
     return Counter({str(name): count for name, count in data.items() if isinstance(count, int) and count > 0}) or None

@@ -8,7 +8,7 @@ import logging
 import os
 import time
 from collections import Counter
-from dataclasses import asdict, field
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,22 +22,32 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_chunks, media_repair
 from caris_desktop.recording.session.folder_lock import FolderHeldError, hold
-from caris_desktop.recording.session.format import AudioInfo, VideoInfo
 from caris_desktop.recording.session.frame_times import index_path, read_frame_times
-from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files, write_manifest
+from caris_desktop.recording.session.manifest import MANIFEST_NAME, write_manifest
 from caris_desktop.recording.session.mcap_chunks import BlockIndex
 from caris_desktop.recording.session.mcap_records import MAGIC
 from caris_desktop.recording.session.mcap_repair import AddedMessage, rewrite
 from caris_desktop.recording.session.media_names import camera_of_video
-from caris_desktop.recording.session.missing_data import lost_values, recorded_bytes_of, recorded_losses
-from caris_desktop.recording.session.progress_counts import counts_of, forget_counts, progress_counts
+from caris_desktop.recording.session.progress_counts import forget_counts, progress_counts
 from caris_desktop.recording.session.repair_messages import (
     lost_values_words,
     new_index_words,
     unread_bytes_words,
     unsaved_pictures_words,
 )
-from caris_desktop.recording.session.session_header import SessionError, SessionTimes, inside, read_header, times_of
+from caris_desktop.recording.session.session_header import (
+    HEADER_NAME,
+    AudioInfo,
+    RecordedFile,
+    RecordedPause,
+    SessionError,
+    SessionHeader,
+    VideoInfo,
+    inside,
+    read_header,
+    reading,
+    recorded_files,
+)
 
 _log = logging.getLogger(__name__)
 KEPT_FOLDER = "recovered"
@@ -76,8 +86,7 @@ class _Record:
 
 def needs_repair(folder: Path) -> bool:
     """True for a session that was not closed properly or is being recorded. Raises SessionError."""
-    header = read_header(folder)
-    return bool(_wanting(folder, header, times_of(header, folder)))
+    return bool(_wanting(folder, read_header(folder)))
 
 
 def repair_session(folder: Path) -> RepairReport:
@@ -88,8 +97,7 @@ def repair_session(folder: Path) -> RepairReport:
     SessionError
         If ``folder`` is no session that this program can read, or one that is still being recorded.
     """
-    header = read_header(folder)
-    wanting = _wanting(folder, header, times_of(header, folder))
+    wanting = _wanting(folder, read_header(folder))
     if not wanting:
         return RepairReport(False)
     try:
@@ -98,25 +106,14 @@ def repair_session(folder: Path) -> RepairReport:
         if wanting == "manifest":
             return RepairReport(False)  # the recorder is creating it
         raise SessionError(
-            localized(
-                QT_TR_NOOP("{folder} is still being recorded or repaired. Open it when that has finished."),
-                folder=folder,
-            )
+            QT_TR_NOOP("{folder} is still being recorded or repaired. Open it when that has finished."), folder=folder
         ) from error
     except OSError as error:
-        return RepairReport(
-            False,
-            (
-                localized(
-                    QT_TR_NOOP(
-                        "The session is damaged and could not be repaired, because {folder} cannot be "
-                        "written to ({why}). It is shown as it was found."
-                    ),
-                    folder=folder,
-                    why=error.strerror or error,
-                ),
-            ),
+        message = QT_TR_NOOP(
+            "The session is damaged and could not be repaired, because {folder} cannot be written to ({why}). It is "
+            "shown as it was found."
         )
+        return RepairReport(False, (localized(message, folder=folder, why=error.strerror or error),))
     with lock:
         try:
             return _Repair(folder).run()
@@ -129,35 +126,24 @@ def repair_session(folder: Path) -> RepairReport:
             if isinstance(error, OSError):
                 full = QT_TR_NOOP("there is not enough disk space")
                 reason = full if no_room(error) else error.strerror or error
-            return RepairReport(
-                False,
-                (
-                    localized(
-                        QT_TR_NOOP(
-                            "The session is damaged and could not be repaired: {why}. It is shown as it was "
-                            "found; the attempt caused no further damage."
-                        ),
-                        why=reason,
-                    ),
-                ),
+            message = QT_TR_NOOP(
+                "The session is damaged and could not be repaired: {why}. It is shown as it was found; the attempt "
+                "caused no further damage."
             )
+            return RepairReport(False, (localized(message, why=reason),))
         finally:
             _remove(folder / _REWRITTEN)
 
 
-def _wanting(folder: Path, header: dict[str, Any], times: SessionTimes) -> Literal["", "end", "manifest"]:
+def _wanting(folder: Path, header: SessionHeader) -> Literal["", "end", "manifest"]:
     """What the session lacks: a proper end, or only its manifest."""
-    try:
-        path = folder / _EVENTS
-        if times.ended_ns is None or not mcap_chunks.has_summary(path):
+    path = folder / _EVENTS
+    with reading(path):
+        if header.ended_ns is None or not mcap_chunks.has_summary(path):
             return "end"
-        if path.stat().st_size != (recorded_bytes_of(header, _EVENTS) or path.stat().st_size):
+        if path.stat().st_size != (header.size_of(_EVENTS) or path.stat().st_size):
             return "end"
-    except OSError as error:
-        raise SessionError(
-            localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / _EVENTS, why=error.strerror or error)
-        ) from error
-    lacks_manifest = header["format_version"] >= _MANIFEST_SINCE and not (folder / MANIFEST_NAME).exists()
+    lacks_manifest = header.format_version >= _MANIFEST_SINCE and not (folder / MANIFEST_NAME).exists()
     return "manifest" if lacks_manifest else ""
 
 
@@ -167,13 +153,13 @@ class _Repair:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._header = read_header(folder)
-        self._times = times_of(self._header, folder)
+        self._clock = self._header.session_clock
         self._sentences: list[str] = []
-        self._losses = [*recorded_losses(self._header)]
+        self._losses = [*self._header.losses]
         self._lost: Counter[str] = Counter()
         # A closed session was complete: it was damaged later, and its header is the reference.
-        self._finished = self._times.ended_ns is not None
-        self._expected = counts_of(self._header.get("counts")) if self._finished else progress_counts(folder)
+        self._finished = self._header.ended_ns is not None
+        self._expected = (Counter(self._header.counts) or None) if self._finished else progress_counts(folder)
         self._record = _Record()
         self._ended_ns = 0
         self._reason = ""
@@ -181,21 +167,33 @@ class _Repair:
         self._complete = False
 
     def run(self) -> RepairReport:
-        wanting = _wanting(self._folder, self._header, self._times)
+        wanting = _wanting(self._folder, self._header)
         if not wanting:
             return RepairReport(False)  # another process was first
         begun_s = time.monotonic()
         losses_before = len(self._losses)
         if wanting == "end":
             self._repair_events()
+            header = replace(self._header, counts=dict(sorted(self._record.counts.items())))
             if self._finished:
-                # Incomplete media are reported on each reading; they need no repair.
-                self._write_finished_header()
+                # Of a closed session, only the events change; incomplete media are reported on each reading.
+                others = [file for file in header.files if file.name != _EVENTS]
+                events = RecordedFile(_EVENTS, (self._folder / _EVENTS).stat().st_size)
+                header = replace(header, files=(*others, events))
             else:
                 sounds = self._repair_sounds()
                 videos = self._repair_videos()
                 self._move_leftovers()
-                self._write_header(videos, sounds)
+                header = header.ended(
+                    self._ended_ns,
+                    self._reason,
+                    dropped=dict(sorted(self._record.dropped.items())),
+                    pauses=self._pauses(),
+                    videos=tuple(videos),
+                    audio=tuple(sounds),
+                    files=recorded_files(self._folder),
+                )
+            self._replace_header(header)
         else:
             self._sentences.append(
                 QT_TR_NOOP("The list of checksums was missing and has been created now: it shows changes from now on.")
@@ -220,10 +218,7 @@ class _Repair:
             index = mcap_chunks.scan(file) if broken else mcap_chunks.read_index(path)
             if broken and not index.count and magic != MAGIC[: len(magic)]:
                 raise SessionError(
-                    localized(
-                        QT_TR_NOOP("{path} is not an event log: nothing in it can be read. Nothing was changed."),
-                        path=path,
-                    )
+                    QT_TR_NOOP("{path} is not an event log: nothing in it can be read. Nothing was changed."), path=path
                 )
             if broken:
                 self._rewrite_events(file, index)
@@ -269,7 +264,7 @@ class _Repair:
             self._record = _Record(newest_utc_ns=self._record.newest_utc_ns)
             return None
         event = SessionEnded(self._ended_ns, self._folder.name, self._reason)
-        ended_utc_ns = self._times.clock.anchor.utc_ns_at(self._ended_ns)
+        ended_utc_ns = self._clock.anchor.utc_ns_at(self._ended_ns)
         schema_name, schema = schema_of(spec)
         return AddedMessage(
             topic=f"/{spec.name}",
@@ -281,14 +276,14 @@ class _Repair:
         )
 
     def _settle_end(self) -> None:
-        anchor = self._times.clock.anchor
+        anchor = self._clock.anchor
         newest_ns = self._record.newest_utc_ns - anchor.utc_ns + anchor.monotonic_ns
-        if self._times.ended_ns is not None:
-            self._ended_ns, self._reason = self._times.ended_ns, self._times.reason
+        if self._header.ended_ns is not None:
+            self._ended_ns, self._reason = self._header.ended_ns, self._header.reason or ""
         elif self._record.ended is not None:
             self._ended_ns, self._reason = self._record.ended.stamp_ns, self._record.ended.reason
         else:
-            self._ended_ns, self._reason = max(newest_ns, self._times.clock.started_ns), "recovered"
+            self._ended_ns, self._reason = max(newest_ns, self._clock.started_ns), "recovered"
 
     def _inspect(self, index: BlockIndex, content: bytes, *, only: int | None = None) -> None:
         record = self._record
@@ -327,7 +322,7 @@ class _Repair:
             with (self._folder / KEPT_FOLDER / self._preserved_name(_EVENTS)).open("rb") as original:
                 self._damaged_bytes = mcap_chunks.scan(original).damaged_bytes
         left, recorded = self._count_lost_values()
-        lasted_s = self._times.clock.session_s(self._ended_ns)
+        lasted_s = self._clock.session_s(self._ended_ns)
         if self._preserved_name(_EVENTS):
             message = new_index_words(left, finished=self._finished)
             self._sentences.append(localized(message, seconds=f"{lasted_s:.1f}"))
@@ -337,7 +332,7 @@ class _Repair:
             )
         lost = self._lost.total()
         if lost:
-            early_s = lasted_s - max(0.0, self._times.clock.session_s(self._last_value_ns()))
+            early_s = lasted_s - max(0.0, self._clock.session_s(self._last_value_ns()))
             message = lost_values_words(lost, broken=bool(self._damaged_bytes), early=self._finished and early_s > 1.0)
             values = {"recorded": recorded, "bytes": self._damaged_bytes, "seconds": f"{early_s:.1f}"}
             self._losses.append(localized(message, **values))
@@ -360,12 +355,12 @@ class _Repair:
         return left.total(), left.total() + self._lost.total()
 
     def _last_value_ns(self) -> int:
-        anchor = self._times.clock.anchor
+        anchor = self._clock.anchor
         return self._record.last_value_utc_ns - anchor.utc_ns + anchor.monotonic_ns
 
     # Sound and video
 
-    def _repair_sounds(self) -> list[dict[str, Any]]:
+    def _repair_sounds(self) -> list[AudioInfo]:
         sounds = []
         for path in sorted(self._folder.glob("audio-*.wav")):
             if not inside(self._folder, path.name):
@@ -383,30 +378,29 @@ class _Repair:
             first = self._record.sounds.get(path.name)
             rate_hz = max(1, sound.sample_rate_hz)
             source = path.stem.removeprefix("audio-") if first is None else first.source
-            first_ns = self._times.clock.started_ns
+            first_ns = self._clock.started_ns
             if first is not None:
                 first_ns = first.stamp_ns - first.first_sample * 1_000_000_000 // rate_hz
             last_ns = first_ns + sound.samples * 1_000_000_000 // rate_hz
-            info = AudioInfo(path.name, source, sound.sample_rate_hz, sound.channels, sound.samples, first_ns, last_ns)
-            sounds.append(asdict(info))
+            sounds.append(
+                AudioInfo(path.name, source, sound.sample_rate_hz, sound.channels, sound.samples, first_ns, last_ns)
+            )
         return sounds
 
-    def _repair_videos(self) -> list[dict[str, Any]]:
-        recorded = {
-            str(entry.get("file_name")): entry for entry in self._header.get("videos") or () if isinstance(entry, dict)
-        }
+    def _repair_videos(self) -> list[VideoInfo]:
+        recorded = {video.file_name: video.camera for video in self._header.videos}
         videos = []
         for frames in self._record.frames.values():
             frames.sort(key=lambda ref: ref.stamp_ns)
         for path in sorted(self._folder.glob("video-*.mp4")):
             if inside(self._folder, path.name):
-                video = self._repair_video(path, recorded.get(path.name, {}))
+                video = self._repair_video(path, recorded.get(path.name, ""))
                 if video is not None:
                     videos.append(video)
         self._count_lost_frames(videos)
         return videos
 
-    def _repair_video(self, path: Path, entry: dict[str, Any]) -> dict[str, Any] | None:
+    def _repair_video(self, path: Path, camera: str) -> VideoInfo | None:
         self._cut_tail(path)
         content = media_repair.content_of(path)
         if content is None or not content.times_s:
@@ -414,10 +408,10 @@ class _Repair:
                 localized(QT_TR_NOOP("{file} contains no complete frame; it was not changed."), file=path.name)
             )
             return None
-        camera = str(entry.get("camera") or camera_of_video(path.name, self._record.frames))
+        camera = camera or camera_of_video(path.name, self._record.frames)
         recorded = self._record.frames.get(camera, [])
         index = index_path(path)
-        lines = media_repair.index_lines(path, content, recorded, self._times.clock)
+        lines = media_repair.index_lines(path, content, recorded, self._clock)
         if lines is not None:
             if index.exists():
                 self._preserve(index)
@@ -429,7 +423,7 @@ class _Repair:
         stamps_ns, shown_ns = times.stamps_ns, times.shown_ns
         first_ns, last_ns = int(shown_ns[0]), int(shown_ns[-1])
         frame_stamps_ns = set(stamps_ns.tolist())
-        info = VideoInfo(
+        return VideoInfo(
             file_name=path.name,
             camera=camera,
             frames=len(stamps_ns),
@@ -444,7 +438,6 @@ class _Repair:
             delay_ms=times.delay_ms,
             uncertainty_ms=times.worst_uncertainty_ms,
         )
-        return {**entry, **asdict(info)}
 
     def _cut_tail(self, path: Path) -> None:
         """Move an incomplete fragment at the end of a video aside: it is unusable and breaks some players."""
@@ -464,10 +457,10 @@ class _Repair:
         message = QT_TR_NOOP("The last part of {file} was incomplete and was moved to {place}.")
         self._sentences.append(localized(message, file=path.name, place=f"{KEPT_FOLDER}/{copy.name}"))
 
-    def _count_lost_frames(self, videos: list[dict[str, Any]]) -> None:
+    def _count_lost_frames(self, videos: list[VideoInfo]) -> None:
         """Count logged frames after the last complete part of the video."""
         for camera, frames in self._record.frames.items():
-            last_ns = max((video["last_stamp_ns"] for video in videos if video["camera"] == camera), default=0)
+            last_ns = max((video.last_stamp_ns for video in videos if video.camera == camera), default=0)
             lost = sum(ref.shown_ns > last_ns for ref in frames)
             if lost:
                 self._record.dropped[BY_TYPE[FrameRef].name] += lost
@@ -487,63 +480,24 @@ class _Repair:
                 message = QT_TR_NOOP("A half-written file was moved to {place}.")
                 self._sentences.append(localized(message, place=f"{KEPT_FOLDER}/{target.name}"))
 
-    def _write_finished_header(self) -> None:
-        """Restore the header of a closed session except for its events: the rest remains the reference."""
-        files = self._header.get("files")
-        size_bytes = (self._folder / _EVENTS).stat().st_size
-        others = (
-            [file for file in files if not (isinstance(file, dict) and file.get("name") == _EVENTS)] if files else []
-        )
-        self._replace_header(
-            {
-                "counts": dict(sorted(self._record.counts.items())),
-                "files": [*others, {"name": _EVENTS, "bytes": size_bytes}],
-            }
-        )
-
-    def _write_header(self, videos: list[dict[str, Any]], sounds: list[dict[str, Any]]) -> None:
-        clock = self._times.clock
-        data = {
-            "ended_ns": self._ended_ns,
-            "ended_utc": clock.utc(self._ended_ns),
-            "duration_s": round(clock.session_s(self._ended_ns), 3),
-            "reason": self._reason,
-            "counts": dict(sorted(self._record.counts.items())),
-            "dropped": dict(sorted(self._record.dropped.items())),
-            "pauses": self._pauses(),
-            "videos": videos,
-            "audio": sounds,
-            "files": [
-                {"name": name, "bytes": (self._folder / name).stat().st_size}
-                for name in session_files(self._folder)
-                if name != "session.json"
-            ],
-        }
-        self._replace_header(data)
-
-    def _replace_header(self, changes: dict[str, Any]) -> None:
-        earlier = self._header.get("repairs")
-        data = {
-            **self._header,
-            **changes,
-            "lost": dict(sorted((Counter(lost_values(self._header)) + self._lost).items())),
-            "losses": self._losses,
-            "repairs": [*(earlier if isinstance(earlier, list) else ()), *self._sentences],
-        }
-        path = self._folder / "session.json"
+    def _replace_header(self, changed: SessionHeader) -> None:
+        lost = dict(sorted((Counter(self._header.lost) + self._lost).items()))
+        repairs = (*self._header.repairs, *self._sentences)
+        # Written even if nothing is lost.
+        as_read = {**changed.as_read, "lost": lost, "losses": self._losses}
+        path = self._folder / HEADER_NAME
         if path.exists() and not (self._folder / KEPT_FOLDER / f"{path.name}.original").exists():
             self._preserve(path)
-        text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
-        replace_file(self._folder / "session.json", text.encode("utf-8", "replace"), durable=True)
+        replace(changed, lost=lost, losses=tuple(self._losses), repairs=repairs, as_read=as_read).write(self._folder)
 
-    def _pauses(self) -> list[dict[str, int | None]]:
-        pauses: list[dict[str, int | None]] = []
+    def _pauses(self) -> tuple[RecordedPause, ...]:
+        pauses: list[RecordedPause] = []
         for event in self._record.pauses:
             if event.paused:
-                pauses.append({"paused_ns": event.stamp_ns, "resumed_ns": None})
+                pauses.append(RecordedPause(event.stamp_ns))
             elif pauses:
-                pauses[-1]["resumed_ns"] = event.stamp_ns
-        return pauses
+                pauses[-1] = RecordedPause(pauses[-1].paused_ns, event.stamp_ns)
+        return tuple(pauses)
 
     def _preserved_name(self, name: str) -> str:
         """Name of the newest preserved original of a file; empty if there is none."""

@@ -67,8 +67,7 @@ class StepRecord:
 
 def scenario_file(session: Session) -> str:
     """Scenario file of the header, for events before the first that names one."""
-    scenario = session.header.get("scenario")
-    return str(scenario.get("file", "")) if isinstance(scenario, dict) else ""
+    return session.header.scenario.file
 
 
 def step_visits_of(

@@ -11,14 +11,12 @@ from typing import Any, TypeVar
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.json_encoding import DERIVED_TOPICS, from_message
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
-from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.mcap_chunks import BlockIndex
-from caris_desktop.recording.session.missing_data import losses_of, lost_values, missing_values
+from caris_desktop.recording.session.missing_data import losses_of, missing_values
 from caris_desktop.recording.session.recovery import repair_session
 from caris_desktop.recording.session.session_clock import SessionClock
-from caris_desktop.recording.session.session_header import SessionError, read_header, times_of
+from caris_desktop.recording.session.session_header import SessionError, SessionHeader, read_header, reading
 
 __all__ = ["Session", "SessionError", "open_session"]
 _log = logging.getLogger(__name__)
@@ -34,7 +32,7 @@ def _as_it_is(content: T) -> T:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One recorded session. ``header`` is ``session.json`` as on disk.
+    """One recorded session. ``header`` is ``session.json``.
 
     For an interrupted recording ``closed_properly`` is False, ``reason`` is ``recovered``, or empty without a repair,
     and ``ended_ns`` is the time of the last saved value. ``notices`` are user texts on repairs at opening or their
@@ -45,7 +43,7 @@ class Session:
     """
 
     folder: Path
-    header: dict[str, Any]
+    header: SessionHeader
     clock: SessionClock
     ended_ns: int
     closed_properly: bool
@@ -67,14 +65,7 @@ class Session:
 
     @property
     def trial(self) -> dict[str, str]:
-        trial = self.header.get("trial")
-        return {str(key): str(value) for key, value in trial.items()} if isinstance(trial, dict) else {}
-
-    @property
-    def repairs(self) -> tuple[str, ...]:
-        """All repairs so far, as user texts."""
-        repairs = self.header.get("repairs")
-        return tuple(str(sentence) for sentence in repairs) if isinstance(repairs, list) else ()
+        return self.header.trial
 
     @property
     def identity(self) -> tuple[Any, ...]:
@@ -117,23 +108,19 @@ def open_session(folder: Path, *, repair: bool = True) -> Session:
         If ``folder`` is no session that this program can read, or, to be repaired, one that is still being recorded.
     """
     header = read_header(folder)
-    times = times_of(header, folder)
     notices: tuple[str, ...] = ()
     if repair:
         report = repair_session(folder)
         notices = report.sentences
         if report.repaired:
             header = read_header(folder)
-            times = times_of(header, folder)
-    clock = times.clock
-    try:
+    clock, reason = header.session_clock, header.reason or ""
+    with reading(folder / _EVENTS):
         missing = missing_values(folder, header)
-    except OSError as error:
-        raise _unreadable(folder / _EVENTS, error) from error
-    losses, lost = losses_of(folder, header, missing), missing + Counter(lost_values(header))
+    losses, lost = losses_of(folder, header, missing), missing + Counter(header.lost)
     session = Session(folder, header, clock, clock.started_ns, False, "", notices, losses, lost)
-    if times.ended_ns is not None:
-        return replace(session, ended_ns=times.ended_ns, closed_properly=times.reason != RECOVERED, reason=times.reason)
+    if header.ended_ns is not None:
+        return replace(session, ended_ns=header.ended_ns, closed_properly=reason != RECOVERED, reason=reason)
     for _, end in session.values(BY_TYPE[SessionEnded].name):
         return replace(session, ended_ns=end.stamp_ns, closed_properly=end.reason != RECOVERED, reason=end.reason)
     return replace(session, ended_ns=_newest_ns(folder / _EVENTS, clock))
@@ -159,20 +146,10 @@ def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | 
     return read
 
 
-def _index_of(path: Path) -> BlockIndex:
-    try:
-        return mcap_chunks.read_index(path)
-    except OSError as error:
-        raise _unreadable(path, error) from error
-
-
-def _unreadable(path: Path, error: OSError) -> SessionError:
-    return SessionError(localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error))
-
-
 def _newest_ns(path: Path, clock: SessionClock) -> int:
     """Arrival of the last saved message."""
-    ends_utc_ns = _index_of(path).ends_utc_ns
+    with reading(path):
+        ends_utc_ns = mcap_chunks.read_index(path).ends_utc_ns
     anchor = clock.anchor
     newest_utc_ns = int(ends_utc_ns.max()) if len(ends_utc_ns) else 0
     return max(clock.started_ns, newest_utc_ns - anchor.utc_ns + anchor.monotonic_ns)
@@ -180,11 +157,9 @@ def _newest_ns(path: Path, clock: SessionClock) -> int:
 
 def _values(session: Session, names: set[str], session_from_utc_ns: int) -> Iterator[tuple[int, StreamSpec, Any]]:
     path, scrub = session.folder / _EVENTS, session.scrub
-    index = _index_of(path)
-    try:
+    with reading(path):
+        index = mcap_chunks.read_index(path)
         file = path.open("rb")
-    except OSError as error:
-        raise _unreadable(path, error) from error
     if index.damaged_bytes:
         _log.info("%s: %d bytes are damaged or cut off", path, index.damaged_bytes)
     topics = {number: its.topic for number, its in index.channels.items() if its.topic not in DERIVED_TOPICS}
@@ -196,12 +171,11 @@ def _values(session: Session, names: set[str], session_from_utc_ns: int) -> Iter
     with file:
         for number in sorted(numbers):
             try:
-                content = mcap_chunks.read_block(file, index, number)
+                with reading(path):
+                    content = mcap_chunks.read_block(file, index, number)
             except mcap_chunks.DamagedBlockError as error:
                 _log.info("%s: the block at byte %d is left out: %s", path, index.offsets[number], error)
                 continue
-            except OSError as error:
-                raise _unreadable(path, error) from error
             for message in mcap_chunks.messages_of(content):
                 topic = topics.get(message.channel)
                 found = None if topic is None else read(topic, scrub(content[message.start : message.end]))

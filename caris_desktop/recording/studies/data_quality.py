@@ -26,7 +26,7 @@ def data_quality_problems(facts: SessionData, measures: Measures) -> tuple[str, 
     sentences = []
     if not session.closed_properly:
         sentences.append("The recording was cut off: everything after the last saved value is missing.")
-    sentences += [*session.repairs, *session.losses]
+    sentences += [*session.header.repairs, *session.losses]
     sentences += _lost_since(facts)
     if session.reason == "disk_full":
         sentences.append("The recording ended because the disk was full.")
@@ -81,4 +81,4 @@ def _gaps(facts: SessionData) -> list[str]:
 
 
 def _has_recording(facts: SessionData, header_key: str, pattern: str) -> bool:
-    return bool(facts.session.header.get(header_key)) or any(facts.session.folder.glob(pattern))
+    return bool(getattr(facts.session.header, header_key)) or any(facts.session.folder.glob(pattern))

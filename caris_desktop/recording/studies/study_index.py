@@ -486,12 +486,11 @@ def _content(folder: Path) -> _Content:
     if not all(abs(at_ns) < _NEVER_NS for at_ns in (session.started_ns, *(item.at_ns for item in items))):
         raise ValueError("a time that is out of range")
     trial = {key: _storable(value) for key, value in session.trial.items()}
-    scenario = session.header.get("scenario")
     entry = SessionEntry(
         folder=folder,
         started_utc=session.clock.utc(session.started_ns),
         duration_s=session.duration_s,
-        scenario=_storable(str(scenario.get("title") or "")) if isinstance(scenario, dict) else "",
+        scenario=_storable(session.header.scenario.title),
         closed_properly=session.closed_properly,
         size_bytes=_size_bytes(folder),
         utterances=sum(item.kind in _UTTERANCES for item in items),

@@ -228,7 +228,7 @@ def session_facts(session: Session, robot: RobotClock) -> Iterator[_Fact]:
     """Rows of SESSION_TABLE."""
     yield _Fact("folder", session.folder.name)
     lost = {"lost": dict(session.lost)} if session.lost else {}
-    for key, value in _flat({**session.header, **lost}):
+    for key, value in _flat({**session.header.to_json(), **lost}):
         yield _Fact(key, _in_one_line(value))
     yield _Fact("closed_properly", _in_one_line(session.closed_properly))
     yield _Fact("recorded_s", _in_one_line(round(session.duration_s, 3)))

@@ -332,7 +332,9 @@ def test_the_overview_shows_sound_where_it_was(tmp_path: Path) -> None:
         tmp_path / "s",
         values,
         lasts_s=60.0,
-        videos=[{"camera": "front", "file_name": "video-front.mp4"}, {"camera": "rear", "file_name": "video-rear.mp4"}],
+        videos=[
+            {"camera": camera, "file_name": f"video-{camera}.mp4", "first_stamp_ns": 0} for camera in ("front", "rear")
+        ],
     )
     (folder / "video-front.mp4").write_bytes(b"x")
     samples = np.zeros(3000)

@@ -29,6 +29,7 @@ from caris_desktop.recording.annotation.annotation_store import load_documents, 
 from caris_desktop.recording.annotation.eaf_import import media_began_ms_of, read_eaf
 from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.exporters.eaf import LinkedMedia, eaf_text
+from caris_desktop.recording.session.session_header import header_of
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportContext, export_session
 from tests.recording.export_checks import check_what_elan_insists_on
@@ -201,7 +202,7 @@ def test_a_session_becomes_a_project(exported: tuple[Path, Path], elan_schema: x
 def test_videos_show_each_picture_at_its_time_of_the_session(exported: tuple[Path, Path]) -> None:
     folder, out = exported
     session = open_session(folder)
-    for row in session.header["videos"]:
+    for row in session.header.to_json()["videos"]:
         with av.open(str(folder / row["file_name"])) as video:
             recorded = [(float(frame.time), frame.to_ndarray(format="bgr24")) for frame in video.decode(video=0)]
         late_s = (row["first_stamp_ns"] - session.started_ns) / 1e9
@@ -360,15 +361,19 @@ def test_open_times_and_references_are_worked_out(tmp_path: Path) -> None:
     assert len(taken.annotations) == 6
 
 
-@pytest.mark.logs(r"annotation\.eaf_import: ")
 def test_coding_of_a_video_itself_is_moved_to_the_session(tmp_path: Path) -> None:
     """A video of the session that was opened in ELAN and cut by its first 300 ms there."""
     header = {
+        "clock": {"monotonic_ns": 0, "utc_ns": 0},
         "started_ns": at(0.0),
-        "videos": [{"file_name": "video-front.mp4", "first_stamp_ns": at(2.5)}, {"file_name": "broken"}, 7],
+        "videos": [
+            {"file_name": "video-front.mp4", "camera": "front", "first_stamp_ns": at(2.5)},
+            {"file_name": "broken"},
+            7,
+        ],
         "audio": [{"file_name": "audio-m.wav", "first_stamp_ns": at(1.0)}],
     }
-    began_ms = media_began_ms_of(header)
+    began_ms = media_began_ms_of(header_of(header, tmp_path / "session.json"))
     assert began_ms == {"video-front.mp4": 2500, "audio-m.wav": 1000}
     media = '<MEDIA_DESCRIPTOR MEDIA_URL="file:///C:/x%20y/video-front.mp4" MIME_TYPE="video/mp4" TIME_ORIGIN="300"/>'
     path = tmp_path / "x.eaf"

@@ -233,7 +233,10 @@ def test_topics_are_known_by_their_types(kind: str, tmp_path: Path) -> None:
             assert videos.frame_times_ns(camera) == stamps
             numbers = [videos.frame(camera, number) for number in range(10)]
             assert [number_in(picture.image_bgr) for picture in numbers if picture] == list(range(10))
-    assert [video["width_px"] for video in session.header["videos"] if video["camera"] == "head"] == [160, 320]
+    assert [video.width_px for video in session.header.videos if video.camera == "head"] == [
+        160,
+        320,
+    ]
 
     told = topics(report)
     assert told["/local_costmap/costmap"] == ("", "it is a costmap, not the map")
@@ -244,8 +247,8 @@ def test_topics_are_known_by_their_types(kind: str, tmp_path: Path) -> None:
     assert {topic.topic for topic in report.not_understood} == {
         "/local_costmap/costmap", "/rear/scan_raw", "/imu", "/chatter"
     }  # fmt: skip
-    assert session.header["source"]["not_understood"] == [topic.topic for topic in report.not_understood]
-    assert session.header["source"]["name"] == bag.name
+    assert session.header.to_json()["source"]["not_understood"] == [topic.topic for topic in report.not_understood]
+    assert session.header.to_json()["source"]["name"] == bag.name
     assert "Hello there" in (session.folder / "speech.txt").read_text()
 
 

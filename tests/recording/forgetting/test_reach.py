@@ -81,7 +81,7 @@ def test_no_checksum_that_is_left_gives_the_name_to_a_person_who_guesses(
     assert digests  # of the present files
     for name in GUESSES:
         assert digests.isdisjoint(hashlib.sha256(content).hexdigest() for content in told_of(name)), name
-    now = open_session(folder).header["scenario"]["sha256"]
+    now = open_session(folder).header.to_json()["scenario"]["sha256"]
     assert now == hashlib.sha256(SCENARIO.format("(forgotten)").encode()).hexdigest()
     assert receipt_of(study)["complete"] is True
 

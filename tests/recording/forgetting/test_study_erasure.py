@@ -113,8 +113,8 @@ def test_every_session_is_complete_and_says_that_a_person_was_forgotten(study: P
         session = open_session(folder)
         assert session.closed_properly
         assert session.losses == ()
-        assert len(session.header["forgotten"]) == 1
-        assert PERSON not in json.dumps(session.header)
+        assert len(session.header.to_json()["forgotten"]) == 1
+        assert PERSON not in json.dumps(session.header.to_json())
         # All other recorded data is unchanged, byte for byte.
         pairs = zip(messages_in(folder), recorded[folder.name], strict=True)
         # Unattributed speech during the presence is erased too.
@@ -143,7 +143,7 @@ def test_in_the_film_they_are_covered_where_they_were_and_frames_keep_their_time
     assert new_content is not None
     assert new_content.times_s == old_content.times_s
     assert (folder / "video-front.frames.csv").read_bytes() == index
-    header = open_session(folder).header["videos"][0]
+    header = open_session(folder).header.to_json()["videos"][0]
     first_ns = header["first_stamp_ns"]
     for number in range(2, len(new_frames), 10):
         at_ns = first_ns + round(new_content.times_s[number] * 1e9)
@@ -172,7 +172,7 @@ def test_a_photo_is_covered_and_where_they_were_named_nothing_is_heard(study: Pa
     after = cv2.imread(str(photo))
     assert after.shape == before.shape
     assert (after == 112).all(axis=2).mean() > 0.05
-    sound = next(one for one in session.header["audio"] if one["source"] == "robot voice")
+    sound = next(one for one in session.header.to_json()["audio"] if one["source"] == "robot voice")
     named, other = utterances[f"Hello {NAME}, welcome to our laboratory."], utterances[f"{OTHER} is here too."]
     with wave.open(str(folder / sound["file_name"])) as file:
         rate_hz = file.getframerate()
@@ -218,7 +218,7 @@ def test_film_and_photos_are_removed_where_asked(study: Path) -> None:
         assert verify_manifest(folder) == []
         session = open_session(folder)
         assert session.losses == ()
-        assert session.header["videos"] == []
+        assert session.header.to_json()["videos"] == []
     assert hits_in(study) == {}
 
 

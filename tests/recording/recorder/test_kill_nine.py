@@ -78,7 +78,7 @@ def test_a_killed_recording_opens_and_lacks_only_its_last_moment(
             assert (sent.frames_ns[camera][-1] - last_ns) / 1e9 <= MOST_MEDIA_LOST_S
             assert not times_ns or videos.frame(camera, len(times_ns) - 1) is not None, "the last frame decodes"
         assert videos.problems == []
-    sounds = {sound["source"]: sound for sound in session.header["audio"]}
+    sounds = {sound["source"]: sound for sound in session.header.to_json()["audio"]}
     for source, ended_ns in sent.sound_ends_ns.items():
         last_ns = sounds[source]["last_stamp_ns"] if source in sounds else session.started_ns
         assert (ended_ns - last_ns) / 1e9 <= MOST_MEDIA_LOST_S

@@ -141,7 +141,7 @@ def test_a_session_is_a_folder_that_ordinary_programs_can_read(tmp_path: Path, r
         by_topic.setdefault(topic, []).append((publish_time, data))
     assert len(by_topic["/scan"]) == 5
     publish_time, data = by_topic["/scan"][0]
-    assert publish_time == begin.header.anchor.utc_ns_at(scans[0].stamp_ns)
+    assert publish_time == begin.header.clock.utc_ns_at(scans[0].stamp_ns)
     assert data["stamp_ns"] == scans[0].stamp_ns
     assert data["ranges"][0] == 1e39, "nothing returned"
     assert data["ranges"][1] == pytest.approx(float(scans[0].ranges_m[1]))

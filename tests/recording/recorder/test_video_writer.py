@@ -17,6 +17,7 @@ from caris_desktop.recording.session.frame_times import moments_words, read_fram
 from caris_desktop.recording.session.media_names import video_file_name
 from caris_desktop.recording.session.media_repair import content_of, index_lines
 from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import VideoInfo
 from tests.recording.driving import picture
 from tests.recording.recorder.test_recorder_process import video_times_s
 
@@ -153,9 +154,9 @@ def test_an_index_of_before_reports_when_frames_came(tmp_path: Path) -> None:
     times = read_frame_times(index)
     assert times.shown_ns.tolist() == times.stamps_ns.tolist() == [1000, 2000]
     assert (times.delay_ms, times.worst_uncertainty_ms) == (None, None)
-    assert "capture time is unknown" in moments_words({"file_name": "video-front.mp4"})
+    assert "capture time is unknown" in moments_words(VideoInfo("video-front.mp4", "front"))
     assert "accurate to 1.4 ms; they reached the computer 70 ms later" in moments_words(
-        {"delay_ms": 70.0, "uncertainty_ms": 1.4}
+        VideoInfo("video-front.mp4", "front", delay_ms=70.0, uncertainty_ms=1.4)
     )
 
 

@@ -138,4 +138,4 @@ def test_a_head_made_again_does_not_take_a_measured_moment_for_an_arrival(tmp_pa
     log.close()
     rebuilt = rebuilt_header(tmp_path, missing=True)
     assert rebuilt is not None
-    assert rebuilt["clock"]["utc_ns"] - rebuilt["clock"]["monotonic_ns"] == anchor.utc_ns - anchor.monotonic_ns
+    assert rebuilt.clock.utc_ns - rebuilt.clock.monotonic_ns == anchor.utc_ns - anchor.monotonic_ns

@@ -23,8 +23,7 @@ from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.format import FORMAT_VERSION
-from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_header import FORMAT_VERSION, SessionError
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import export_session
 from tests.support.recorded_session import number_in
@@ -151,7 +150,7 @@ def test_recorded_again_it_is_the_same_in_this_version(folder: Path, tmp_path: P
 @pytest.mark.logs(r"session_header|recovery|header_rebuilding")
 def test_a_record_reports_its_version_where_its_head_is_lost(folder: Path, tmp_path: Path) -> None:
     (folder / "session.json").unlink()
-    assert open_session(folder).header["format_version"] == 2
+    assert open_session(folder).header.to_json()["format_version"] == 2
     for version, told in (("3", 3), ("4", None), ("none", 2)):
         lost = tmp_path / version
         lost.mkdir()
@@ -164,7 +163,7 @@ def test_a_record_reports_its_version_where_its_head_is_lost(folder: Path, tmp_p
             with pytest.raises(SessionError, match="version 4; this program reads up to version 3"):
                 open_session(lost)
         else:
-            assert open_session(lost).header["format_version"] == told
+            assert open_session(lost).header.to_json()["format_version"] == told
 
 
 def test_a_newer_version_is_refused_and_reported(folder: Path) -> None:

@@ -67,7 +67,7 @@ def test_everything_that_was_saved_comes_back_and_what_was_found_is_retained(
     assert (session.reason, session.closed_properly) == ("recovered", False)
     assert "cut off after" in session.notices[0]
     assert session.losses[0] == "The number of values missing at the end of events.mcap is unknown."
-    assert [*session.header["repairs"], *session.losses] == list(session.notices)
+    assert [*session.header.to_json()["repairs"], *session.losses] == list(session.notices)
 
     read = list(session.arrivals())
     assert [(arrived_ns, type(value)) for arrived_ns, _, value in read[:-1]] == [
@@ -79,7 +79,7 @@ def test_everything_that_was_saved_comes_back_and_what_was_found_is_retained(
     assert isinstance(end, SessionEnded)
     assert (end.reason, end.stamp_ns) == ("recovered", session.ended_ns)
     assert session.ended_ns == killed_session.values[-1][0]
-    assert sum(session.header["counts"].values()) == len(read)
+    assert sum(session.header.to_json()["counts"].values()) == len(read)
 
     kept = digests(folder / "recovered")
     assert kept["events.mcap.original"] == found["events.mcap"]
@@ -104,14 +104,14 @@ def test_other_readers_find_an_index_sound_and_frame_times(folder: Path, killed_
         assert summary.statistics.message_count == len(killed_session.values) + poses + 1
         assert len(summary.chunk_indexes) == summary.statistics.chunk_count
         assert sum(1 for _ in reader.iter_messages(topics=["/event/marked"])) == len(labels(session))
-    for sound in session.header["audio"]:
+    for sound in session.header.to_json()["audio"]:
         with wave.open(str(folder / sound["file_name"])) as file:
             assert file.getnframes() == sound["samples"]
             assert file.getnframes() / file.getframerate() == pytest.approx(7.7, abs=0.15)
         assert sound["first_stamp_ns"] == killed_session.plan.started_ns + 150_000_000
     sent = {value.stamp_ns: value for _, value in killed_session.values if isinstance(value, FrameRef)}
-    assert [video["camera"] for video in session.header["videos"]] == ["front", "rear"]
-    for video in session.header["videos"]:
+    assert [video["camera"] for video in session.header.to_json()["videos"]] == ["front", "rear"]
+    for video in session.header.to_json()["videos"]:
         times = read_frame_times(folder / video["index_file"])
         with av.open(str(folder / video["file_name"])) as container:
             shown_s = [float(frame.pts * frame.time_base) for frame in container.decode(video=0)]
@@ -191,7 +191,7 @@ def test_frames_after_the_last_whole_part_of_a_video_are_reported_as_lost(
     lost = len(refs) - times.count
     assert lost > 20
     assert any(f"last {lost} frames of camera front" in notice for notice in session.notices)
-    assert session.header["dropped"]["frame"] >= lost
+    assert session.header.to_json()["dropped"]["frame"] >= lost
 
 
 def test_frame_times_that_are_missing_come_from_the_record(folder: Path, killed_session: RecordedSession) -> None:
@@ -224,7 +224,7 @@ def test_zeros_after_a_power_cut_cost_only_what_they_cover(folder: Path) -> None
     # Sequence numbers show the number of missing values, although no count was written.
     left = Counter(spec.name for spec, _ in session.values())
     lost = whole - left
-    assert session.header["lost"] == dict(sorted(lost.items()))
+    assert session.header.to_json()["lost"] == dict(sorted(lost.items()))
     assert session.losses[0].startswith(f"{lost.total()} of the {whole.total()} recorded values are missing")
     stamps_ns = [value.stamp_ns for _, value in session.values("odometry")]
     assert stamps_ns[-1] - stamps_ns[0] > 7e9, "what comes behind the damage is read too"
@@ -265,8 +265,12 @@ def test_a_finished_record_that_was_cut_is_reported_as_such_permanently(finished
     told = f"{lost.total()} of the {recorded.total() - 1} recorded values are missing from events.mcap"
     assert session.losses[0].startswith(told)
     assert re.search(r"it ends 1[456]\.\d s before the recording did", session.losses[0])
-    assert session.header["lost"] == dict(sorted(lost.items()))
-    assert (session.reason, session.ended_ns, session.header["videos"]) == ("wizard", head["ended_ns"], head["videos"])
+    assert session.header.to_json()["lost"] == dict(sorted(lost.items()))
+    assert (session.reason, session.ended_ns, session.header.to_json()["videos"]) == (
+        "wizard",
+        head["ended_ns"],
+        head["videos"],
+    )
 
     assert digests(finished)[MANIFEST_NAME] == before[MANIFEST_NAME], "the evidence is not made anew"
     assert (finished / "recovered" / "events.mcap.original").read_bytes() == cut
@@ -351,12 +355,12 @@ def test_a_lost_head_is_made_again_from_the_events(finished: Path, content: byte
             whole.identity[:2],
         )
         assert (one.reason, one.closed_properly) == ("wizard", True)
-        assert one.header["scenario"]["title"] == "Tour guide"
-        assert one.header["robot"]["profile"] == "temi"
+        assert one.header.to_json()["scenario"]["title"] == "Tour guide"
+        assert one.header.to_json()["robot"]["profile"] == "temi"
         assert f"session.json was {'missing' if content is None else 'damaged'}" in one.losses[0]
-    assert session.header["counts"] == whole.header["counts"]
-    assert [video["frames"] for video in session.header["videos"]] == [
-        video["frames"] for video in whole.header["videos"]
+    assert session.header.to_json()["counts"] == whole.header.to_json()["counts"]
+    assert [video["frames"] for video in session.header.to_json()["videos"]] == [
+        video["frames"] for video in whole.header.to_json()["videos"]
     ]
     assert labels(session) == labels(whole)
     assert len(session.losses) == 1

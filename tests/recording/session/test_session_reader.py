@@ -15,11 +15,11 @@ from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import LaserScan
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.frame_ring import FrameRings
-from caris_desktop.recording.recorder.recorder_messages import SessionHeader
 from caris_desktop.recording.recorder.session_recorder import DiskLimits, SessionRecorder
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
+from caris_desktop.recording.session.session_header import RecordedRobot, SessionHeader
 from caris_desktop.recording.session.session_reader import SessionError, open_session
 from tests.recording.driving import command, header, mark, pose, scan, start
 from tests.recording.told_session import at, exchange, tell
@@ -154,7 +154,9 @@ def test_values_of_a_neighbouring_version_are_read_as_far_as_they_fit(tmp_path: 
 
 
 def test_no_credentials_reach_the_session(tmp_path: Path) -> None:
-    record(tmp_path / "s", [], head=header(robot_address="ws://user:secret@robot.local:9090/x?token=abc"))
+    record(
+        tmp_path / "s", [], head=header(robot=RecordedRobot(address="ws://user:secret@robot.local:9090/x?token=abc"))
+    )
     written = json.loads((tmp_path / "s" / "session.json").read_text())
     assert written["robot"]["address"] == "ws://robot.local:9090/x"
 
