@@ -22,6 +22,7 @@ from caris_desktop.recording.annotation.timeline_overview import Moment, Session
 from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
+from caris_desktop.recording.session.wav_files import wav_layout
 
 BUCKET_NS = 20_000_000
 _SPEED_EVERY_NS = 50_000_000
@@ -207,7 +208,10 @@ class WavReader:
         """Open the file. Raises OSError, and ValueError for another format."""
         self._file = path.open("rb")
         try:
-            self.channels, self.sample_rate_hz, self._offset, self.samples = self._layout(path.stat().st_size)
+            wav, size_bytes = wav_layout(self._file), path.stat().st_size
+            self.channels, self.sample_rate_hz, self._offset = wav.channels, wav.sample_rate_hz, wav.offset_bytes
+            # A killed recording leaves a zero or too large length.
+            self.samples = min(wav.data_bytes or size_bytes, size_bytes - wav.offset_bytes) // (2 * wav.channels)
         except BaseException:
             self._file.close()
             raise
@@ -240,25 +244,3 @@ class WavReader:
                 return
             yield content[: frames * frame_bytes]
             first += frames
-
-    def _layout(self, size_bytes: int) -> tuple[int, int, int, int]:
-        head = self._file.read(12)
-        if head[:4] != b"RIFF" or head[8:] != b"WAVE":
-            raise ValueError("not a WAV file")
-        channels = rate = 0
-        while len(chunk := self._file.read(8)) == 8:
-            name, length = chunk[:4], int.from_bytes(chunk[4:], "little")
-            if name == b"fmt ":
-                content = self._file.read(length)
-                channels = int.from_bytes(content[2:4], "little")
-                rate = int.from_bytes(content[4:8], "little")
-                if int.from_bytes(content[14:16], "little") != 16 or not channels or not rate:
-                    raise ValueError("not 16 bit PCM")
-            elif name == b"data" and channels:
-                offset = self._file.tell()
-                # A killed recording leaves a zero or too large length.
-                length = min(length or size_bytes, size_bytes - offset)
-                return channels, rate, offset, length // (2 * channels)
-            else:
-                self._file.seek(length + length % 2, 1)
-        raise ValueError("it contains no samples")

@@ -10,7 +10,6 @@ Format: https://www.mpi.nl/tools/elan/EAFv3.0.xsd
 import json
 import logging
 import re
-import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -29,6 +28,7 @@ from caris_desktop.recording.annotation.timeline_builder import WavReader, sound
 from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.session.frame_times import moments_words
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.wav_files import wav_header
 from caris_desktop.recording.session_export import ExportContext
 
 FREE_TEXT = "free text"
@@ -341,7 +341,7 @@ def _place_sound(session: Session, source: Path, runs: list[tuple[int, int, int,
         longest_ns = (_LARGEST_WAV_BYTES // frame_bytes) * 1_000_000_000 // rate
         if last_ns - session.started_ns > min(longest_ns, 2 * (session.ended_ns - session.started_ns) + 60_000_000_000):
             raise ValueError("it would become too large a file")
-        writing.write(_wav_head(wav.channels, rate, 0))
+        writing.write(wav_header(wav.channels, rate, 0))
         written = 0
         for stamp_ns, first, count, _ in sorted(runs):
             due = round((stamp_ns - session.started_ns) * rate / 1e9)
@@ -354,19 +354,7 @@ def _place_sound(session: Session, source: Path, runs: list[tuple[int, int, int,
                 writing.write(content)
                 written += len(content) // frame_bytes
         writing.seek(0)
-        writing.write(_wav_head(wav.channels, rate, written))
-
-
-def _wav_head(channels: int, rate: int, samples: int) -> bytes:
-    data_bytes = samples * channels * 2
-    head = struct.pack("<HHIIHH", 1, channels, rate, rate * channels * 2, channels * 2, 16)
-    return b"".join(
-        (
-            struct.pack("<4sI4s", b"RIFF", 36 + data_bytes, b"WAVE"),
-            struct.pack("<4sI", b"fmt ", 16) + head,
-            struct.pack("<4sI", b"data", data_bytes),
-        )
-    )
+        writing.write(wav_header(wav.channels, rate, written))
 
 
 def _about_media(session: Session, media: Iterable[LinkedMedia]) -> str:

@@ -1,11 +1,9 @@
 """Redaction of a person in media files: blanked areas in video and photos, silence in audio."""
 
 import logging
-import struct
 from collections.abc import Callable, Iterable
 from fractions import Fraction
 from pathlib import Path
-from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +17,7 @@ from caris_desktop.recording.forgetting.person_tracks import WHOLE, Area
 from caris_desktop.recording.photo_file import PhotoFileError, texts_of, with_texts
 from caris_desktop.recording.recorder.video_encoders import MUXER, TICKS_PER_S, add_stream, x264
 from caris_desktop.recording.session.frame_times import FrameTimes
+from caris_desktop.recording.session.wav_files import wav_layout
 
 _log = logging.getLogger(__name__)
 # A single colour: the covered content cannot be reconstructed from it.
@@ -141,7 +140,11 @@ def _covered(image: NDArray[np.uint8], areas: Iterable[Area]) -> NDArray[np.uint
 def silenced_sound(source: Path, target: Path, first_stamp_ns: int, spans_ns: Iterable[tuple[int, int]]) -> None:
     """Rewrite a WAV file with silence in these intervals. Raises OSError, UnreadableMediaError."""
     with source.open("rb") as old:
-        begin, rate_hz, frame_bytes = _sound_of(old, source.name)
+        try:
+            wav = wav_layout(old)
+        except ValueError as error:
+            raise UnreadableMediaError(localized(QT_TR_NOOP("{file} contains no audio"), file=source.name)) from error
+        begin, rate_hz, frame_bytes = wav.offset_bytes, wav.sample_rate_hz, wav.frame_bytes
         quiet = sorted(
             (
                 begin + max(0, (from_ns - first_stamp_ns) * rate_hz // 1_000_000_000) * frame_bytes,
@@ -164,19 +167,3 @@ def silenced_sound(source: Path, target: Path, first_stamp_ns: int, spans_ns: It
             file.sync()
         finally:
             file.close()
-
-
-def _sound_of(file: IO[bytes], name: str) -> tuple[int, int, int]:
-    """Offset of the samples, sample rate, and bytes per sample frame."""
-    head = file.read(12)
-    if head[:4] != b"RIFF" or head[8:] != b"WAVE":
-        raise UnreadableMediaError(localized(QT_TR_NOOP("{file} is not a WAV file"), file=name))
-    rate_hz, frame_bytes = 0, 0
-    while len(part := file.read(8)) == 8:
-        kind, length = part[:4], int.from_bytes(part[4:], "little")
-        if kind == b"data" and rate_hz and frame_bytes:
-            return file.tell(), rate_hz, frame_bytes
-        content: Any = file.read(length + length % 2) if kind != b"data" else b""
-        if kind == b"fmt " and len(content) >= 16:
-            _, _, rate_hz, _, frame_bytes, _ = struct.unpack("<HHIIHH", content[:16])
-    raise UnreadableMediaError(localized(QT_TR_NOOP("{file} contains no audio"), file=name))

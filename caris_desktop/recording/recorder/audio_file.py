@@ -4,7 +4,6 @@ A sound card's clock drifts from the session clock. Drift is corrected sample by
 audio becomes silence.
 """
 
-import struct
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -19,9 +18,8 @@ from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import gap_messages
 from caris_desktop.recording.session.media_names import audio_file_name
 from caris_desktop.recording.session.session_header import AudioInfo
+from caris_desktop.recording.session.wav_files import HEADER_BYTES, wav_header
 
-HEADER_BYTES = 44
-_HEADER = struct.Struct("<4sI4s4sIHHIIHH4sI")
 _LARGEST_DATA_BYTES = 2**32 - 2**20
 # Silence up to this is written; longer silence becomes a hole that uses no disk space.
 _WRITTEN_SILENCE_S = 0.5
@@ -142,22 +140,7 @@ class AudioFile:
         self.samples += count
 
     def _header(self) -> bytes:
-        data_bytes = self.samples * self._frame_bytes
-        return _HEADER.pack(
-            b"RIFF",
-            HEADER_BYTES - 8 + data_bytes,
-            b"WAVE",
-            b"fmt ",
-            16,
-            1,
-            self.channels,
-            self.rate_hz,
-            self.rate_hz * self._frame_bytes,
-            self._frame_bytes,
-            16,
-            b"data",
-            data_bytes,
-        )
+        return wav_header(self.channels, self.rate_hz, self.samples)
 
 
 def _flattest(samples: NDArray[np.int16], count: int) -> NDArray[np.intp]:

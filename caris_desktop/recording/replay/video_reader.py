@@ -60,8 +60,7 @@ class VideoReader:
         self._firsts: dict[str, NDArray[np.int64]] = {}
         self._stamps: dict[str, NDArray[np.int64]] = {}
         self.problems: list[str] = [
-            f"session.json contains an invalid entry for a video or sound: {entry}"
-            for entry in session.header.invalid_media
+            f"session.json contains an invalid entry for a video: {entry}" for entry in session.header.invalid_videos
         ]
         files = _files_of(session, self.problems)
         for path, camera, first_ns in sorted(files, key=lambda file: (file[2], file[0].name)):

@@ -2,13 +2,11 @@
 
 import logging
 import os
-import struct
 from bisect import bisect_left
 from dataclasses import replace
 from pathlib import Path
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.session.frame_times import (
@@ -19,6 +17,7 @@ from caris_desktop.recording.session.frame_times import (
     read_frame_times,
 )
 from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.wav_files import wav_layout
 
 _log = logging.getLogger(__name__)
 _LARGEST_WAV = 2**32 - 1
@@ -60,34 +59,18 @@ def repair_wav(path: Path) -> SoundContent:
         If it is no WAV that can be understood.
     """
     with path.open("r+b") as file:
+        wav = wav_layout(file)
         size_bytes = file.seek(0, os.SEEK_END)
-        file.seek(0)
-        if file.read(4) != b"RIFF" or file.seek(8) != 8 or file.read(4) != b"WAVE":
-            raise ValueError(QT_TR_NOOP("it does not have a WAV header"))
-        at, channels, rate_hz, frame_bytes = 12, 1, 1, 1
-        while True:
-            file.seek(at)
-            head = file.read(8)
-            if len(head) < 8:
-                raise ValueError(QT_TR_NOOP("it contains no audio"))
-            name, length = head[:4], int.from_bytes(head[4:], "little")
-            if name == b"data":
-                break
-            if name == b"fmt ":
-                _, channels, rate_hz, _, frame_bytes, _ = struct.unpack("<HHIIHH", file.read(16))
-                frame_bytes = max(1, frame_bytes)
-            at += 8 + length + length % 2
-        true_length = (size_bytes - at - 8) // frame_bytes * frame_bytes
-        riff_length = min(at + true_length, _LARGEST_WAV)
-        true_length = min(true_length, riff_length - at)
+        true_length = (size_bytes - wav.offset_bytes) // wav.frame_bytes * wav.frame_bytes
+        riff_length = min(wav.offset_bytes - 8 + true_length, _LARGEST_WAV)
+        true_length = min(true_length, riff_length - wav.offset_bytes + 8)
         file.seek(4)
-        content = SoundContent(rate_hz, channels, true_length // frame_bytes, repaired=False)
-        if length == true_length and int.from_bytes(file.read(4), "little") == riff_length:
+        content = SoundContent(wav.sample_rate_hz, wav.channels, true_length // wav.frame_bytes, repaired=False)
+        if wav.data_bytes == true_length and int.from_bytes(file.read(4), "little") == riff_length:
             return content
-        file.seek(4)
-        file.write(struct.pack("<I", riff_length))
-        file.seek(at + 4)
-        file.write(struct.pack("<I", true_length))
+        for at, length in ((4, riff_length), (wav.offset_bytes - 4, true_length)):
+            file.seek(at)
+            file.write(length.to_bytes(4, "little"))
         file.flush()
         os.fsync(file.fileno())
         return replace(content, repaired=True)

@@ -143,7 +143,8 @@ class SessionHeader:
 
     ``ended_ns`` is None for a session that was not closed. ``counts`` are values per stream, ``dropped`` those that
     were not recorded, and ``lost`` those that a repair found missing, which ``losses`` describe. ``source`` describes
-    the bag that the session was imported from. ``invalid_videos`` are entries of videos that cannot be understood; ``as_read`` is the content of the file, of which :meth:`to_json` preserves what was not changed.
+    the bag that the session was imported from. ``invalid_videos`` are entries that cannot be understood; ``as_read`` is
+    the content of the file, of which :meth:`to_json` preserves what was not changed.
     """
 
     clock: ClockAnchor

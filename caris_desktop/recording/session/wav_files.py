@@ -1,0 +1,49 @@
+"""Headers of WAV files with 16-bit samples, also of those that grow or were never completed."""
+
+import struct
+from typing import IO
+
+from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.domain.value_class import dataclass
+
+_HEADER = struct.Struct("<4sI4s4sIHHIIHH4sI")
+HEADER_BYTES = _HEADER.size
+
+
+@dataclass(frozen=True, slots=True)
+class WavLayout:
+    """Format of a WAV file, and where its samples begin. ``data_bytes`` is what the header says of their length."""
+
+    channels: int
+    sample_rate_hz: int
+    frame_bytes: int
+    offset_bytes: int
+    data_bytes: int
+
+
+def wav_layout(file: IO[bytes]) -> WavLayout:
+    """Read the header of ``file``. Raises OSError, and ValueError if it is no WAV with 16-bit samples."""
+    file.seek(0)
+    head = file.read(12)
+    if head[:4] != b"RIFF" or head[8:] != b"WAVE":
+        raise ValueError(QT_TR_NOOP("it does not have a WAV header"))
+    channels = rate_hz = frame_bytes = 0
+    while len(chunk := file.read(8)) == 8:
+        name, length = chunk[:4], int.from_bytes(chunk[4:], "little")
+        if name == b"data" and channels and rate_hz and frame_bytes == 2 * channels:
+            return WavLayout(channels, rate_hz, frame_bytes, file.tell(), length)
+        if name == b"fmt " and length >= 16:
+            _, channels, rate_hz, _, frame_bytes, _ = struct.unpack("<HHIIHH", file.read(16))
+            length -= 16
+        file.seek(length + length % 2, 1)
+    raise ValueError(QT_TR_NOOP("it contains no audio"))
+
+
+def wav_header(channels: int, sample_rate_hz: int, samples: int) -> bytes:
+    """Header of a file with ``samples`` of each channel."""
+    frame_bytes = 2 * channels
+    data_bytes = samples * frame_bytes
+    return _HEADER.pack(
+        b"RIFF", HEADER_BYTES - 8 + data_bytes, b"WAVE", b"fmt ", 16, 1, channels, sample_rate_hz,
+        sample_rate_hz * frame_bytes, frame_bytes, 16, b"data", data_bytes,
+    )  # fmt: skip
