@@ -14,15 +14,17 @@ from caris_desktop.domain.file_replacement import no_room
 class Reserve:
     """Disk space reserved at the start for data that must still be written once the disk is full.
 
-    It is released in ``steps``, so that other writers on the disk cannot use all of it at once.
+    It is released in ``steps`` down to ``kept_bytes``, so that other writers on the disk cannot use all of it at once.
+    Any thread.
     """
 
-    def __init__(self, folder: Path, size_bytes: int, *, steps: int = 1) -> None:
+    def __init__(self, folder: Path, size_bytes: int, *, steps: int = 1, kept_bytes: int = 0) -> None:
         """Reserve the space. Raises OSError if there is not enough."""
         # Unlinked, so that a kill leaves no file behind.
         self._file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115 - open until release
-        self._step_bytes = -(-size_bytes // steps)
-        self._left_bytes = size_bytes
+        self._step_bytes = -(-(size_bytes - kept_bytes) // steps)
+        self._kept_bytes = kept_bytes
+        self.held_bytes = size_bytes
         self._releasing = threading.Lock()
         try:
             if hasattr(os, "posix_fallocate"):
@@ -35,36 +37,31 @@ class Reserve:
             raise
 
     @property
-    def held(self) -> bool:
-        return not self._file.closed
-
-    @property
     def left_bytes(self) -> int:
-        """Bytes still reserved."""
-        return self._left_bytes if self.held else 0
+        """Bytes that steps may still release."""
+        return max(self.held_bytes - self._kept_bytes, 0)
 
     def release_step(self) -> bool:
-        """Release one step; True if this freed space. Any thread."""
+        """Release one step; True if this freed space."""
         with self._releasing:
-            left_bytes = max(self._left_bytes - self._step_bytes, 0)
-            if not self.held:
-                return False
-            try:
-                self._file.truncate(left_bytes)
-            except OSError:
-                self._file.close()
-                return True
-            self._left_bytes = left_bytes
-            if not left_bytes:
-                self._file.close()
-            return True
+            return self._shorten(max(self.held_bytes - self._step_bytes, self._kept_bytes))
 
-    def release(self) -> bool:
-        """Release everything; True if this freed space."""
+    def release(self, *, down_to_bytes: int = 0) -> bool:
+        """Release everything but so much; True if this freed space."""
         with self._releasing:
-            was_held = self.held
+            return self._shorten(down_to_bytes)
+
+    def _shorten(self, size_bytes: int) -> bool:
+        if self.held_bytes <= size_bytes:
+            return False
+        try:
+            self._file.truncate(size_bytes)
+        except OSError:
+            size_bytes = 0
+        self.held_bytes = size_bytes
+        if not size_bytes:
             self._file.close()
-            return was_held
+        return True
 
 
 class DiskFile:

@@ -55,14 +55,14 @@ def test_a_write_continues_where_it_stopped_once_there_is_room(tmp_path: Path, m
     write = os.write
 
     def write_while_there_is_room(descriptor: int, data: memoryview) -> int:
-        if reserve.held and os.lseek(descriptor, 0, os.SEEK_CUR) >= 4:
+        if reserve.held_bytes and os.lseek(descriptor, 0, os.SEEK_CUR) >= 4:
             raise OSError(errno.ENOSPC, "No space left on device")
         return write(descriptor, data[:4])
 
     monkeypatch.setattr(os, "write", write_while_there_is_room)
     file.write(b"a whole record")
     assert (tmp_path / "f").read_bytes() == b"a whole record"
-    assert not reserve.held
+    assert not reserve.held_bytes
     assert not reserve.release()
     file.close()
 
@@ -73,7 +73,17 @@ def test_a_reserve_is_given_back_step_by_step(tmp_path: Path) -> None:
     while reserve.release_step():
         left.append(reserve.left_bytes)
     assert left == [7500, 5000, 2500, 0]
-    assert not reserve.release() and not reserve.held
+    assert not reserve.release() and not reserve.held_bytes
+
+
+def test_steps_keep_what_the_end_needs(tmp_path: Path) -> None:
+    reserve = Reserve(tmp_path, 10_000, steps=2, kept_bytes=4000)
+    held = []
+    while reserve.release_step():
+        held.append(reserve.held_bytes)
+    assert held == [7000, 4000] and not reserve.left_bytes
+    assert reserve.release(down_to_bytes=1000) and not reserve.release_step() and reserve.held_bytes == 1000
+    assert reserve.release() and not reserve.held_bytes
 
 
 def test_a_partial_write_on_a_full_disk_is_undone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -226,17 +227,17 @@ class SessionRecorder:
         self._lock = hold(self.folder)
         if blurring is not None:
             blurring.use_demand(start.blur)
-        try:
+        with ExitStack() as undo:
+            undo.callback(self._lock.release)
             room_bytes = _room_bytes(self.folder, limits)
-            closing_bytes = min(limits.closing_bytes, room_bytes // 2)
-            self._reserve = Reserve(self.folder, room_bytes - closing_bytes, steps=limits.reserve_steps)
-            self._closing_room = Reserve(self.folder, closing_bytes)
-            self._header_room = Reserve(self.folder, _HEADER_BYTES)
-        except OSError:
-            self._lock.release()
-            raise
-        self._media = MediaWriter(self.folder, self._clock, encoders or Encoders(()), on_full=self._make_room)
-        try:
+            self._reserve = Reserve(
+                self.folder,
+                room_bytes + _HEADER_BYTES,
+                steps=limits.reserve_steps,
+                kept_bytes=min(limits.closing_bytes, room_bytes // 2) + _HEADER_BYTES,
+            )
+            undo.callback(self._reserve.release)
+            self._media = MediaWriter(self.folder, self._clock, encoders or Encoders(()), on_full=self._make_room)
             self._write_header()
             self._log = EventLog(
                 DiskFile(self.folder / "events.mcap", on_full=self._make_room),
@@ -248,12 +249,7 @@ class SessionRecorder:
                 },
             )
             self._plain = PlainFiles(self.folder, self._clock, on_full=self._make_room)
-        except OSError:
-            self._reserve.release()
-            self._closing_room.release()
-            self._header_room.release()
-            self._lock.release()
-            raise
+            undo.pop_all()
         self._audio = AudioWriter(self.folder, on_full=lambda: False)
         self._log_sync = FsyncThread("log", lambda: [self._log.file, *self._plain.files()], every_s=_SYNC_LOG_EVERY_S)
         self._media_sync = FsyncThread(
@@ -460,8 +456,7 @@ class SessionRecorder:
         self._log_sync.close(timeout_s=_CLOSE_SYNC_S)
         self._media_sync.close(timeout_s=_CLOSE_SYNC_S)
         # On a full disk the first writer gets the space: nothing else is waited for from here on.
-        self._reserve.release()
-        self._closing_room.release()
+        self._reserve.release(down_to_bytes=_HEADER_BYTES)
         self._report_missed()
         now_ns = clock.now_ns()
         self._ended_ns, self._reason = now_ns if at_ns is None else at_ns, reason
@@ -902,7 +897,7 @@ class SessionRecorder:
 
     def _write_last_header(self) -> None:
         # A video that waited for space takes all that others released.
-        self._header_room.release()
+        self._reserve.release()
         self._write_header()
         forget_counts(self.folder)
 

@@ -328,13 +328,13 @@ def test_using_the_last_room_leaves_that_of_the_header(tmp_path: Path, monkeypat
     held, close = [], PlainFiles.close
 
     def closing(files: PlainFiles) -> None:
-        held.append((recorder._reserve.left_bytes, recorder._header_room.left_bytes > 100_000))
+        held.append((recorder._reserve.left_bytes, recorder._reserve.held_bytes > 100_000))
         close(files)
 
     monkeypatch.setattr(PlainFiles, "close", closing)
     recorder.close("disk_full")
     assert held == [(0, True)], "a film may take what the others gave back, up to the moment of the header"
-    assert not recorder._header_room.held
+    assert not recorder._reserve.held_bytes
     assert open_session(tmp_path / "s").reason == "disk_full"
 
 
