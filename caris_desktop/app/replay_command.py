@@ -217,7 +217,7 @@ def _opened(folder: Path) -> Session:
 def _session_folder(path: Path) -> Path:
     """Session at ``path``; a bag is first converted, in the user's cache. Raises SessionError."""
     if not path.exists():
-        raise SessionError(localized(QT_TR_NOOP("{path} does not exist."), path=path))
+        raise SessionError(QT_TR_NOOP("{path} does not exist."), path=path)
     if is_session(path) or not is_probably_bag(path):
         return path
     return _imported(path)

@@ -160,13 +160,11 @@ def _refuse_names(session: Session) -> None:
         for row in rows:
             if isinstance(row, dict) and not _UNNAMED.fullmatch(str(row.get("name") or "")):
                 raise SessionError(
-                    localized(
-                        QT_TR_NOOP(
-                            "{name} contains names of people (in the stream 'status'), which must not leave "
-                            "the study. Nothing was written."
-                        ),
-                        name=session.folder.name,
-                    )
+                    QT_TR_NOOP(
+                        "{name} contains names of people (in the stream 'status'), which must not leave "
+                        "the study. Nothing was written."
+                    ),
+                    name=session.folder.name,
                 )
 
 

@@ -45,7 +45,6 @@ from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.video_encoders import x264
 from caris_desktop.recording.recorder.video_writer import VideoFileWriter
-from caris_desktop.recording.session.frame_times import index_path
 from caris_desktop.recording.session.manifest import write_manifest
 from caris_desktop.recording.session.media_names import video_file_name
 from caris_desktop.recording.session.session_clock import SessionClock
@@ -476,22 +475,7 @@ class _SessionWriter:
     def _close_video(self, camera: str) -> None:
         video = self._videos.pop(camera)
         video.close()
-        duration_s = (video.last_stamp_ns - video.first_stamp_ns) / 1e9
-        self._finished.append(
-            VideoInfo(
-                file_name=video.path.name,
-                camera=camera,
-                frames=video.frames,
-                width_px=video.width_px,
-                height_px=video.height_px,
-                first_stamp_ns=video.first_stamp_ns,
-                last_stamp_ns=video.last_stamp_ns,
-                index_file=index_path(video.path).name,
-                encoder=video.encoder.title,
-                rate_hz=round((video.frames - 1) / duration_s, 3) if duration_s > 0.0 else 0.0,
-                left_out=0,
-            )
-        )
+        self._finished.append(video.info(camera))
 
 
 def _add_notes(notes: ReadNotes, writer: _SessionWriter, maker: MessageConverter, survey: _Survey) -> None:

@@ -351,7 +351,7 @@ class _CameraThread:
 
     def infos(self) -> list[VideoInfo]:
         video = self._video
-        return [*self._finished, *([] if video is None else [self._info(video)])]
+        return [*self._finished, *([] if video is None else [video.info(self._camera, left_out=self.left_out)])]
 
     @property
     def written_bytes(self) -> int:
@@ -442,28 +442,10 @@ class _CameraThread:
         self._finish(video)
 
     def _finish(self, video: VideoFileWriter) -> None:
-        self._finished.append(self._info(video))
+        self._finished.append(video.info(self._camera, left_out=self.left_out))
         self._finished_bytes += video.written_bytes
         self.left_out = 0
         self._video = None
-
-    def _info(self, video: VideoFileWriter) -> VideoInfo:
-        duration_s = (video.last_stamp_ns - video.first_stamp_ns) / 1e9
-        return VideoInfo(
-            file_name=video.path.name,
-            camera=self._camera,
-            frames=video.frames,
-            width_px=video.width_px,
-            height_px=video.height_px,
-            first_stamp_ns=video.first_stamp_ns,
-            last_stamp_ns=video.last_stamp_ns,
-            index_file=video.index.path.name,
-            encoder=video.encoder.title,
-            rate_hz=round((video.frames - 1) / duration_s, 3) if video.frames > 1 and duration_s > 0 else 0.0,
-            left_out=self.left_out,
-            delay_ms=video.delay_ms,
-            uncertainty_ms=video.uncertainty_ms,
-        )
 
 
 def photo_event(request: TakePhoto, file_name: str) -> PhotoTaken:

@@ -1,6 +1,5 @@
 """Recorder process, so that neither encoding nor a full disk blocks the console."""
 
-import itertools
 import json
 import logging
 import os
@@ -11,7 +10,6 @@ import threading
 import time
 from dataclasses import replace
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,6 +40,7 @@ from caris_desktop.recording.recorder.recorder_messages import (
 )
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder, explain_start_error
 from caris_desktop.recording.recorder.video_encoders import Encoders
+from caris_desktop.recording.session.media_names import free_name
 from caris_desktop.recording.session.session_clock import SessionClock
 
 STREAM_NAME, STREAM_TYPE = "CARIS markers", "Markers"
@@ -307,9 +306,10 @@ class _Recorder:
 
     def _write_photo(self, request: TakePhoto, image_bgr: NDArray[np.uint8]) -> None:
         try:
-            path = write_photo(
-                image_bgr, _not_taken(request.without_session), texts=texts_for(request, _utc(request.ref))
-            )
+            path = request.without_session
+            # Two photos within a second.
+            path = path.with_name(free_name(path.stem, path.suffix, lambda name: path.with_name(name).exists()))
+            write_photo(image_bgr, path, texts=texts_for(request, _utc(request.ref)))
         except (OSError, ValueError) as error:
             _log.exception("photo %s", request.without_session)
             self._report_problem(
@@ -444,12 +444,6 @@ class _Recorder:
 
 def _utc(ref: FrameRef) -> str:
     return SessionClock(ClockAnchor.take(), ref.stamp_ns).utc(ref.stamp_ns)
-
-
-def _not_taken(path: Path) -> Path:
-    """The path, numbered if it exists: for two photos within a second."""
-    numbered = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in itertools.count(2))
-    return next(each for each in itertools.chain([path], numbered) if not each.exists())
 
 
 def _import_writers() -> None:

@@ -491,11 +491,9 @@ class SessionRecorder:
     def give_up(self) -> str:
         """End the session once ``full``, reporting the reason; return it as text for the report."""
         error = self._broken
-        message = (
-            QT_TR_NOOP("The disk is full.")
-            if error is None
-            else localized(QT_TR_NOOP("The disk failed: {why}."), why=error.strerror or error)
-        )
+        message = QT_TR_NOOP("The disk is full.")
+        if error is not None:
+            message = localized(QT_TR_NOOP("The disk failed: {why}."), why=error.strerror or error)
         self.problem(
             "error",
             message,
@@ -588,9 +586,11 @@ class SessionRecorder:
                 self._unwritable.add(spec.name)
                 self.problem(
                     "error",
-                    localized(QT_TR_NOOP("{stream} cannot be recorded: {why}."), stream=spec.name, why=_short(error)),
+                    QT_TR_NOOP("{stream} cannot be recorded: {why}."),
                     QT_TR_NOOP("These values are missing from this session. Everything else is recorded."),
                     QT_TR_NOOP("Do not rely on this session until the cause is known; see the log for details."),
+                    stream=spec.name,
+                    why=_short(error),
                 )
         self._guarded(lambda: self._plain.add(value))
         if self._offer is not None:
@@ -635,8 +635,10 @@ class SessionRecorder:
         *,
         until: ProblemEnd = "recording",
         cause: str = "",
+        **values: object,
     ) -> None:
-        """Report a problem to the wizard and record it; ``cause`` as in Problem."""
+        """Report a problem to the wizard and record it; ``cause`` as in Problem, ``values`` fill the texts."""
+        what, meaning, advice = (localized(text, **values) for text in (what, meaning, advice))
         _log.warning("%s %s %s", what, meaning, advice)
         # Whatever it is, it ends with this recording at the latest.
         self._record(Problem(clock.now_ns(), severity, what, meaning, advice, until, cause))
@@ -679,10 +681,9 @@ class SessionRecorder:
                 "error",
                 QT_TR_NOOP("The photo could not be saved."),
                 QT_TR_NOOP("The session continues without the photo."),
-                QT_TR_NOOP("Free some disk space.")
-                if failure.disk_full
-                else localized(QT_TR_NOOP("Try again. ({detail})"), detail=failure.detail),
+                QT_TR_NOOP("Free some disk space.") if failure.disk_full else QT_TR_NOOP("Try again. ({detail})"),
                 cause=ANSWER,
+                detail=failure.detail,
             )
             return
         if failure.lost:
@@ -693,13 +694,11 @@ class SessionRecorder:
         elif failure.kind == "video" and failure.detail != gap_messages.VIDEO_ENDED:
             self.problem(
                 "error",
-                localized(
-                    QT_TR_NOOP("Video recording of {camera} stopped: {detail}."),
-                    camera=failure.camera,
-                    detail=failure.detail,
-                ),
+                QT_TR_NOOP("Video recording of {camera} stopped: {detail}."),
                 QT_TR_NOOP("Everything recorded so far is saved. Events and robot data are still recorded."),
                 QT_TR_NOOP("Stop and restart the recording to record video again."),
+                camera=failure.camera,
+                detail=failure.detail,
             )
 
     def _on_rate_changed(self, change: VideoRateChanged) -> None:
@@ -710,7 +709,7 @@ class SessionRecorder:
             self._reported_lowered = True
             self.problem(
                 "warning",
-                localized(QT_TR_NOOP("This computer cannot keep up with the video of {camera}."), camera=change.camera),
+                QT_TR_NOOP("This computer cannot keep up with the video of {camera}."),
                 QT_TR_NOOP(
                     "Frames are skipped evenly and counted until the computer can record all of them again. "
                     "Nothing else is missing."
@@ -718,6 +717,7 @@ class SessionRecorder:
                 QT_TR_NOOP("Close other programs, or choose a lower resolution or frame rate for this camera."),
                 until="quiet",
                 cause="busy",
+                camera=change.camera,
             )
 
     def _covered_whole(self) -> tuple[str, ...]:
@@ -784,13 +784,14 @@ class SessionRecorder:
         self._reported_behind = True
         self.problem(
             "warning",
-            localized(QT_TR_NOOP("The recording is {behind_s} s behind."), behind_s=f"{behind_s:.1f}"),
+            QT_TR_NOOP("The recording is {behind_s} s behind."),
             QT_TR_NOOP(
                 "Events wait in memory with their original times. Only frames are skipped, and they are counted."
             ),
             QT_TR_NOOP("Close other programs. If this continues, record fewer cameras or lower their resolution."),
             until="quiet",
             cause="busy",
+            behind_s=round(behind_s, 1),
         )
 
     def _live_on_reserve(self) -> None:
@@ -801,12 +802,10 @@ class SessionRecorder:
         self.problem(
             "error",
             QT_TR_NOOP("The disk is full: from now on, only events and robot data are recorded."),
-            localized(
-                QT_TR_NOOP("{megabytes} are reserved for them. When this space is full, the recording ends."),
-                megabytes=_megabytes(self._reserve.left_bytes),
-            ),
+            QT_TR_NOOP("{megabytes} are reserved for them. When this space is full, the recording ends."),
             QT_TR_NOOP("Free some disk space now, or stop the recording."),
             cause="disk",
+            megabytes=_megabytes(self._reserve.left_bytes),
         )
 
     def _report_disk(self, disk: DiskState) -> None:
@@ -817,20 +816,16 @@ class SessionRecorder:
             self._reported_scarce = True
             self.problem(
                 "warning",
-                localized(QT_TR_NOOP("The disk is filling up: {free} left."), free=free)
+                QT_TR_NOOP("The disk is filling up: {free} left.")
                 if disk.room_s is None
-                else localized(
-                    QT_TR_NOOP("The disk is filling up: {free} left, enough for {time} at the current rate."),
-                    free=free,
-                    time=_minutes(disk.room_s),
-                ),
-                localized(
-                    QT_TR_NOOP("The video frame rate is reduced when {lower} are left, and video stops at {end}."),
-                    lower=_megabytes(self._limits.lower_video_free_bytes),
-                    end=_megabytes(self._limits.end_video_free_bytes),
-                ),
+                else QT_TR_NOOP("The disk is filling up: {free} left, enough for {time} at the current rate."),
+                QT_TR_NOOP("The video frame rate is reduced when {lower} are left, and video stops at {end}."),
                 QT_TR_NOOP("Delete or move files that you do not need."),
                 cause="disk",
+                free=free,
+                time=_minutes(disk.room_s or 0.0),
+                lower=_megabytes(self._limits.lower_video_free_bytes),
+                end=_megabytes(self._limits.end_video_free_bytes),
             )
         if disk.slow and not self._reported_slow:
             self._reported_slow = True
@@ -878,9 +873,10 @@ class SessionRecorder:
         if error is not None and not no_room(error):
             self.problem(
                 "error",
-                localized(QT_TR_NOOP("Audio is no longer recorded: {error}."), error=error.strerror or error),
+                QT_TR_NOOP("Audio is no longer recorded: {error}."),
                 QT_TR_NOOP("Everything recorded so far is saved. Events and robot data are still recorded."),
                 QT_TR_NOOP("Stop and restart the recording to record audio again."),
+                error=error.strerror or error,
             )
         elif error is not None:
             self._on_reserve = True

@@ -22,6 +22,7 @@ from caris_desktop.recording.recorder.video_encoders import MUXER, TICKS_PER_S, 
 from caris_desktop.recording.session import gap_messages
 from caris_desktop.recording.session.frame_times import INDEX_HEAD, index_cells
 from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import VideoInfo
 
 _log = logging.getLogger(__name__)
 KEY_FRAME_EVERY_S = 0.4
@@ -132,15 +133,24 @@ class VideoFileWriter:
             _log.debug("closing an abandoned video", exc_info=True)
         self._close_files()
 
-    @property
-    def delay_ms(self) -> float | None:
-        """Median delay from capture to arrival in ms; None if unknown."""
-        return round(median(self._delays_ns) / 1e6, 3) if self._delays_ns else None
-
-    @property
-    def uncertainty_ms(self) -> float | None:
-        """Maximum uncertainty of the capture times in ms; None if unknown."""
-        return round(self._uncertainty_ns / 1e6, 3) if self._delays_ns else None
+    def info(self, camera: str, *, left_out: int = 0) -> VideoInfo:
+        """Entry of ``session.json``, with ``left_out`` frames that were not given to this video."""
+        duration_s = (self.last_stamp_ns - self.first_stamp_ns) / 1e9
+        return VideoInfo(
+            file_name=self.path.name,
+            camera=camera,
+            frames=self.frames,
+            width_px=self.width_px,
+            height_px=self.height_px,
+            first_stamp_ns=self.first_stamp_ns,
+            last_stamp_ns=self.last_stamp_ns,
+            index_file=self.index.path.name,
+            encoder=self.encoder.title,
+            rate_hz=round((self.frames - 1) / duration_s, 3) if self.frames > 1 and duration_s > 0 else 0.0,
+            left_out=left_out,
+            delay_ms=round(median(self._delays_ns) / 1e6, 3) if self._delays_ns else None,
+            uncertainty_ms=round(self._uncertainty_ns / 1e6, 3) if self._delays_ns else None,
+        )
 
     @property
     def lost(self) -> int:

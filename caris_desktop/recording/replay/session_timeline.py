@@ -46,8 +46,7 @@ class SessionTimeline:
         with reading(self._path):
             self._index: BlockIndex = mcap_chunks.read_index(self._path)
             self._file: IO[bytes] = self._path.open("rb")
-        anchor = session.clock.anchor
-        self._session_from_utc_ns = anchor.monotonic_ns - anchor.utc_ns
+        self._session_from_utc_ns = session.clock.at_utc(0)
         # Arrival of the last message of each chunk, including all before it.
         self._ends_ns = np.maximum.accumulate(self._index.ends_utc_ns + self._session_from_utc_ns)
         self._topics = {number: channel.topic for number, channel in self._index.channels.items()}

@@ -1,19 +1,19 @@
 """File names of a session's video and audio, and the camera of a video by its name."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 _NAME = re.compile(r"(?P<first>.*?)(-\d+)?\.mp4")
 
 
 def video_file_name(camera: str, taken: set[str]) -> str:
     """``video-CAMERA.mp4``, sanitised and not in ``taken``."""
-    return _free_name(f"video-{in_file_names(camera) or 'camera'}", ".mp4", taken)
+    return free_name(f"video-{in_file_names(camera) or 'camera'}", ".mp4", taken.__contains__)
 
 
 def audio_file_name(source: str, taken: set[str]) -> str:
     """``audio-SOURCE.wav``, sanitised and not in ``taken``."""
-    return _free_name(f"audio-{in_file_names(source) or 'sound'}", ".wav", taken)
+    return free_name(f"audio-{in_file_names(source) or 'sound'}", ".wav", taken.__contains__)
 
 
 def camera_of_video(file_name: str, cameras: Iterable[str]) -> str:
@@ -32,8 +32,9 @@ def in_file_names(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-")[:40]
 
 
-def _free_name(stem: str, suffix: str, taken: set[str]) -> str:
+def free_name(stem: str, suffix: str, is_taken: Callable[[str], bool]) -> str:
+    """``STEMSUFFIX``, or numbered from 2 if that is taken."""
     name, number = f"{stem}{suffix}", 2
-    while name in taken:
+    while is_taken(name):
         name, number = f"{stem}-{number}{suffix}", number + 1
     return name

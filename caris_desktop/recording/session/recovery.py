@@ -8,6 +8,7 @@ import logging
 import os
 import time
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -27,7 +28,7 @@ from caris_desktop.recording.session.manifest import MANIFEST_NAME, write_manife
 from caris_desktop.recording.session.mcap_chunks import BlockIndex
 from caris_desktop.recording.session.mcap_records import MAGIC
 from caris_desktop.recording.session.mcap_repair import AddedMessage, rewrite
-from caris_desktop.recording.session.media_names import camera_of_video
+from caris_desktop.recording.session.media_names import camera_of_video, free_name
 from caris_desktop.recording.session.progress_counts import forget_counts, progress_counts
 from caris_desktop.recording.session.repair_messages import (
     lost_values_words,
@@ -181,7 +182,7 @@ class _Repair:
                 events = RecordedFile(_EVENTS, (self._folder / _EVENTS).stat().st_size)
                 header = replace(header, files=(*others, events))
             else:
-                sounds = self._repair_sounds()
+                sounds = tuple(self._repair_sounds())
                 videos = self._repair_videos()
                 self._move_leftovers()
                 header = header.ended(
@@ -190,12 +191,12 @@ class _Repair:
                     dropped=dict(sorted(self._record.dropped.items())),
                     pauses=self._pauses(),
                     videos=tuple(videos),
-                    audio=tuple(sounds),
+                    audio=sounds,
                     files=recorded_files(self._folder),
                 )
             self._replace_header(header)
         else:
-            self._sentences.append(
+            self._say(
                 QT_TR_NOOP("The list of checksums was missing and has been created now: it shows changes from now on.")
             )
         forget_counts(self._folder)
@@ -207,6 +208,9 @@ class _Repair:
             _log.info("%s: %s", self._folder, sentence)
         _log.info("%s: repaired in %.1f s", self._folder, time.monotonic() - begun_s)
         return RepairReport(True, sentences)
+
+    def _say(self, text: str, **values: object) -> None:
+        self._sentences.append(localized(text, **values))
 
     # Events
 
@@ -276,8 +280,7 @@ class _Repair:
         )
 
     def _settle_end(self) -> None:
-        anchor = self._clock.anchor
-        newest_ns = self._record.newest_utc_ns - anchor.utc_ns + anchor.monotonic_ns
+        newest_ns = self._clock.at_utc(self._record.newest_utc_ns)
         if self._header.ended_ns is not None:
             self._ended_ns, self._reason = self._header.ended_ns, self._header.reason or ""
         elif self._record.ended is not None:
@@ -325,14 +328,13 @@ class _Repair:
         lasted_s = self._clock.session_s(self._ended_ns)
         if self._preserved_name(_EVENTS):
             message = new_index_words(left, finished=self._finished)
-            self._sentences.append(localized(message, seconds=f"{lasted_s:.1f}"))
+            self._say(message, seconds=f"{lasted_s:.1f}")
         elif self._finished:
-            self._sentences.append(
-                QT_TR_NOOP("events.mcap is not the file that was recorded; it contains %n values.", "", left)
-            )
+            self._say(QT_TR_NOOP("events.mcap is not the file that was recorded; it contains %n values.", "", left))
         lost = self._lost.total()
         if lost:
-            early_s = lasted_s - max(0.0, self._clock.session_s(self._last_value_ns()))
+            last_value_ns = self._clock.at_utc(self._record.last_value_utc_ns)
+            early_s = lasted_s - max(0.0, self._clock.session_s(last_value_ns))
             message = lost_values_words(lost, broken=bool(self._damaged_bytes), early=self._finished and early_s > 1.0)
             values = {"recorded": recorded, "bytes": self._damaged_bytes, "seconds": f"{early_s:.1f}"}
             self._losses.append(localized(message, **values))
@@ -354,27 +356,20 @@ class _Repair:
         self._lost = Counter(lost)
         return left.total(), left.total() + self._lost.total()
 
-    def _last_value_ns(self) -> int:
-        anchor = self._clock.anchor
-        return self._record.last_value_utc_ns - anchor.utc_ns + anchor.monotonic_ns
-
     # Sound and video
 
-    def _repair_sounds(self) -> list[AudioInfo]:
-        sounds = []
+    def _repair_sounds(self) -> Iterator[AudioInfo]:
         for path in sorted(self._folder.glob("audio-*.wav")):
             if not inside(self._folder, path.name):
                 continue
             try:
                 sound = media_repair.repair_wav(path)
             except ValueError as error:
-                self._sentences.append(
-                    localized(QT_TR_NOOP("{file} was not changed: {error}."), file=path.name, error=error)
-                )
+                self._say(QT_TR_NOOP("{file} was not changed: {error}."), file=path.name, error=error)
                 continue
             if sound.repaired:
                 message = QT_TR_NOOP("{file} had no length in its header; it contains {seconds} s of audio.")
-                self._sentences.append(localized(message, file=path.name, seconds=f"{sound.duration_s:.1f}"))
+                self._say(message, file=path.name, seconds=f"{sound.duration_s:.1f}")
             first = self._record.sounds.get(path.name)
             rate_hz = max(1, sound.sample_rate_hz)
             source = path.stem.removeprefix("audio-") if first is None else first.source
@@ -382,10 +377,7 @@ class _Repair:
             if first is not None:
                 first_ns = first.stamp_ns - first.first_sample * 1_000_000_000 // rate_hz
             last_ns = first_ns + sound.samples * 1_000_000_000 // rate_hz
-            sounds.append(
-                AudioInfo(path.name, source, sound.sample_rate_hz, sound.channels, sound.samples, first_ns, last_ns)
-            )
-        return sounds
+            yield AudioInfo(path.name, source, sound.sample_rate_hz, sound.channels, sound.samples, first_ns, last_ns)
 
     def _repair_videos(self) -> list[VideoInfo]:
         recorded = {video.file_name: video.camera for video in self._header.videos}
@@ -404,9 +396,7 @@ class _Repair:
         self._cut_tail(path)
         content = media_repair.content_of(path)
         if content is None or not content.times_s:
-            self._sentences.append(
-                localized(QT_TR_NOOP("{file} contains no complete frame; it was not changed."), file=path.name)
-            )
+            self._say(QT_TR_NOOP("{file} contains no complete frame; it was not changed."), file=path.name)
             return None
         camera = camera or camera_of_video(path.name, self._record.frames)
         recorded = self._record.frames.get(camera, [])
@@ -416,9 +406,7 @@ class _Repair:
             if index.exists():
                 self._preserve(index)
             replace_file(index, lines, durable=True)
-            self._sentences.append(
-                localized(QT_TR_NOOP("The frame times of {file} were matched to its frames."), file=path.name)
-            )
+            self._say(QT_TR_NOOP("The frame times of {file} were matched to its frames."), file=path.name)
         times = read_frame_times(index)
         stamps_ns, shown_ns = times.stamps_ns, times.shown_ns
         first_ns, last_ns = int(shown_ns[0]), int(shown_ns[-1])
@@ -455,7 +443,7 @@ class _Repair:
             file.truncate(complete)
             os.fsync(file.fileno())
         message = QT_TR_NOOP("The last part of {file} was incomplete and was moved to {place}.")
-        self._sentences.append(localized(message, file=path.name, place=f"{KEPT_FOLDER}/{copy.name}"))
+        self._say(message, file=path.name, place=f"{KEPT_FOLDER}/{copy.name}")
 
     def _count_lost_frames(self, videos: list[VideoInfo]) -> None:
         """Count logged frames after the last complete part of the video."""
@@ -478,7 +466,7 @@ class _Repair:
                 target.parent.mkdir(exist_ok=True)
                 path.replace(target)
                 message = QT_TR_NOOP("A half-written file was moved to {place}.")
-                self._sentences.append(localized(message, place=f"{KEPT_FOLDER}/{target.name}"))
+                self._say(message, place=f"{KEPT_FOLDER}/{target.name}")
 
     def _replace_header(self, changed: SessionHeader) -> None:
         lost = dict(sorted((Counter(self._header.lost) + self._lost).items()))
@@ -522,10 +510,7 @@ class _Repair:
 
 
 def _unused(path: Path) -> Path:
-    number, candidate = 2, path
-    while candidate.exists():
-        candidate, number = path.with_name(f"{path.name}-{number}"), number + 1
-    return candidate
+    return path.with_name(free_name(path.name, "", lambda name: path.with_name(name).exists()))
 
 
 def _remove(path: Path) -> None:

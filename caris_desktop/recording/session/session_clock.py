@@ -17,6 +17,10 @@ class SessionClock:
         """Seconds since the session start; negative for earlier values."""
         return (stamp_ns - self.started_ns) / 1e9
 
+    def at_utc(self, utc_ns: int) -> int:
+        """Session time of a moment in UTC."""
+        return utc_ns - self.anchor.utc_ns + self.anchor.monotonic_ns
+
     def utc(self, stamp_ns: int) -> str:
         """ISO 8601 in UTC, microseconds: ``2026-11-21T10:14:02.123456Z``."""
         seconds, nanoseconds = divmod(self.anchor.utc_ns_at(stamp_ns), 1_000_000_000)

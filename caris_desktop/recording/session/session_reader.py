@@ -89,8 +89,7 @@ class Session:
     def arrivals(self, *streams: str) -> Iterator[tuple[int, StreamSpec, Any]]:
         """As :meth:`values`, each with its arrival at the console in session time."""
         names = {BY_NAME[name].name for name in streams}
-        anchor = self.clock.anchor
-        return _values(self, names, anchor.monotonic_ns - anchor.utc_ns)
+        return _values(self, names)
 
     @property
     def pseudonymised(self) -> bool:
@@ -150,12 +149,10 @@ def _newest_ns(path: Path, clock: SessionClock) -> int:
     """Arrival of the last saved message."""
     with reading(path):
         ends_utc_ns = mcap_chunks.read_index(path).ends_utc_ns
-    anchor = clock.anchor
-    newest_utc_ns = int(ends_utc_ns.max()) if len(ends_utc_ns) else 0
-    return max(clock.started_ns, newest_utc_ns - anchor.utc_ns + anchor.monotonic_ns)
+    return max(clock.started_ns, clock.at_utc(int(ends_utc_ns.max()) if len(ends_utc_ns) else 0))
 
 
-def _values(session: Session, names: set[str], session_from_utc_ns: int) -> Iterator[tuple[int, StreamSpec, Any]]:
+def _values(session: Session, names: set[str]) -> Iterator[tuple[int, StreamSpec, Any]]:
     path, scrub = session.folder / _EVENTS, session.scrub
     with reading(path):
         index = mcap_chunks.read_index(path)
@@ -180,4 +177,4 @@ def _values(session: Session, names: set[str], session_from_utc_ns: int) -> Iter
                 topic = topics.get(message.channel)
                 found = None if topic is None else read(topic, scrub(content[message.start : message.end]))
                 if found is not None:
-                    yield message.log_ns + session_from_utc_ns, *found
+                    yield session.clock.at_utc(message.log_ns), *found

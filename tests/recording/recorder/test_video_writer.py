@@ -114,7 +114,7 @@ def test_frames_are_shown_when_they_were_taken_as_far_as_that_is_known(tmp_path:
     assert video.first_stamp_ns == SECOND + 80_000_000
     assert video.last_stamp_ns == SECOND + 400_000_000
     assert video_times_s(path)[0] == pytest.approx([0.0, 0.02, 0.12, 0.22, 0.32], abs=1e-3)
-    assert (video.delay_ms, video.uncertainty_ms) == (70.0, 1.4)
+    assert (video.info("front").delay_ms, video.info("front").uncertainty_ms) == (70.0, 1.4)
     rows = index_of(path)
     assert [row["taken_ns"] for row in rows] == ["", *(str(SECOND + ms * 1_000_000) for ms in (100, 200, 300, 400))]
     assert [row["uncertainty_ms"] for row in rows] == ["", "1.100", "1.200", "1.300", "1.400"]
