@@ -23,7 +23,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonymised, pseudonyms_of
 from caris_desktop.recording.session.missing_data import missing_words
-from caris_desktop.recording.session.session_header import is_session
+from caris_desktop.recording.session.session_header import is_session, reading
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 
 _log = logging.getLogger(__name__)
@@ -175,7 +175,12 @@ class ExportFinished:
 
 
 class ExportError(Exception):
-    """Export that was not made, with the reason as user text. Nothing was overwritten."""
+    """Export that was not made, with the reason as user text; ``values`` fill its ``{names}``. Nothing was
+    overwritten.
+    """
+
+    def __init__(self, text: str, **values: object) -> None:
+        super().__init__(localized(text, **values))
 
 
 class _DiskFullError(ExportError):
@@ -300,28 +305,22 @@ def sessions_in(path: Path) -> tuple[Path, ...]:
     """
     if is_session(path):
         return (path,)
-    try:
+    with reading(path, ExportError):
         inside = path / "sessions" if (path / "sessions").is_dir() else path
         folders = sorted(
             entry
             for entry in inside.iterdir()
             if entry.is_dir() and not entry.name.startswith(".") and any(entry.iterdir())
         )
-    except OSError as error:
-        raise ExportError(
-            localized(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error)
-        ) from error
     if inside is path:
         folders = [folder for folder in folders if is_session(folder)]
     if not folders:
         raise ExportError(
-            localized(
-                QT_TR_NOOP(
-                    "{path} is not a session or a study: it contains neither a session.json nor sessions. "
-                    "Nothing was written."
-                ),
-                path=path,
-            )
+            QT_TR_NOOP(
+                "{path} is not a session or a study: it contains neither a session.json nor sessions. "
+                "Nothing was written."
+            ),
+            path=path,
         )
     return tuple(folders)
 
@@ -434,15 +433,13 @@ def _converting_errors(write: Callable[[], list[Path]], what: str, fmt: str, out
     except Exception as error:
         _log.exception("export of %s as %s", what, fmt)
         raise ExportError(
-            localized(
-                QT_TR_NOOP(
-                    "The export as {format} failed ({kind}: {error}). Its partial files were deleted; the "
-                    "session itself is unchanged."
-                ),
-                format=fmt,
-                kind=type(error).__name__,
-                error=error,
-            )
+            QT_TR_NOOP(
+                "The export as {format} failed ({kind}: {error}). Its partial files were deleted; the "
+                "session itself is unchanged."
+            ),
+            format=fmt,
+            kind=type(error).__name__,
+            error=error,
         ) from error
 
 
@@ -459,10 +456,8 @@ def _whole_folder(out: Path, session_folder: Path) -> Iterator[Path]:
         try:
             if out.exists() and (not out.is_dir() or any(out.iterdir())):
                 raise ExportError(
-                    localized(
-                        QT_TR_NOOP("{out} exists and is not empty. Nothing was written; choose another folder."),
-                        out=out,
-                    )
+                    QT_TR_NOOP("{out} exists and is not empty. Nothing was written; choose another folder."),
+                    out=out,
                 )
             out.parent.mkdir(parents=True, exist_ok=True)
             partial = _new_partial(out)
@@ -489,14 +484,12 @@ def _refuse_inside(out: Path, session_folder: Path) -> None:
     inside = place.relative_to(session_folder).parts
     if len(inside) != 1 or not inside[0].startswith("export-"):
         raise ExportError(
-            localized(
-                QT_TR_NOOP(
-                    "{out} is inside the recorded session. Nothing was written; choose a folder outside the "
-                    "session, or {new}."
-                ),
-                out=out,
-                new=session_folder / "export-1",
-            )
+            QT_TR_NOOP(
+                "{out} is inside the recorded session. Nothing was written; choose a folder outside the "
+                "session, or {new}."
+            ),
+            out=out,
+            new=session_folder / "export-1",
         )
 
 
@@ -508,7 +501,7 @@ def _failure(out: Path, error: OSError) -> ExportError:
         )
         return _DiskFullError(localized(full, folder=out, why=error.strerror or error))
     failed = QT_TR_NOOP("The export to {folder} failed: {why}. Its partial files were deleted.")
-    return ExportError(localized(failed, folder=out, why=error.strerror or error))
+    return ExportError(failed, folder=out, why=error.strerror or error)
 
 
 def _message_for(name: str, message: object) -> LocalizedText:

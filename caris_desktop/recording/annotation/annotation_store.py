@@ -28,7 +28,7 @@ from caris_desktop.recording.annotation.annotation_editing import (
 )
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.coding_file import FORMAT_VERSION, CodedInterval, CodedTier, Coding
-from caris_desktop.recording.session.session_header import SessionError, read_header
+from caris_desktop.recording.session.session_header import SessionError, read_header, reading
 
 _FOLDER = "annotations"
 _MAX_FILE_MB = 64
@@ -85,13 +85,9 @@ def save_coder(folder: Path, document: AnnotationDocument, coder: str) -> Path:
 
 def annotation_files(folder: Path) -> tuple[Path, ...]:
     """Annotation files of all coders in ``folder``."""
-    try:
+    with reading(folder / _FOLDER, AnnotationError):
         paths = (folder / _FOLDER).glob("*.json")
         return tuple(sorted(path for path in paths if path.is_file() and not path.name.startswith(".")))
-    except OSError as error:
-        raise AnnotationError(
-            QT_TR_NOOP("{path} cannot be read: {why}."), path=folder / _FOLDER, why=error.strerror or error
-        ) from error
 
 
 def _duration_ms(folder: Path) -> int:
@@ -148,13 +144,8 @@ def coding_jsonable(document: AnnotationDocument, coder: str) -> dict[str, Any]:
 
 def file_content(path: Path) -> bytes:
     """Content of an annotation file of any format. Raises AnnotationError, also if it is too large."""
-    try:
-        with path.open("rb") as file:
-            content = file.read(_MAX_FILE_MB * 2**20 + 1)
-    except OSError as error:
-        raise AnnotationError(
-            QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error
-        ) from error
+    with reading(path, AnnotationError), path.open("rb") as file:
+        content = file.read(_MAX_FILE_MB * 2**20 + 1)
     if len(content) > _MAX_FILE_MB * 2**20:
         raise AnnotationError(
             QT_TR_NOOP("{path} is larger than {megabytes} MB: too large for an annotation file."),

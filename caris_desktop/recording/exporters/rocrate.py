@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 from urllib.parse import quote
 
 from caris_desktop import __version__
@@ -31,7 +31,7 @@ from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files
-from caris_desktop.recording.session.mcap_chunks import BlockIndex, DamagedBlockError, read_block, read_index, scan
+from caris_desktop.recording.session.mcap_chunks import intact_blocks, read_index, scan
 from caris_desktop.recording.session.mcap_repair import copy_changed
 from caris_desktop.recording.session.session_reader import Session, SessionError
 from caris_desktop.recording.session_export import ExportContext
@@ -340,7 +340,7 @@ def _copy_scrubbed(session: Session, source: Path, target: Path) -> bool:
     """Copy the recording without robot addresses; False, and nothing written, if there are none."""
     with source.open("rb") as file:
         index = scan(file, thorough=False)
-        if not any(session.scrub(content) != content for content in _unfolded(file, index)):
+        if not any(session.scrub(content) != content for content in intact_blocks(file, index)):
             return False
         copy = DiskFile(target)
         try:
@@ -348,14 +348,6 @@ def _copy_scrubbed(session: Session, source: Path, target: Path) -> bool:
         finally:
             copy.close()
     return True
-
-
-def _unfolded(file: IO[bytes], index: BlockIndex) -> Iterator[bytes]:
-    for number in range(index.count):
-        try:
-            yield read_block(file, index, number)
-        except DamagedBlockError:
-            continue
 
 
 def _with_sizes(head: bytes, anew: dict[str, tuple[str, int]]) -> bytes:

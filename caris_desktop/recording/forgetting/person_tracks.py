@@ -196,18 +196,9 @@ def messages_of(events: Path, is_selected: Callable[[str], bool]) -> Iterator[tu
     """Topic and data of some channels' messages in recording order. Raises OSError."""
     index = mcap_chunks.read_index(events)
     topics = {number: channel.topic for number, channel in index.channels.items() if is_selected(channel.topic)}
-    numbers = sorted({int(block) for channel in topics for block in index.blocks_of.get(channel, ())})
     with events.open("rb") as file:
-        for number in numbers:
-            try:
-                content = mcap_chunks.read_block(file, index, number)
-            except mcap_chunks.DamagedBlockError as error:
-                _log.warning("%s: the block at byte %d is left out: %s", events, index.offsets[number], error)
-                continue
-            for message in mcap_chunks.messages_of(content):
-                topic = topics.get(message.channel)
-                if topic is not None:
-                    yield topic, content[message.start : message.end]
+        for message, data in mcap_chunks.read_messages(file, index, topics):
+            yield topics[message.channel], data
 
 
 def _read(data: bytes) -> Mapping[str, Any]:

@@ -221,11 +221,7 @@ def inspect_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
 
         for record in index.beside:
             _changed_metadata(record, scan)
-        for number in range(index.count):
-            try:
-                content = mcap_chunks.read_block(opened, index, number)
-            except mcap_chunks.DamagedBlockError:
-                continue
+        for content in mcap_chunks.intact_blocks(opened, index):
             for message in mcap_chunks.messages_of(content):
                 text = _text_of(content[message.start : message.end])
                 text, words = without_words(text, work.utterances)

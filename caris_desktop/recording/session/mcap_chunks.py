@@ -8,7 +8,7 @@ import json
 import logging
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import field
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -226,6 +226,27 @@ def channels_in(content: bytes) -> Iterator[int]:
 def read_block(file: IO[bytes], index: BlockIndex, number: int) -> bytes:
     """Decompressed records of one chunk. Raises DamagedBlockError, OSError."""
     return decompress(read_record(file, index, number))
+
+
+def intact_blocks(file: IO[bytes], index: BlockIndex, channels: Collection[int] | None = None) -> Iterator[bytes]:
+    """Decompressed chunks that contain these channels (default: all), in order, but damaged ones. Raises OSError."""
+    numbers: Iterable[int] = range(index.count)
+    if channels is not None:
+        numbers = sorted({int(number) for channel in channels for number in index.blocks_of.get(channel, ())})
+    for number in numbers:
+        try:
+            yield read_block(file, index, number)
+        except DamagedBlockError as error:
+            name = getattr(file, "name", "a recording")
+            _log.info("%s: the block at byte %d is left out: %s", name, index.offsets[number], error)
+
+
+def read_messages(file: IO[bytes], index: BlockIndex, channels: Collection[int]) -> Iterator[tuple[Message, bytes]]:
+    """Messages of these channels with their data, in recording order, as far as they are intact. Raises OSError."""
+    for content in intact_blocks(file, index, channels):
+        for message in messages_of(content):
+            if message.channel in channels:
+                yield message, content[message.start : message.end]
 
 
 def compression_of(chunk: bytes) -> tuple[str, int]:

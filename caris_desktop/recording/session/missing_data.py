@@ -50,11 +50,8 @@ def _values_in(path: Path, named: Counter[str]) -> Counter[str]:
     index = mcap_chunks.read_index(path)
     of_channel: Counter[int] = Counter()
     with path.open("rb") as file:
-        for number in range(index.count):
-            try:
-                of_channel.update(mcap_chunks.channels_in(mcap_chunks.read_block(file, index, number)))
-            except mcap_chunks.DamagedBlockError:
-                continue
+        for content in mcap_chunks.intact_blocks(file, index):
+            of_channel.update(mcap_chunks.channels_in(content))
     found: Counter[str] = Counter()
     for channel, count in of_channel.items():
         its = index.channels.get(channel)

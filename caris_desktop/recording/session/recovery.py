@@ -227,11 +227,8 @@ class _Repair:
             if broken:
                 self._rewrite_events(file, index)
             else:
-                for number in range(index.count):
-                    try:
-                        self._inspect(index, mcap_chunks.read_block(file, index, number))
-                    except mcap_chunks.DamagedBlockError:
-                        _log.warning("%s: the block at byte %d is damaged", path, index.offsets[number])
+                for content in mcap_chunks.intact_blocks(file, index):
+                    self._inspect(index, content)
         if not broken:
             self._complete = self._record.ended is not None
             self._settle_end()

@@ -51,14 +51,12 @@ class SessionError(Exception):
 
 
 @contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """Context that raises SessionError with a user text instead of an OSError."""
+def reading(path: Path, unreadable: Callable[..., Exception] = SessionError) -> Iterator[None]:
+    """Context that raises SessionError, or another such error, with a user text instead of an OSError."""
     try:
         yield
     except OSError as error:
-        raise SessionError(
-            QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error
-        ) from error
+        raise unreadable(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -452,17 +450,13 @@ def _first(file: IO[bytes], index: BlockIndex, kind: type[T]) -> T | None:
 
 
 def _messages(file: IO[bytes], index: BlockIndex, topics: set[str]) -> Iterator[tuple[Message, dict[str, Any]]]:
-    """Messages of these topics in the first chunks that contain any."""
+    """Messages of these topics."""
     channels = {number for number, channel in index.channels.items() if channel.topic in topics}
-    blocks = sorted({int(number) for channel in channels for number in index.blocks_of.get(channel, ())})
-    for number in blocks[:3]:
-        with suppress(mcap_chunks.DamagedBlockError):
-            content = mcap_chunks.read_block(file, index, number)
-            for message in mcap_chunks.messages_of(content):
-                with suppress(ValueError, RecursionError):
-                    data = json.loads(content[message.start : message.end]) if message.channel in channels else None
-                    if isinstance(data, dict):
-                        yield message, data
+    for message, content in mcap_chunks.read_messages(file, index, channels):
+        with suppress(ValueError, RecursionError):
+            data = json.loads(content)
+            if isinstance(data, dict):
+                yield message, data
 
 
 def _metadata(index: BlockIndex) -> dict[str, str]:

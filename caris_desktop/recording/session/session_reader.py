@@ -163,18 +163,9 @@ def _values(session: Session, names: set[str]) -> Iterator[tuple[int, StreamSpec
     if names:
         specs = {number: spec_of_topic(topic) for number, topic in topics.items()}
         topics = {number: topics[number] for number, spec in specs.items() if spec is not None and spec.name in names}
-    numbers = {number for channel in topics for number in index.blocks_of.get(channel, ())}
-    read = value_reader(path)
-    with file:
-        for number in sorted(numbers):
-            try:
-                with reading(path):
-                    content = mcap_chunks.read_block(file, index, number)
-            except mcap_chunks.DamagedBlockError as error:
-                _log.info("%s: the block at byte %d is left out: %s", path, index.offsets[number], error)
-                continue
-            for message in mcap_chunks.messages_of(content):
-                topic = topics.get(message.channel)
-                found = None if topic is None else read(topic, scrub(content[message.start : message.end]))
-                if found is not None:
-                    yield session.clock.at_utc(message.log_ns), *found
+    read, session_from_utc_ns = value_reader(path), session.clock.at_utc(0)
+    with file, reading(path):
+        for message, data in mcap_chunks.read_messages(file, index, topics):
+            found = read(topics[message.channel], scrub(data))
+            if found is not None:
+                yield message.log_ns + session_from_utc_ns, *found
