@@ -18,6 +18,7 @@ from caris_desktop.domain.events import PhotoTaken
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.process_priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import FrameRef
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.photo_file import CAMERA, PEOPLE, POSE, TIME, with_texts
@@ -30,6 +31,8 @@ from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_header import VideoInfo
 
 _log = logging.getLogger(__name__)
+IMAGE_LOST = QT_TR_NOOP("The image was lost before it could be saved."), QT_TR_NOOP("Take the photo again.")
+"""What it means that a photo was not taken, and what to do."""
 MAX_QUEUED_BYTES = 64 * 1024 * 1024
 _CROWDED_SHARE = 0.6
 

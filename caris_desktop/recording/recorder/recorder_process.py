@@ -26,7 +26,7 @@ from caris_desktop.domain.streams import Delivery, StreamSpec
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.recording.recorder.blurring import Blurring, Covering
 from caris_desktop.recording.recorder.disk_watch import DiskLimits
-from caris_desktop.recording.recorder.media_writer import photo_event, texts_for, write_photo
+from caris_desktop.recording.recorder.media_writer import IMAGE_LOST, photo_event, texts_for, write_photo
 from caris_desktop.recording.recorder.recorder_messages import (
     ARRIVED,
     OfferMarkers,
@@ -293,11 +293,7 @@ class _Recorder:
         """Save a photo without a session: nothing else needs this process then."""
         image_bgr = self._frames.read(request.ref)
         if image_bgr is None:
-            self._report_problem(
-                QT_TR_NOOP("No photo was taken."), QT_TR_NOOP("The image was lost before it could be saved."),
-                QT_TR_NOOP("Take the photo again."), "warning",
-                cause=ANSWER,
-            )  # fmt: skip
+            self._report_problem(QT_TR_NOOP("No photo was taken."), *IMAGE_LOST, "warning", cause=ANSWER)
             return
         self._blurring.use_demand(request.blur)
         self._blurring.add(

@@ -45,6 +45,7 @@ from caris_desktop.recording.recorder.blurring import Blurring
 from caris_desktop.recording.recorder.disk_watch import DiskLimits, DiskState, DiskWatch
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.media_writer import (
+    IMAGE_LOST,
     MediaFailed,
     MediaWriter,
     VideoRateChanged,
@@ -205,17 +206,15 @@ class SessionRecorder:
         self._sound_from_ns = self.started_ns
         self._goes_on_ns = 0
         self._video_ended = self._audio_ended = False
-        self._on_reserve = self._reported_reserve = self._reported_slow = self._reported_scarce = False
+        self._on_reserve = False
         self._behind_ns = 0
-        self._reported_behind = False
         self._spared_because = ""
         self._lowered: dict[str, int] = {}
-        self._reported_lowered = False
         self._pauses: list[RecordedPause] = []
         self._clock = self._header.session_clock
         self._latched: dict[str, _Held] = {}
         self._missed: Counter[tuple[str, str]] = Counter()
-        self._unwritable: set[str] = set()
+        self._reported: set[str] = set()
         self._photos = 0
         self._disk = DiskWatch(limits)
         self._flushed_ns = self._housekept_ns = self._counted_ns = 0
@@ -301,26 +300,19 @@ class SessionRecorder:
     def take_photo(self, request: TakePhoto) -> None:
         """Save one frame as a PNG; ``PhotoTaken`` follows when it is on disk."""
         if not self._photos_permitted:
-            self.problem(
-                "warning",
-                QT_TR_NOOP("No photo was taken."),
+            self._refuse_photo(
                 QT_TR_NOOP("This scenario does not permit photos."),
                 QT_TR_NOOP("To take photos, permit them in the scenario."),
-                cause=ANSWER,
             )
             return
         if self.paused:
-            self.problem(
-                "warning",
-                QT_TR_NOOP("No photo was taken."),
-                QT_TR_NOOP("The recording is paused."),
-                QT_TR_NOOP("Resume the recording, then try again."),
-                cause=ANSWER,
+            self._refuse_photo(
+                QT_TR_NOOP("The recording is paused."), QT_TR_NOOP("Resume the recording, then try again.")
             )
             return
         image_bgr = self._frames.read(request.ref)
         if image_bgr is None:
-            self._report_photo_gone()
+            self._refuse_photo(*IMAGE_LOST)
             return
         self._when_covered(request.ref, image_bgr, lambda covered: self._store_photo(request, covered), photo=True)
 
@@ -329,14 +321,10 @@ class SessionRecorder:
         if self._media.add_photo(photo, image_bgr, texts_for(request, self._clock.utc(request.ref.stamp_ns))):
             self._photos += 1
         else:
-            self._report_photo_gone()
+            self._refuse_photo(*IMAGE_LOST)
 
-    def _report_photo_gone(self) -> None:
-        self.problem(
-            "warning", QT_TR_NOOP("No photo was taken."),
-            QT_TR_NOOP("The image was lost before it could be saved."), QT_TR_NOOP("Take the photo again."),
-            cause=ANSWER,
-        )  # fmt: skip
+    def _refuse_photo(self, meaning: str, advice: str) -> None:
+        self.problem("warning", QT_TR_NOOP("No photo was taken."), meaning, advice, cause=ANSWER)
 
     def _when_covered(
         self,
@@ -402,7 +390,7 @@ class SessionRecorder:
         """Do periodic work. Call at least ten times per second."""
         now_ns = time.monotonic_ns()
         self._take_media_results()
-        if self._on_reserve and not self._reported_reserve:
+        if self._on_reserve and self._is_first("reserve"):
             self._live_on_reserve()
         if now_ns - self._flushed_ns >= _FLUSH_EVERY_NS:
             self._flushed_ns = now_ns
@@ -582,8 +570,7 @@ class SessionRecorder:
         except (TypeError, ValueError) as error:
             _log.exception("a value of %s could not be written", spec.name)
             self._miss(spec.name, localized(gap_messages.NOT_WRITABLE, why=_short(error)))
-            if spec.name not in self._unwritable:
-                self._unwritable.add(spec.name)
+            if self._is_first(f"unwritable {spec.name}"):
                 self.problem(
                     "error",
                     QT_TR_NOOP("{stream} cannot be recorded: {why}."),
@@ -642,6 +629,12 @@ class SessionRecorder:
         _log.warning("%s %s %s", what, meaning, advice)
         # Whatever it is, it ends with this recording at the latest.
         self._record(Problem(clock.now_ns(), severity, what, meaning, advice, until, cause))
+
+    def _is_first(self, what: str) -> bool:
+        """True once for each ``what`` to report."""
+        is_first = what not in self._reported
+        self._reported.add(what)
+        return is_first
 
     def _troubles(self) -> list[str]:
         troubles: list[str] = []
@@ -704,9 +697,8 @@ class SessionRecorder:
     def _on_rate_changed(self, change: VideoRateChanged) -> None:
         _log.info("video of %s: every %d. frame (%s)", change.camera, change.step, change.change)
         self._lowered[change.camera] = change.step
-        if change.change == "lowered" and not self._reported_lowered:
-            # Once per session: the recorder's report has updates, and every dropped frame is counted.
-            self._reported_lowered = True
+        # Once per session: the recorder's report has updates, and every dropped frame is counted.
+        if change.change == "lowered" and self._is_first("lowered"):
             self.problem(
                 "warning",
                 QT_TR_NOOP("This computer cannot keep up with the video of {camera}."),
@@ -779,9 +771,8 @@ class SessionRecorder:
             self._on_reserve = True
 
     def _report_behind(self, behind_s: float) -> None:
-        if behind_s < _BEHIND_S or self._reported_behind:
+        if behind_s < _BEHIND_S or not self._is_first("behind"):
             return
-        self._reported_behind = True
         self.problem(
             "warning",
             QT_TR_NOOP("The recording is {behind_s} s behind."),
@@ -796,7 +787,6 @@ class SessionRecorder:
 
     def _live_on_reserve(self) -> None:
         """Restrict the recording to events."""
-        self._reported_reserve = True
         self._end_video(QT_TR_NOOP("The disk is full."))
         self._end_audio(None)
         self.problem(
@@ -812,8 +802,7 @@ class SessionRecorder:
         free = _megabytes(disk.free_bytes or 0)
         if disk.stage == "out" and self._video_permitted:
             self._end_video(localized(QT_TR_NOOP("The disk is nearly full: {free} left."), free=free))
-        elif disk.stage != "ample" and not self._reported_scarce:
-            self._reported_scarce = True
+        elif disk.stage != "ample" and self._is_first("scarce"):
             self.problem(
                 "warning",
                 QT_TR_NOOP("The disk is filling up: {free} left.")
@@ -827,8 +816,7 @@ class SessionRecorder:
                 lower=_megabytes(self._limits.lower_video_free_bytes),
                 end=_megabytes(self._limits.end_video_free_bytes),
             )
-        if disk.slow and not self._reported_slow:
-            self._reported_slow = True
+        if disk.slow and self._is_first("slow"):
             self.problem(
                 "warning",
                 localized(
@@ -852,7 +840,8 @@ class SessionRecorder:
     def _end_video(self, message: str) -> None:
         if self._video_ended or not self._video_permitted:
             return
-        self._video_ended = self._reported_scarce = True
+        self._video_ended = True
+        self._reported.add("scarce")
         self._media.end_videos()
         self.problem(
             "error",

@@ -3,7 +3,6 @@
 import logging
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
-from types import TracebackType
 from typing import IO, Any, Self
 
 import numpy as np
@@ -138,9 +137,7 @@ class SessionTimeline:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _channels(self, is_selected: Callable[[StreamSpec], bool]) -> set[int]:

@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -92,25 +91,16 @@ class VideoReader:
 
     def frame(self, camera: str, number: int, *, nearest_key: bool = False) -> VideoPicture | None:
         """Frame by number; None if there is none or it cannot be decoded."""
-        place = self._place(camera, number)
-        if place is None:
+        decoded = self._decoded(camera, number, nearest_key=nearest_key)
+        info = None if decoded is None else self._info(camera, decoded[0])
+        if decoded is None or info is None:
             return None
-        video, at = place
-        decoded = video.decode(at, nearest_key=nearest_key)
-        if decoded is None:
-            return None
-        found, picture = decoded
-        info = self._info(camera, number - at + found)
-        return None if info is None else VideoPicture(info, picture.to_ndarray(format="bgr24"))
+        return VideoPicture(info, decoded[1].to_ndarray(format="bgr24"))
 
     def thumbnail(self, camera: str, stamp_ns: int, width_px: int) -> NDArray[np.uint8] | None:
         """Thumbnail for about that time: the key frame at or before it, ``width_px`` wide."""
         found = self.info_at(camera, stamp_ns)
-        place = None if found is None else self._place(camera, found.number)
-        if found is None or place is None:
-            return None
-        video, at = place
-        decoded = video.decode(at, nearest_key=True)
+        decoded = None if found is None else self._decoded(camera, found.number, nearest_key=True)
         if decoded is None:
             return None
         _, picture = decoded
@@ -138,9 +128,7 @@ class VideoReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _stamps_ns(self, camera: str) -> NDArray[np.int64]:
@@ -172,6 +160,12 @@ class VideoReader:
         if which < 0 or number < 0:
             return None
         return videos[which], number - int(firsts[which])
+
+    def _decoded(self, camera: str, number: int, *, nearest_key: bool) -> tuple[int, Any] | None:
+        """Number and image (PyAV) of a frame, or of the key frame at or before it."""
+        place = self._place(camera, number)
+        decoded = None if place is None else place[0].decode(place[1], nearest_key=nearest_key)
+        return None if place is None or decoded is None else (number - place[1] + decoded[0], decoded[1])
 
     def _info(self, camera: str, number: int) -> RecordedFrame | None:
         place = self._place(camera, number)

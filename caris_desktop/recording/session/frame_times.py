@@ -1,5 +1,7 @@
 """Frame index of a video: arrival and capture time of each frame, one line each."""
 
+import math
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 
@@ -85,31 +87,33 @@ def read_frame_times(path: Path) -> FrameTimes:
         raise ValueError(
             f"{path.name} does not have the columns of a video index: {', '.join(columns)[:200]}"
         ) from error
-    lines = rest.split(b"\n")[:-1]  # after the last line end: empty, or a truncated line
     number_at, video_at, stamp_at, robot_at = at
     # Older recordings lack them.
     taken_at, uncertainty_at = (columns.index(name) if name in columns else None for name in _TAKEN)
-    video_s = np.zeros(len(lines))
-    stamps_ns, robot_stamps_ns = np.zeros(len(lines), np.int64), np.full(len(lines), NO_ROBOT_STAMP, np.int64)
-    taken_ns, uncertainty_ms = np.full(len(lines), UNKNOWN, np.int64), np.full(len(lines), np.nan)
-    complete = 0
-    try:
-        for number, line in enumerate(lines):
-            cells = line.split(b",")
+    rows: list[tuple[float, int, int, int, float]] = []
+    with suppress(ValueError, IndexError):  # zeros after a power failure, or an edit: the lines before it are valid
+        for number, line in enumerate(rest.split(b"\n")[:-1]):  # after the last line end: empty, or a truncated line
+            cells = [cell.strip() for cell in line.split(b",")]
             if int(cells[number_at]) != number:
                 break
-            video_s[number] = float(cells[video_at])
-            stamps_ns[number] = int(cells[stamp_at])
-            if cells[robot_at].strip():
-                robot_stamps_ns[number] = int(cells[robot_at])
-            if taken_at is not None and cells[taken_at].strip():
-                taken_ns[number] = int(cells[taken_at])
-            if uncertainty_at is not None and cells[uncertainty_at].strip():
-                uncertainty_ms[number] = float(cells[uncertainty_at])
-            complete = number + 1
-    except (ValueError, IndexError, OverflowError):
-        pass  # zeros after a power failure, or an edit: the lines before it are valid
-    return FrameTimes(video_s, stamps_ns, robot_stamps_ns, taken_ns, uncertainty_ms).first(complete)
+            row = (
+                float(cells[video_at]),
+                int(cells[stamp_at]),
+                int(cells[robot_at] or NO_ROBOT_STAMP),
+                UNKNOWN if taken_at is None else int(cells[taken_at] or UNKNOWN),
+                math.nan if uncertainty_at is None else float(cells[uncertainty_at] or math.nan),
+            )
+            if max(map(abs, row[1:4])) >= 2**63:
+                break
+            rows.append(row)
+    video_s, stamps_ns, robot_stamps_ns, taken_ns, uncertainty_ms = zip(*rows, strict=True) if rows else ((),) * 5
+    return FrameTimes(
+        np.array(video_s, np.float64),
+        np.array(stamps_ns, np.int64),
+        np.array(robot_stamps_ns, np.int64),
+        np.array(taken_ns, np.int64),
+        np.array(uncertainty_ms, np.float64),
+    )
 
 
 def moments_words(video: VideoInfo) -> str:
