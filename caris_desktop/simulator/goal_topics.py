@@ -18,7 +18,7 @@ from caris_desktop.ros.navigation_messages import encode_path
 from caris_desktop.ros.speed_limits import NO_LIMIT, decode_reconfigured, decode_speed_limit, encode_reconfigure
 from caris_desktop.simulator.actionlib import ActionlibServer
 from caris_desktop.simulator.robot_interface import Navigation
-from caris_desktop.simulator.ros_context import Wiring
+from caris_desktop.simulator.ros_context import RosContext
 from caris_desktop.simulator.server import Action, Message, SimulatedService
 from caris_desktop.simulator.simulated_navigation import CRUISE_MPS, GoalEnded
 
@@ -45,46 +45,44 @@ _STOPPED = "the emergency stop is active"
 class PathTopic:
     """nav_msgs/Path: on each new plan, and empty at its end."""
 
-    def __init__(self, wiring: Wiring, name: str) -> None:
-        self._wiring = wiring
-        self._topic = wiring.publishes(name, "nav_msgs", "Path")
+    def __init__(self, ros: RosContext, name: str) -> None:
+        self._ros = ros
+        self._topic = ros.publishes(name, "nav_msgs", "Path")
         self._published = 0
         self._published_goal: str | None = None
-        wiring.every(1, self._publish_change)
+        ros.every(1, self._publish_change)
 
     def _publish_change(self) -> None:
-        robot = self._wiring.robot
+        robot = self._ros.robot
         now = (robot.plans_made, robot.goal_id)
         if now == (self._published, self._published_goal):
             return
         self._published, self._published_goal = now
         points = np.array(robot.path_in_map, dtype=np.float32).reshape(-1, 2)
-        frame = self._wiring.frame(self._wiring.dress.map_frame)
-        message = encode_path(self._wiring.dialect, points, stamp_ns=self._wiring.stamp_ns(), frame_id=frame)
-        self._wiring.publish(self._topic, message)
+        frame = self._ros.frame(self._ros.model.map_frame)
+        message = encode_path(self._ros.dialect, points, stamp_ns=self._ros.stamp_ns(), frame_id=frame)
+        self._ros.publish(self._topic, message)
 
 
 class MoveBaseTopics:
     """move_base, or only its simple goal topic."""
 
-    def __init__(self, wiring: Wiring, navigation: Navigation) -> None:
-        self._wiring = wiring
-        self._robot = wiring.robot
+    def __init__(self, ros: RosContext, navigation: Navigation) -> None:
+        self._ros = ros
+        self._robot = ros.robot
         self._numbers = itertools.count(1)
         self._server: ActionlibServer | None = None
-        wiring.every(1, self._finish_ended)
+        ros.every(1, self._finish_ended)
         if navigation.path:
-            PathTopic(wiring, navigation.path)
+            PathTopic(ros, navigation.path)
         if navigation.name is not None:
-            wiring.every(_STATUS_EVERY_STEPS, self._publish_progress)
+            ros.every(_STATUS_EVERY_STEPS, self._publish_progress)
             self._server = ActionlibServer(
-                wiring, navigation.name, "move_base_msgs", "MoveBase", on_goal=self._on_goal, on_cancel=self._on_cancel
+                ros, navigation.name, "move_base_msgs", "MoveBase", on_goal=self._on_goal, on_cancel=self._on_cancel
             )
-        wiring.obeys(navigation.simple_goal, "geometry_msgs", "PoseStamped", self._on_simple_goal)
+        ros.obeys(navigation.simple_goal, "geometry_msgs", "PoseStamped", self._on_simple_goal)
         if navigation.planner is not None:
-            wiring.serves(
-                f"{navigation.planner}/set_parameters", "dynamic_reconfigure", "Reconfigure", self._reconfigure
-            )
+            ros.serves(f"{navigation.planner}/set_parameters", "dynamic_reconfigure", "Reconfigure", self._reconfigure)
 
     def _reconfigure(self, request: Message) -> Message:
         """Speed parameters of a DWAPlannerROS, of which the lower applies."""
@@ -101,7 +99,7 @@ class MoveBaseTopics:
         progress = self._robot.progress()
         if self._server is not None and progress is not None:
             status = GoalStatus(progress.goal_id, action_messages.ACTIVE, f"{progress.distance_left_m:.2f} m left")
-            pose = encode_pose_stamped(Dialect.ROS1, self._robot.pose_in_map, stamp_ns=self._wiring.stamp_ns())
+            pose = encode_pose_stamped(Dialect.ROS1, self._robot.pose_in_map, stamp_ns=self._ros.stamp_ns())
             self._server.progress(status, {"base_position": pose})
 
     def _finish(self, status: GoalStatus) -> None:
@@ -131,28 +129,28 @@ class MoveBaseTopics:
 class NavigateToPoseAction:
     """NavigateToPose action of ROS 2, as rosbridge carries it, and the status topic of every ROS action."""
 
-    def __init__(self, wiring: Wiring, navigation: Navigation) -> None:
+    def __init__(self, ros: RosContext, navigation: Navigation) -> None:
         if navigation.name is None:
             raise ValueError("a robot of ROS 2 navigates by an action")
-        self._wiring = wiring
-        self._robot = wiring.robot
+        self._ros = ros
+        self._robot = ros.robot
         self._replies: dict[str, Callable[[Message], None]] = {}
         self._statuses: dict[str, tuple[int, float]] = {}
         self._uuids: dict[str, bytes] = {}
         self._numbers = itertools.count(1)
-        wiring.every(1, self._finish_ended)
+        ros.every(1, self._finish_ended)
         if navigation.path:
-            PathTopic(wiring, navigation.path)
-        wiring.every(_STATUS_EVERY_STEPS, self._publish_progress)
-        name = wiring.dress.absolute(navigation.name)
+            PathTopic(ros, navigation.path)
+        ros.every(_STATUS_EVERY_STEPS, self._publish_progress)
+        name = ros.model.absolute(navigation.name)
         kind = action_type_name(Dialect.ROS2, "nav2_msgs", "NavigateToPose")
-        wiring.server.actions[name] = Action(kind, self._start, self._cancel)
+        ros.server.actions[name] = Action(kind, self._start, self._cancel)
         cancel_type = service_type_name(Dialect.ROS2, "action_msgs", "CancelGoal")
-        wiring.server.services[f"{name}/_action/cancel_goal"] = SimulatedService(cancel_type, self._cancel_service)
-        self._status = wiring.publishes(f"{name}/_action/status", "action_msgs", "GoalStatusArray", latched=True)
-        wiring.obeys(navigation.simple_goal, "geometry_msgs", "PoseStamped", self._on_goal_pose)
+        ros.server.services[f"{name}/_action/cancel_goal"] = SimulatedService(cancel_type, self._cancel_service)
+        self._status = ros.publishes(f"{name}/_action/status", "action_msgs", "GoalStatusArray", latched=True)
+        ros.obeys(navigation.simple_goal, "geometry_msgs", "PoseStamped", self._on_goal_pose)
         if navigation.speed_limit is not None:
-            wiring.obeys(navigation.speed_limit, "nav2_msgs", "SpeedLimit", self._on_speed_limit)
+            ros.obeys(navigation.speed_limit, "nav2_msgs", "SpeedLimit", self._on_speed_limit)
 
     def _on_speed_limit(self, message: Message) -> None:
         limit, percentage = decode_speed_limit(message)
@@ -173,7 +171,7 @@ class NavigateToPoseAction:
                 distance_left_m=progress.distance_left_m,
                 time_left_s=progress.distance_left_m / CRUISE_MPS,
                 elapsed_s=progress.elapsed_s,
-                stamp_ns=self._wiring.stamp_ns(),
+                stamp_ns=self._ros.stamp_ns(),
             )
             self._replies[progress.goal_id]({"op": "action_feedback", "values": values})
 
@@ -226,11 +224,11 @@ class NavigateToPoseAction:
             {"goal_info": self._goal_info(listed), "status": listed_status}
             for listed, (listed_status, _) in self._statuses.items()
         ]
-        self._wiring.publish(self._status, {"status_list": entries})
+        self._ros.publish(self._status, {"status_list": entries})
 
     def _goal_info(self, goal_id: str) -> Fields:
         uuid = list(self._uuids.get(goal_id, bytes(16)))
-        return {"goal_id": {"uuid": uuid}, "stamp": encode_time(Dialect.ROS2, self._wiring.stamp_ns())}
+        return {"goal_id": {"uuid": uuid}, "stamp": encode_time(Dialect.ROS2, self._ros.stamp_ns())}
 
 
 def _uuid_in(arguments: Message) -> bytes | None:

@@ -98,7 +98,7 @@ class StopService:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class StubCapability:
     """Further capability of the robot, which the simulation only records."""
 
     kind: Literal["topic", "service", "action"]
@@ -141,8 +141,8 @@ class RobotInterface:
     slam_toolbox: str | None = None
     map_server: str | None = None
     map_saver: str | None = None
-    gadgets: bool = False
-    orders: tuple[Order, ...] = ()
+    demo_controls: bool = False
+    stub_capabilities: tuple[StubCapability, ...] = ()
 
     def absolute(self, name: str) -> str:
         """Absolute name."""

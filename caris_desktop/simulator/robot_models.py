@@ -47,13 +47,13 @@ def robot_model_named(
     if ros is not None and ros not in cut:
         (only,) = cut
         raise UnknownRobotModel(f"The robot model '{name}' requires ROS {only}: omit --ros, or choose another model.")
-    dress = cut[ros if ros is not None else min(cut)]
+    model = cut[ros if ros is not None else min(cut)]
     if namespace is not None:
-        dress = replace(dress, namespace=namespace.strip("/"))
-    if holonomic and not dress.body.base.left_mps:
-        base = replace(dress.body.base, left_mps=HOLONOMIC.left_mps)
-        dress = replace(dress, body=replace(dress.body, base=base))
-    return dress
+        model = replace(model, namespace=namespace.strip("/"))
+    if holonomic and not model.body.base.left_mps:
+        base = replace(model.body.base, left_mps=HOLONOMIC.left_mps)
+        model = replace(model, body=replace(model.body, base=base))
+    return model
 
 
 def robot_model_names() -> tuple[str, ...]:

@@ -36,13 +36,13 @@ from caris_desktop.simulator.robot_interface import (
     AudioTopics,
     BatteryTopic,
     HeadTopics,
-    Order,
     SpeechAction,
     SpeechTopics,
     StopService,
+    StubCapability,
     VelocityInput,
 )
-from caris_desktop.simulator.ros_context import Wiring
+from caris_desktop.simulator.ros_context import RosContext
 from caris_desktop.simulator.server import Action, CallFailed, Message
 from caris_desktop.simulator.simulated_head import DEFAULT_SPEED_RADPS, Head
 from caris_desktop.simulator.simulated_microphone import RATE_HZ, Microphone, at_rate
@@ -52,14 +52,14 @@ from caris_desktop.simulator.simulated_speech import Spoken, Voice
 class SpeechOnTopics:
     """std_msgs/String in; Bool while it speaks, and Empty to stop it, if the model has them."""
 
-    def __init__(self, wiring: Wiring, interface: SpeechTopics, *, muted: bool) -> None:
-        self._wiring = wiring
+    def __init__(self, ros: RosContext, interface: SpeechTopics, *, muted: bool) -> None:
+        self._ros = ros
         self.voice = Voice(self._on_speaking, muted=muted)
-        wiring.obeys(interface.topic, "std_msgs", "String", self._on_say)
+        ros.obeys(interface.topic, "std_msgs", "String", self._on_say)
         if interface.stop is not None:
-            wiring.obeys(interface.stop, "std_msgs", "Empty", lambda _: self.voice.stop())
+            ros.obeys(interface.stop, "std_msgs", "Empty", lambda _: self.voice.stop())
         self._speaking = (
-            wiring.publishes(interface.speaking, "std_msgs", "Bool", latched=True) if interface.speaking else None
+            ros.publishes(interface.speaking, "std_msgs", "Bool", latched=True) if interface.speaking else None
         )
         self._on_speaking(False)
 
@@ -69,19 +69,19 @@ class SpeechOnTopics:
 
     def _on_speaking(self, speaking: bool) -> None:
         if self._speaking is not None:
-            self._wiring.publish(self._speaking, message_conversion.encode_bool(speaking))
+            self._ros.publish(self._speaking, message_conversion.encode_bool(speaking))
 
 
 class SpeechOnAction:
     """pal_interaction_msgs/TtsAction: one sentence at a time; a newer goal preempts the present one."""
 
-    def __init__(self, wiring: Wiring, interface: SpeechAction, *, muted: bool) -> None:
+    def __init__(self, ros: RosContext, interface: SpeechAction, *, muted: bool) -> None:
         self.voice = Voice(self._on_speaking, muted=muted)
         self._goal_id: str | None = None
         self._text = ""
         self._begun = False
         self._server = ActionlibServer(
-            wiring, interface.name, "pal_interaction_msgs", "Tts", on_goal=self._on_goal, on_cancel=self._on_cancel
+            ros, interface.name, "pal_interaction_msgs", "Tts", on_goal=self._on_goal, on_cancel=self._on_cancel
         )
 
     def _on_goal(self, goal_id: str, goal: Message) -> None:
@@ -148,7 +148,7 @@ class RobotTopics:
 
     def __init__(
         self,
-        wiring: Wiring,
+        ros: RosContext,
         *,
         muted: bool,
         simulation_time: bool = False,
@@ -156,41 +156,41 @@ class RobotTopics:
         lines: Sequence[str] = (),
     ) -> None:
         """``lines`` are a participant's sentences, one after each utterance of the robot."""
-        self._wiring = wiring
-        self._robot = wiring.robot
+        self._ros = ros
+        self._robot = ros.robot
         self._twists_received = 0
         self._last_twist_s: float | None = None
         self._stop_state: str | None = None
         self._camera: str | None = None
-        self._head = HeadOnRos(wiring)
+        self._head = HeadOnRos(ros)
         self._offer_sensors()  # before the map, which a scan changes
-        MapOnRos(wiring, maps or MapFiles())
+        MapOnRos(ros, maps or MapFiles())
         self._speech: SpeechOnTopics | SpeechOnAction | None = None
-        if wiring.dress.navigation is not None:
-            kind = MoveBaseTopics if wiring.dialect is Dialect.ROS1 else NavigateToPoseAction
-            kind(wiring, wiring.dress.navigation)
-        match wiring.dress.speech:
+        if ros.model.navigation is not None:
+            kind = MoveBaseTopics if ros.dialect is Dialect.ROS1 else NavigateToPoseAction
+            kind(ros, ros.model.navigation)
+        match ros.model.speech:
             case SpeechTopics() as interface:
-                self._speech = SpeechOnTopics(wiring, interface, muted=muted)
+                self._speech = SpeechOnTopics(ros, interface, muted=muted)
             case SpeechAction() as action:
-                self._speech = SpeechOnAction(wiring, action, muted=muted)
-        self.sound = SoundOnRos(wiring, wiring.dress.audio, lines) if wiring.dress.audio is not None else None
+                self._speech = SpeechOnAction(ros, action, muted=muted)
+        self.sound = SoundOnRos(ros, ros.model.audio, lines) if ros.model.audio is not None else None
         if self.voice is not None and self.sound is not None:
             self.voice.on_sound = self.sound.on_voice
             self.voice.on_spoken = self.sound.participant.on_robot_finished
-        self._gadgets = DemoControls(wiring) if wiring.dress.gadgets else None
-        self._orders = OrdersOnRos(wiring)
+        self._demo_controls = DemoControls(ros) if ros.model.demo_controls else None
+        self._stub_capabilities = StubCapabilities(ros)
         self._offer_commands()
-        wiring.server.params["/use_sim_time"] = lambda: simulation_time
+        ros.server.params["/use_sim_time"] = lambda: simulation_time
         if simulation_time:
-            wiring.publishes(CLOCK_TOPIC, "rosgraph_msgs", "Clock")
-            wiring.every(1, self._publish_clock, CLOCK_TOPIC)
-        self._apply_faults(wiring.faults)
+            ros.publishes(CLOCK_TOPIC, "rosgraph_msgs", "Clock")
+            ros.every(1, self._publish_clock, CLOCK_TOPIC)
+        self._apply_faults(ros.faults)
 
     @property
     def faults(self) -> Faults:
         """Present faults."""
-        return self._wiring.faults
+        return self._ros.faults
 
     @property
     def voice(self) -> Voice | None:
@@ -208,14 +208,14 @@ class RobotTopics:
 
     def publish_picture(self, jpeg: bytes, *, stamp_ns: int) -> None:
         """Publish one camera image and, if subscribed, the camera info."""
-        wiring, camera = self._wiring, self._wiring.dress.camera
+        ros, camera = self._ros, self._ros.model.camera
         if camera is None or self._camera is None:
             return
-        frame = wiring.frame(camera.frame)
-        picture = message_conversion.encode_compressed_image(wiring.dialect, jpeg, stamp_ns=stamp_ns, frame_id=frame)
-        wiring.publish(self._camera, picture)
-        info = wiring.dress.absolute(camera.info)
-        if wiring.wanted(info):
+        frame = ros.frame(camera.frame)
+        picture = message_conversion.encode_compressed_image(ros.dialect, jpeg, stamp_ns=stamp_ns, frame_id=frame)
+        ros.publish(self._camera, picture)
+        info = ros.model.absolute(camera.info)
+        if ros.wanted(info):
             self._publish_camera_info(info, frame)
 
     def stop(self) -> None:
@@ -224,132 +224,132 @@ class RobotTopics:
             self.voice.stop()
         if self.sound is not None:
             self.sound.stop()
-        if self._gadgets is not None:
-            self._gadgets.stop()
-        self._orders.stop()
+        if self._demo_controls is not None:
+            self._demo_controls.stop()
+        self._stub_capabilities.stop()
 
     def _offer_sensors(self) -> None:
-        wiring, dress = self._wiring, self._wiring.dress
-        self._odometry = wiring.publishes(dress.odometry, "nav_msgs", "Odometry")
-        self._tf = wiring.publishes(dress.tf, "tf2_msgs", "TFMessage")
-        self._tf_static = wiring.publishes(dress.tf_static, "tf2_msgs", "TFMessage", latched=True)
-        if dress.camera is not None:
-            self._camera = wiring.publishes(dress.camera.image, "sensor_msgs", "CompressedImage")
-            wiring.publishes(dress.camera.info, "sensor_msgs", "CameraInfo")
-        self._scan = wiring.publishes(dress.scan, "sensor_msgs", "LaserScan") if dress.scan else None
-        wiring.every(2, self._publish_odometry, self._odometry)
-        wiring.every(2, self._publish_transforms, self._tf)
-        wiring.every(5, self._publish_scan)
-        if dress.pose:
-            pose = wiring.publishes(dress.pose, "geometry_msgs", "PoseWithCovarianceStamped", latched=True)
+        ros, model = self._ros, self._ros.model
+        self._odometry = ros.publishes(model.odometry, "nav_msgs", "Odometry")
+        self._tf = ros.publishes(model.tf, "tf2_msgs", "TFMessage")
+        self._tf_static = ros.publishes(model.tf_static, "tf2_msgs", "TFMessage", latched=True)
+        if model.camera is not None:
+            self._camera = ros.publishes(model.camera.image, "sensor_msgs", "CompressedImage")
+            ros.publishes(model.camera.info, "sensor_msgs", "CameraInfo")
+        self._scan = ros.publishes(model.scan, "sensor_msgs", "LaserScan") if model.scan else None
+        ros.every(2, self._publish_odometry, self._odometry)
+        ros.every(2, self._publish_transforms, self._tf)
+        ros.every(5, self._publish_scan)
+        if model.pose:
+            pose = ros.publishes(model.pose, "geometry_msgs", "PoseWithCovarianceStamped", latched=True)
             # latched, so that it is published without subscribers, too
-            wiring.every(5, lambda: self._publish_pose(pose))
-        if dress.battery:
-            battery = dress.battery
+            ros.every(5, lambda: self._publish_pose(pose))
+        if model.battery:
+            battery = model.battery
             package, kind = (
                 ("std_msgs", "Float32") if battery.kind == "Float32 percent" else ("sensor_msgs", "BatteryState")
             )
-            name = wiring.publishes(battery.topic, package, kind, latched=True)
-            wiring.every(50, lambda: self._publish_battery(name, battery))
+            name = ros.publishes(battery.topic, package, kind, latched=True)
+            ros.every(50, lambda: self._publish_battery(name, battery))
         self._publish_static_transforms()
 
     def _offer_commands(self) -> None:
-        wiring, dress = self._wiring, self._wiring.dress
+        ros, model = self._ros, self._ros.model
         stamped = ("geometry_msgs/TwistStamped", "geometry_msgs/msg/TwistStamped")
-        for velocity in dress.velocity:
+        for velocity in model.velocity:
             kind = "TwistStamped" if velocity.type == "TwistStamped" else "Twist"
             others = stamped if velocity.type == "either" else ()
             on_twist = partial(self._on_twist, velocity)
-            wiring.obeys(velocity.topic, "geometry_msgs", kind, on_twist, other_types=others)
-        if dress.initial_pose:
-            wiring.obeys(dress.initial_pose, "geometry_msgs", "PoseWithCovarianceStamped", self._on_initial_pose)
-        if dress.stop_state:
-            self._stop_state = wiring.publishes(dress.stop_state, "std_msgs", "Bool", latched=True)
-            wiring.publish(self._stop_state, message_conversion.encode_bool(False))
-        if dress.stop_service:
-            service = dress.stop_service
-            wiring.serves(service.name, service.package, service.type, partial(self._set_stop, service))
-        wiring.obeys("/simulator/fault", "std_msgs", "String", self._on_fault)
-        wiring.serves("/simulator/fault", "simulator", "Fault", self._inject_fault)
-        wiring.serves("/simulator/state", "simulator", "State", lambda _: self._state())
-        wiring.serves("/simulator/reset_pose", "simulator", "ResetPose", self._reset_pose)
+            ros.obeys(velocity.topic, "geometry_msgs", kind, on_twist, other_types=others)
+        if model.initial_pose:
+            ros.obeys(model.initial_pose, "geometry_msgs", "PoseWithCovarianceStamped", self._on_initial_pose)
+        if model.stop_state:
+            self._stop_state = ros.publishes(model.stop_state, "std_msgs", "Bool", latched=True)
+            ros.publish(self._stop_state, message_conversion.encode_bool(False))
+        if model.stop_service:
+            service = model.stop_service
+            ros.serves(service.name, service.package, service.type, partial(self._set_stop, service))
+        ros.obeys("/simulator/fault", "std_msgs", "String", self._on_fault)
+        ros.serves("/simulator/fault", "simulator", "Fault", self._inject_fault)
+        ros.serves("/simulator/state", "simulator", "State", lambda _: self._state())
+        ros.serves("/simulator/reset_pose", "simulator", "ResetPose", self._reset_pose)
 
     def _publish_clock(self) -> None:
-        self._wiring.publish(CLOCK_TOPIC, encode_clock(self._wiring.dialect, self._wiring.stamp_ns()))
+        self._ros.publish(CLOCK_TOPIC, encode_clock(self._ros.dialect, self._ros.stamp_ns()))
 
     def _publish_odometry(self) -> None:
-        wiring, stamp_ns = self._wiring, self._wiring.stamp_ns()
+        ros, stamp_ns = self._ros, self._ros.stamp_ns()
         message = message_conversion.encode_odometry(
-            wiring.dialect,
+            ros.dialect,
             self._robot.odometry(stamp_ns=stamp_ns),
             stamp_ns=stamp_ns,
-            frame_id=wiring.frame(wiring.dress.odom_frame),
-            child_frame_id=wiring.frame(wiring.dress.odometry_frame),
+            frame_id=ros.frame(ros.model.odom_frame),
+            child_frame_id=ros.frame(ros.model.odometry_frame),
         )
-        wiring.publish(self._odometry, message)
+        ros.publish(self._odometry, message)
 
     def _publish_transforms(self) -> None:
-        wiring, stamp_ns = self._wiring, self._wiring.stamp_ns()
-        dress = wiring.dress
-        odom = wiring.frame(dress.odom_frame)
+        ros, stamp_ns = self._ros, self._ros.stamp_ns()
+        model = ros.model
+        odom = ros.frame(model.odom_frame)
         odom_from_base = self._robot.odometry(stamp_ns=stamp_ns).pose_in_odom
-        placements = [Placement(odom, wiring.frame(dress.base_frame), odom_from_base), *self._head.turning_frames()]
-        if dress.pose is not None:
+        placements = [Placement(odom, ros.frame(model.base_frame), odom_from_base), *self._head.turning_frames()]
+        if model.pose is not None:
             # only a robot with localization knows its pose in a map
-            placements.insert(0, Placement(wiring.frame(dress.map_frame), odom, self._robot.map_from_odom))
-        wiring.publish(self._tf, encoding.transforms(wiring.dialect, placements, stamp_ns=stamp_ns))
+            placements.insert(0, Placement(ros.frame(model.map_frame), odom, self._robot.map_from_odom))
+        ros.publish(self._tf, encoding.transforms(ros.dialect, placements, stamp_ns=stamp_ns))
 
     def _publish_static_transforms(self) -> None:
-        wiring, dress = self._wiring, self._wiring.dress
-        base, lidar = wiring.frame(dress.base_frame), self._robot.body.lidar
-        placements = [Placement(base, wiring.frame(name), _AT_BASE) for name in dress.same_as_base]
-        if lidar is not None and self._robot.body.laser_frame not in (dress.base_frame, *dress.same_as_base):
-            placements.append(Placement(base, wiring.frame(self._robot.body.laser_frame), lidar.mount))
-        if dress.camera is not None:
-            placements.append(self._head.camera_mount(dress.camera.frame))
-        message = encoding.transforms(wiring.dialect, placements, stamp_ns=wiring.stamp_ns())
-        wiring.publish(self._tf_static, message)
+        ros, model = self._ros, self._ros.model
+        base, lidar = ros.frame(model.base_frame), self._robot.body.lidar
+        placements = [Placement(base, ros.frame(name), _AT_BASE) for name in model.same_as_base]
+        if lidar is not None and self._robot.body.laser_frame not in (model.base_frame, *model.same_as_base):
+            placements.append(Placement(base, ros.frame(self._robot.body.laser_frame), lidar.mount))
+        if model.camera is not None:
+            placements.append(self._head.camera_mount(model.camera.frame))
+        message = encoding.transforms(ros.dialect, placements, stamp_ns=ros.stamp_ns())
+        ros.publish(self._tf_static, message)
 
     def _publish_scan(self) -> None:
-        wiring, stamp_ns = self._wiring, self._wiring.stamp_ns()
+        ros, stamp_ns = self._ros, self._ros.stamp_ns()
         scan = self._robot.scan(stamp_ns=stamp_ns)
-        if self._scan is not None and not self.faults.lidar_silent and wiring.wanted(self._scan):
-            scan = replace(scan, frame_id=wiring.frame(scan.frame_id))
-            wiring.publish(self._scan, message_conversion.encode_laser_scan(wiring.dialect, scan, stamp_ns=stamp_ns))
+        if self._scan is not None and not self.faults.lidar_silent and ros.wanted(self._scan):
+            scan = replace(scan, frame_id=ros.frame(scan.frame_id))
+            ros.publish(self._scan, message_conversion.encode_laser_scan(ros.dialect, scan, stamp_ns=stamp_ns))
 
     def _publish_pose(self, topic: str) -> None:
-        wiring = self._wiring
+        ros = self._ros
         message = message_conversion.encode_pose_with_covariance_stamped(
-            wiring.dialect,
+            ros.dialect,
             self._robot.pose_in_map,
-            stamp_ns=wiring.stamp_ns(),
-            frame_id=wiring.frame(wiring.dress.map_frame),
+            stamp_ns=ros.stamp_ns(),
+            frame_id=ros.frame(ros.model.map_frame),
         )
-        wiring.publish(topic, message)
+        ros.publish(topic, message)
 
     def _publish_battery(self, topic: str, interface: BatteryTopic) -> None:
-        wiring, stamp_ns, fraction = self._wiring, self._wiring.stamp_ns(), self._robot.battery_fraction
+        ros, stamp_ns, fraction = self._ros, self._ros.stamp_ns(), self._robot.battery_fraction
         if interface.kind == "Float32 percent":
-            wiring.publish(topic, {"data": 100.0 * fraction})
+            ros.publish(topic, {"data": 100.0 * fraction})
             return
         message = message_conversion.encode_battery_state(
-            wiring.dialect, BatteryState(stamp_ns, fraction), stamp_ns=stamp_ns, voltage_v=22.0 + 3.2 * fraction
+            ros.dialect, BatteryState(stamp_ns, fraction), stamp_ns=stamp_ns, voltage_v=22.0 + 3.2 * fraction
         )
         if interface.kind == "BatteryState percent":
             message["percentage"] = 100.0 * fraction
-        wiring.publish(topic, message)
+        ros.publish(topic, message)
 
     def _publish_camera_info(self, topic: str, frame: str) -> None:
-        wiring = self._wiring
+        ros = self._ros
         message = encoding.camera_info(
-            wiring.dialect,
+            ros.dialect,
             width_px=WIDTH_PX,
             height_px=HEIGHT_PX,
             focal_px=FOCAL_PX,
-            stamp_ns=wiring.stamp_ns(),
+            stamp_ns=ros.stamp_ns(),
             frame_id=frame,
         )
-        wiring.publish(topic, message)
+        ros.publish(topic, message)
 
     def _on_twist(self, velocity: VelocityInput, message: Message) -> None:
         stamped = velocity.type == "TwistStamped" or (velocity.type == "either" and "twist" in message)
@@ -389,23 +389,23 @@ class RobotTopics:
         if injection.battery_fraction is not None:
             self._robot.battery_fraction = injection.battery_fraction
         if injection.drop_link_s is not None:
-            self._wiring.server.drop_link(injection.drop_link_s)
+            self._ros.server.drop_link(injection.drop_link_s)
         if injection.malformed:
             scan = self._scan or self._odometry
-            self._wiring.server.send_raw(fault_commands.malformed_messages(injection.malformed, scan))
+            self._ros.server.send_raw(fault_commands.malformed_messages(injection.malformed, scan))
         if injection.stop_button is not None:
             self._stop_robot(injection.stop_button)
         if injection.pose_in_map is not None:
             self._place(injection.pose_in_map)
 
     def _apply_faults(self, faults: Faults) -> None:
-        before, self._wiring.faults = self._wiring.faults, faults
-        self._wiring.server.latency_s = faults.latency_s
-        self._wiring.server.service_s = faults.service_s
-        self._wiring.server.rate_bytes_s = None if faults.rate_kbps is None else faults.rate_kbps * 125.0
+        before, self._ros.faults = self._ros.faults, faults
+        self._ros.server.latency_s = faults.latency_s
+        self._ros.server.service_s = faults.service_s
+        self._ros.server.rate_bytes_s = None if faults.rate_kbps is None else faults.rate_kbps * 125.0
         clock_before = (before.clock_offset_s, before.clock_drift_ppm)
         if (faults.clock_offset_s, faults.clock_drift_ppm) != clock_before:
-            self._wiring.clock.disagree(offset_s=faults.clock_offset_s, drift_ppm=faults.clock_drift_ppm)
+            self._ros.clock.disagree(offset_s=faults.clock_offset_s, drift_ppm=faults.clock_drift_ppm)
         if faults.frames_wrong != before.frames_wrong:
             self._publish_static_transforms()
 
@@ -426,7 +426,7 @@ class RobotTopics:
     def _stop_robot(self, stopped: bool) -> None:
         self._robot.set_emergency_stop(stopped)
         if self._stop_state is not None:
-            self._wiring.publish(self._stop_state, message_conversion.encode_bool(stopped))
+            self._ros.publish(self._stop_state, message_conversion.encode_bool(stopped))
 
     def _state(self) -> Message:
         """True state, for tests and debugging: none of it is on a topic."""
@@ -444,7 +444,7 @@ class RobotTopics:
             for person in robot.people
         ]
         return {
-            "dress": self._wiring.dress.name,
+            "dress": self._ros.model.name,
             "time_s": robot.now_s,
             "pose": _pose(truth_.pose_in_map),
             "believed_pose": _pose(robot.pose_in_map),
@@ -469,9 +469,9 @@ class RobotTopics:
             "anybody_in_view": any(person["in_view"] for person in people),
             "known_map_share": robot.mapper.known_share,
             "places": [{"name": place.name, **_pose(place.pose)} for place in PLACES],
-            "panel": self._gadgets.state if self._gadgets is not None else {},
-            "orders": self._orders.taken,
-            "refusals": list(self._wiring.server.refusals),
+            "panel": self._demo_controls.state if self._demo_controls is not None else {},
+            "orders": self._stub_capabilities.taken,
+            "refusals": list(self._ros.server.refusals),
         }
 
 
@@ -489,8 +489,8 @@ class DemoControls:
     Holds the present values, publishes them on latched topics, and lists them in :attr:`state`.
     """
 
-    def __init__(self, wiring: Wiring) -> None:
-        self._wiring = wiring
+    def __init__(self, ros: RosContext) -> None:
+        self._ros = ros
         self._color = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
         self._volume = 60.0
         self._screen = ""
@@ -498,17 +498,17 @@ class DemoControls:
         self._waves_begun = 0
         self._waving = False
         self._waving_task: asyncio.TimerHandle | None = None
-        wiring.obeys("/leds/color", "std_msgs", "ColorRGBA", self._on_color)
-        wiring.obeys("/volume", "std_msgs", "Float32", self._on_volume)
-        wiring.obeys("/screen/text", "std_msgs", "String", self._on_screen)
-        wiring.serves("/gestures/wave", "std_srvs", "Trigger", self._wave)
-        wiring.serves("/eyes/set", "std_srvs", "SetBool", self._set_eyes)
-        self._volume_state = wiring.publishes("/volume/state", "std_msgs", "Float32", latched=True)
-        self._eyes_state = wiring.publishes("/eyes/state", "std_msgs", "Bool", latched=True)
-        temperature = wiring.publishes("/diagnostics/temperature", "std_msgs", "Float32")
-        wiring.every(50, lambda: wiring.publish(temperature, {"data": self.temperature_c}), temperature)
-        wiring.publish(self._volume_state, {"data": self._volume})
-        wiring.publish(self._eyes_state, message_conversion.encode_bool(self._eyes))
+        ros.obeys("/leds/color", "std_msgs", "ColorRGBA", self._on_color)
+        ros.obeys("/volume", "std_msgs", "Float32", self._on_volume)
+        ros.obeys("/screen/text", "std_msgs", "String", self._on_screen)
+        ros.serves("/gestures/wave", "std_srvs", "Trigger", self._wave)
+        ros.serves("/eyes/set", "std_srvs", "SetBool", self._set_eyes)
+        self._volume_state = ros.publishes("/volume/state", "std_msgs", "Float32", latched=True)
+        self._eyes_state = ros.publishes("/eyes/state", "std_msgs", "Bool", latched=True)
+        temperature = ros.publishes("/diagnostics/temperature", "std_msgs", "Float32")
+        ros.every(50, lambda: ros.publish(temperature, {"data": self.temperature_c}), temperature)
+        ros.publish(self._volume_state, {"data": self._volume})
+        ros.publish(self._eyes_state, message_conversion.encode_bool(self._eyes))
 
     @property
     def state(self) -> dict[str, Any]:
@@ -525,9 +525,9 @@ class DemoControls:
     @property
     def temperature_c(self) -> float:
         """Motor temperature: rises with speed, with a slow oscillation, so that a plot shows something."""
-        truth_ = self._wiring.robot.truth
+        truth_ = self._ros.robot.truth
         effort = abs(truth_.forward_mps) + abs(truth_.left_mps) + 0.3 * abs(truth_.turn_radps)
-        return 36.0 + 4.0 * effort + 0.5 * math.sin(self._wiring.robot.now_s / 7.0)
+        return 36.0 + 4.0 * effort + 0.5 * math.sin(self._ros.robot.now_s / 7.0)
 
     def stop(self) -> None:
         """Cancel pending work."""
@@ -544,7 +544,7 @@ class DemoControls:
 
     def _on_volume(self, message: Message) -> None:
         self._volume = min(max(number(message_of(message, "Float32"), "data", "Float32"), 0.0), 100.0)
-        self._wiring.publish(self._volume_state, {"data": self._volume})
+        self._ros.publish(self._volume_state, {"data": self._volume})
 
     def _on_screen(self, message: Message) -> None:
         self._screen = message_conversion.decode_string(message)[:_MOST_SCREEN_CHARS]
@@ -562,7 +562,7 @@ class DemoControls:
 
     def _set_eyes(self, arguments: Message) -> Message:
         self._eyes = truth(arguments, "data", "args")
-        self._wiring.publish(self._eyes_state, message_conversion.encode_bool(self._eyes))
+        self._ros.publish(self._eyes_state, message_conversion.encode_bool(self._eyes))
         return {"success": True, "message": "open" if self._eyes else "closed"}
 
 
@@ -575,47 +575,47 @@ class HeadOnRos:
     Executes the model's command topic; without a head only wheel joints are published.
     """
 
-    def __init__(self, wiring: Wiring) -> None:
-        self._wiring = wiring
-        dress = wiring.dress
-        if dress.joint_states:
-            topic = wiring.publishes(dress.joint_states, "sensor_msgs", "JointState")
-            wiring.every(2, lambda: self._publish_joint_states(topic), topic)
-        if dress.head is None:
+    def __init__(self, ros: RosContext) -> None:
+        self._ros = ros
+        model = ros.model
+        if model.joint_states:
+            topic = ros.publishes(model.joint_states, "sensor_msgs", "JointState")
+            ros.every(2, lambda: self._publish_joint_states(topic), topic)
+        if model.head is None:
             return
-        if dress.head.kind == "JointTrajectory":
-            wiring.obeys(dress.head.topic, "trajectory_msgs", "JointTrajectory", self._on_trajectory)
+        if model.head.kind == "JointTrajectory":
+            ros.obeys(model.head.topic, "trajectory_msgs", "JointTrajectory", self._on_trajectory)
         else:
-            wiring.obeys(dress.head.topic, "naoqi_bridge_msgs", "JointAnglesWithSpeed", self._on_angles)
+            ros.obeys(model.head.topic, "naoqi_bridge_msgs", "JointAnglesWithSpeed", self._on_angles)
 
     def _publish_joint_states(self, topic: str) -> None:
         angles = dict.fromkeys(_WHEELS, 0.0)
-        if self._wiring.dress.head is not None:
-            head, interface = self._wiring.robot.head, self._wiring.dress.head
+        if self._ros.model.head is not None:
+            head, interface = self._ros.robot.head, self._ros.model.head
             angles |= {interface.pan_joint: head.pan_rad, interface.tilt_joint: interface.tilt_sign * head.tilt_rad}
-        message = encode_joint_state(self._wiring.dialect, angles, stamp_ns=self._wiring.stamp_ns())
-        self._wiring.publish(topic, message)
+        message = encode_joint_state(self._ros.dialect, angles, stamp_ns=self._ros.stamp_ns())
+        self._ros.publish(topic, message)
 
     def turning_frames(self) -> list[Placement]:
         """Present frames of the joints."""
-        interface, robot = self._wiring.dress.head, self._wiring.robot
+        interface, robot = self._ros.model.head, self._ros.robot
         if interface is None:
             return []
         camera = robot.body.robot_from_camera
         pan = Pose2D(camera.x_m, camera.y_m, camera.heading_rad + robot.head.pan_rad)
-        pan_frame, tilt_frame = (self._wiring.frame(name) for name in interface.frames)
+        pan_frame, tilt_frame = (self._ros.frame(name) for name in interface.frames)
         return [
-            Placement(self._wiring.frame(self._wiring.dress.base_frame), pan_frame, pan, robot.body.camera_height_m),
+            Placement(self._ros.frame(self._ros.model.base_frame), pan_frame, pan, robot.body.camera_height_m),
             Placement(pan_frame, tilt_frame, Pose2D(0.0, 0.0, 0.0), 0.0, robot.head.tilt_rad),
         ]
 
     def camera_mount(self, camera_frame: str) -> Placement:
         """Mounting of the camera, on the head or on the body."""
-        wiring = self._wiring
-        frame, body = wiring.frame(camera_frame), wiring.robot.body
-        if wiring.dress.head is not None:
-            return Placement(wiring.frame(wiring.dress.head.frames[1]), frame, Pose2D(0.0, 0.0, 0.0))
-        return Placement(wiring.frame(wiring.dress.base_frame), frame, body.robot_from_camera, body.camera_height_m)
+        ros = self._ros
+        frame, body = ros.frame(camera_frame), ros.robot.body
+        if ros.model.head is not None:
+            return Placement(ros.frame(ros.model.head.frames[1]), frame, Pose2D(0.0, 0.0, 0.0))
+        return Placement(ros.frame(ros.model.base_frame), frame, body.robot_from_camera, body.camera_height_m)
 
     def _on_trajectory(self, message: Message) -> None:
         # the head moves uniformly, so the last point gives target and speed
@@ -635,13 +635,13 @@ class HeadOnRos:
         relative = bool(message.get("relative"))
         for name, angle_rad in targets.items():
             target_rad = angle_rad + (self._now_rad(name) if relative else 0.0)
-            self._turn(name, target_rad, share * self._wiring.robot.body.head.fastest_radps)
+            self._turn(name, target_rad, share * self._ros.robot.body.head.fastest_radps)
 
     def _head_interface(self) -> tuple[HeadTopics, Head]:
-        interface = self._wiring.dress.head
+        interface = self._ros.model.head
         if interface is None:
             raise MessageError("the robot has no head")
-        return interface, self._wiring.robot.head
+        return interface, self._ros.robot.head
 
     def _now_rad(self, joint: str) -> float:
         interface, head = self._head_interface()
@@ -674,18 +674,18 @@ class SoundOnRos:
     ``/simulator/say``; ``/simulator/prepare`` only synthesises. std_msgs/Bool on ``SPEAKING_TOPIC`` is true meanwhile.
     """
 
-    def __init__(self, wiring: Wiring, interface: AudioTopics, lines: Sequence[str] = ()) -> None:
-        self._wiring = wiring
+    def __init__(self, ros: RosContext, interface: AudioTopics, lines: Sequence[str] = ()) -> None:
+        self._ros = ros
         self._random = np.random.default_rng(5)
         self._played_s = 0.0
         self.microphone = Microphone()
-        self._topic = wiring.publishes(interface.microphone, "audio_common_msgs", "AudioData")
-        wiring.every(_STEPS, self._publish_sound)
-        wiring.obeys(interface.speaker, "audio_common_msgs", "AudioData", self._on_sound)
-        wiring.obeys(SAY_TOPIC, "std_msgs", "String", self._on_say)
-        wiring.serves("/simulator/prepare", "simulator", "Say", self._prepare)
-        wiring.serves("/simulator/say", "simulator", "Say", self._say)
-        self._speaking = wiring.publishes(SPEAKING_TOPIC, "std_msgs", "Bool", latched=True)
+        self._topic = ros.publishes(interface.microphone, "audio_common_msgs", "AudioData")
+        ros.every(_STEPS, self._publish_sound)
+        ros.obeys(interface.speaker, "audio_common_msgs", "AudioData", self._on_sound)
+        ros.obeys(SAY_TOPIC, "std_msgs", "String", self._on_say)
+        ros.serves("/simulator/prepare", "simulator", "Say", self._prepare)
+        ros.serves("/simulator/say", "simulator", "Say", self._say)
+        self._speaking = ros.publishes(SPEAKING_TOPIC, "std_msgs", "Bool", latched=True)
         self.participant = Participant(
             self.microphone, lines, on_speaking=self._on_speaking, cache=cache_folder()
         )  # fmt: skip
@@ -714,12 +714,12 @@ class SoundOnRos:
             self._publish_sound()
 
     def _publish_sound(self) -> None:
-        faults = self._wiring.faults
+        faults = self._ros.faults
         self.microphone.leak, self.microphone.noise = faults.voice_leak, faults.sound_noise
         samples = self.microphone.take(_STEPS * _STEP_SAMPLES)
         lost = faults.microphone_silent or self._random.random() < faults.sound_dropouts
-        if not lost and self._wiring.wanted(self._topic):
-            self._wiring.publish(self._topic, encode_audio_data(samples))
+        if not lost and self._ros.wanted(self._topic):
+            self._ros.publish(self._topic, encode_audio_data(samples))
 
     def on_voice(self, spoken: Spoken | None) -> None:
         """The robot's voice starts playing this, or stops."""
@@ -749,30 +749,30 @@ class SoundOnRos:
         return {"success": True, "message": ""}
 
     def _on_speaking(self, speaking: bool) -> None:
-        self._wiring.publish(self._speaking, message_conversion.encode_bool(speaking))
+        self._ros.publish(self._speaking, message_conversion.encode_bool(speaking))
 
 
 ACTION_TAKES_S = 1.0
 _REMEMBERED = 50
 
 
-class OrdersOnRos:
+class StubCapabilities:
     """Stub capabilities of a robot model (gestures, docks, displays): recorded and answered, without effect.
 
     Offers a model's stub capabilities. Actions take one second, can be cancelled, and then succeed.
     """
 
-    def __init__(self, wiring: Wiring) -> None:
-        self._wiring = wiring
+    def __init__(self, ros: RosContext) -> None:
+        self._ros = ros
         self._taken: deque[dict[str, Any]] = deque(maxlen=_REMEMBERED)
         self._under_way: dict[str, asyncio.TimerHandle] = {}
-        for order in wiring.dress.orders:
+        for order in ros.model.stub_capabilities:
             match order.kind:
                 case "topic":
-                    wiring.obeys(order.name, order.package, order.type, partial(self._note, order))
+                    ros.obeys(order.name, order.package, order.type, partial(self._note, order))
                 case "service":
-                    wiring.serves(order.name, order.package, order.type, self._answering(order))
-                case "action" if wiring.dialect is Dialect.ROS1:
+                    ros.serves(order.name, order.package, order.type, self._answering(order))
+                case "action" if ros.dialect is Dialect.ROS1:
                     self._offer_actionlib(order)
                 case "action":
                     self._offer_action(order)
@@ -787,19 +787,19 @@ class OrdersOnRos:
         for timer in self._under_way.values():
             timer.cancel()
 
-    def _note(self, order: Order, content: Message) -> None:
-        self._taken.append({"name": self._wiring.dress.absolute(order.name), "content": content})
+    def _note(self, order: StubCapability, content: Message) -> None:
+        self._taken.append({"name": self._ros.model.absolute(order.name), "content": content})
 
-    def _answering(self, order: Order) -> Callable[[Message], Message]:
+    def _answering(self, order: StubCapability) -> Callable[[Message], Message]:
         def call(arguments: Message) -> Message:
             self._note(order, arguments)
-            answer = typedefs.blank(self._wiring.dialect, f"{order.package}/{order.type}", part=1)
+            answer = typedefs.blank(self._ros.dialect, f"{order.package}/{order.type}", part=1)
             return answer | ({"success": True} if "success" in answer else {})
 
         return call
 
-    def _offer_actionlib(self, order: Order) -> None:
-        dialect, goal_type = self._wiring.dialect, f"{order.package}/{order.type}Goal"
+    def _offer_actionlib(self, order: StubCapability) -> None:
+        dialect, goal_type = self._ros.dialect, f"{order.package}/{order.type}Goal"
         result = typedefs.blank(dialect, f"{order.package}/{order.type}Result")
 
         def on_goal(goal_id: str, goal: Message) -> None:
@@ -815,11 +815,9 @@ class OrdersOnRos:
                 if self._end(goal_id):
                     server.finish(GoalStatus(goal_id, action_messages.PREEMPTED), result)
 
-        server = ActionlibServer(
-            self._wiring, order.name, order.package, order.type, on_goal=on_goal, on_cancel=on_cancel
-        )
+        server = ActionlibServer(self._ros, order.name, order.package, order.type, on_goal=on_goal, on_cancel=on_cancel)
 
-    def _offer_action(self, order: Order) -> None:
+    def _offer_action(self, order: StubCapability) -> None:
         type_ = action_type_name(Dialect.ROS2, order.package, order.type)
         values = typedefs.blank(Dialect.ROS2, type_, part=1)
         replies: dict[str, Callable[[Message], None]] = {}
@@ -839,7 +837,7 @@ class OrdersOnRos:
             if self._end(goal_id):
                 finish(goal_id, action_messages.ROS2_CANCELED)
 
-        self._wiring.server.actions[self._wiring.dress.absolute(order.name)] = Action(type_, start, cancel)
+        self._ros.server.actions[self._ros.model.absolute(order.name)] = Action(type_, start, cancel)
 
     def _begin(self, goal_id: str, finish: Callable[[], None]) -> None:
         def done() -> None:

@@ -16,12 +16,12 @@ _WRONG_FRAME = "nowhere"
 
 
 @dataclass(slots=True)
-class Wiring:
+class RosContext:
     """``faults`` are the present ones. Names are those of the model: relative ones are in its namespace."""
 
     robot: Robot
     server: BridgeServer
-    dress: RobotInterface
+    model: RobotInterface
     clock: RobotClock
     faults: Faults = field(default_factory=Faults)
     _steps: int = 0
@@ -29,7 +29,7 @@ class Wiring:
 
     @property
     def dialect(self) -> Dialect:
-        return self.dress.dialect
+        return self.model.dialect
 
     def stamp_ns(self) -> int:
         return self.clock.now_ns()
@@ -40,7 +40,7 @@ class Wiring:
 
     def publishes(self, name: str, package: str, kind: str, *, latched: bool = False) -> str:
         """Register a topic that the robot publishes; return its absolute name."""
-        absolute = self.dress.absolute(name)
+        absolute = self.model.absolute(name)
         self.server.topics[absolute] = Topic(type_name(self.dialect, package, kind), latched, publishers={ROBOT_NODE})
         return absolute
 
@@ -55,11 +55,11 @@ class Wiring:
     ) -> None:
         """Register a topic that the robot subscribes to, with type checks as in rosbridge."""
         type_ = type_name(self.dialect, package, kind)
-        self.server.topics[self.dress.absolute(name)] = Topic(type_, on_message=on_message, other_types=other_types)
+        self.server.topics[self.model.absolute(name)] = Topic(type_, on_message=on_message, other_types=other_types)
 
     def serves(self, name: str, package: str, kind: str, call: Callable[[Message], Message]) -> None:
         """Register a service, with type checks as in rosbridge."""
-        self.server.services[self.dress.absolute(name)] = SimulatedService(
+        self.server.services[self.model.absolute(name)] = SimulatedService(
             service_type_name(self.dialect, package, kind), call
         )
 

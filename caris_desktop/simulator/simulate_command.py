@@ -26,7 +26,7 @@ from caris_desktop.simulator.participant import BadSentences, read_sentences
 from caris_desktop.simulator.robot_interface import RobotInterface
 from caris_desktop.simulator.robot_simulation import Robot, View
 from caris_desktop.simulator.robot_topics import RobotTopics
-from caris_desktop.simulator.ros_context import Wiring
+from caris_desktop.simulator.ros_context import RosContext
 from caris_desktop.simulator.rosapi import offer_rosapi
 from caris_desktop.simulator.sent_log import ObeyedLog, SentLog
 from caris_desktop.simulator.server import BridgeServer
@@ -148,13 +148,13 @@ def run(args: argparse.Namespace) -> int:
         sys.stderr.write(f"--fault-latency-ms must be between 0 and {MAX_LATENCY_MS:g}.\n")
         return 2
     try:
-        dress, server_settings, visits = _robot_model_of(args), _server_of(args), _visits_of(args)
+        model, server_settings, visits = _robot_model_of(args), _server_of(args), _visits_of(args)
         lines = () if args.participant is None else read_sentences(args.participant)
     except (_CannotStart, BadSentences) as error:
         sys.stderr.write(f"{error}\n")
         return 2
     with contextlib.suppress(KeyboardInterrupt):
-        return asyncio.run(_simulate(args, dress, server_settings, visits, lines))
+        return asyncio.run(_simulate(args, model, server_settings, visits, lines))
     return 0
 
 
@@ -172,14 +172,14 @@ class _ServerSettings:
 
 def _robot_model_of(args: argparse.Namespace) -> RobotInterface:
     try:
-        dress = robot_models.robot_model_named(args.dress, args.ros, namespace=args.namespace, holonomic=args.holonomic)
+        model = robot_models.robot_model_named(args.dress, args.ros, namespace=args.namespace, holonomic=args.holonomic)
     except robot_models.UnknownRobotModel as error:
         raise _CannotStart(str(error)) from error
-    if dress.body.lidar is None:
-        return dress
+    if model.body.lidar is None:
+        return model
     roll_rad, pitch_rad = math.radians(args.lidar_roll_deg), math.radians(args.lidar_pitch_deg)
-    lidar = replace(dress.body.lidar, roll_rad=roll_rad, pitch_rad=pitch_rad)
-    return replace(dress, body=replace(dress.body, lidar=lidar))
+    lidar = replace(model.body.lidar, roll_rad=roll_rad, pitch_rad=pitch_rad)
+    return replace(model, body=replace(model.body, lidar=lidar))
 
 
 def _server_of(args: argparse.Namespace) -> _ServerSettings:
@@ -232,7 +232,7 @@ def _visits_of(args: argparse.Namespace) -> list[Visit] | None:
 
 async def _simulate(
     args: argparse.Namespace,
-    dress: RobotInterface,
+    model: RobotInterface,
     settings: _ServerSettings,
     visits: list[Visit] | None,
     lines: Sequence[str],
@@ -243,10 +243,10 @@ async def _simulate(
             asyncio.get_running_loop().add_signal_handler(name, stopped.set)
     if args.end_with_stdin:
         _call_at_end_of_stdin(asyncio.get_running_loop(), stopped.set)
-    robot = Robot(args.seed, body=dress.body, populated=not args.empty, visits=visits)
+    robot = Robot(args.seed, body=model.body, populated=not args.empty, visits=visits)
     clock = RobotClock((lambda: robot.now_s) if args.simulation_time else None)
     server = BridgeServer(
-        dress.dialect,
+        model.dialect,
         secret=settings.secret,
         now_s=clock.now_s,
         log=settings.log,
@@ -255,10 +255,10 @@ async def _simulate(
         goals_in_new_threads=args.send_action_goals_in_new_thread,
         services_in_new_threads=args.call_services_in_new_thread,
     )
-    wiring = Wiring(robot, server, dress, clock, Faults(args.fault_latency_ms / 1000.0))
+    ros = RosContext(robot, server, model, clock, Faults(args.fault_latency_ms / 1000.0))
     maps = MapFiles(args.maps_folder)
-    topics = RobotTopics(wiring, muted=args.mute, simulation_time=args.simulation_time, maps=maps, lines=lines)
-    offer_rosapi(server, dress.dialect, clock=clock)
+    topics = RobotTopics(ros, muted=args.mute, simulation_time=args.simulation_time, maps=maps, lines=lines)
+    offer_rosapi(server, model.dialect, clock=clock)
     try:
         port = await server.start(args.host, args.port, tls=settings.tls)
     except OSError as error:
@@ -282,7 +282,7 @@ async def _simulate(
         filmed.append(_film_from_desk(camera, robot, desk))
     sys.stdout.write("".join(ready))
     sys.stdout.flush()
-    tasks = [asyncio.create_task(_step_forever(robot, topics, wiring)), *(asyncio.create_task(each) for each in filmed)]
+    tasks = [asyncio.create_task(_step_forever(robot, topics, ros)), *(asyncio.create_task(each) for each in filmed)]
     voices = asyncio.create_task(topics.sound.participant.get_ready()) if topics.sound is not None else None
     waiting = asyncio.create_task(stopped.wait())
     await asyncio.wait([waiting, *tasks], return_when=asyncio.FIRST_COMPLETED)
@@ -316,7 +316,7 @@ def _call_at_end_of_stdin(loop: asyncio.AbstractEventLoop, callback: Callable[[]
     threading.Thread(target=wait, name="stdin", daemon=True).start()
 
 
-async def _step_forever(robot: Robot, topics: RobotTopics, wiring: Wiring) -> None:
+async def _step_forever(robot: Robot, topics: RobotTopics, ros: RosContext) -> None:
     loop = asyncio.get_running_loop()
     due_s = loop.time()
     while True:
@@ -328,7 +328,7 @@ async def _step_forever(robot: Robot, topics: RobotTopics, wiring: Wiring) -> No
             due_s = loop.time()
         await asyncio.sleep(max(0.0, -late_s))
         robot.step()
-        wiring.publish_due()
+        ros.publish_due()
 
 
 async def _film_forever(
