@@ -6,7 +6,7 @@ decoder's ``stamp_ns`` is the arrival in session time; an encoder's is the ROS s
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,6 @@ from caris_desktop.ros.message_fields import (
     decode_pose,
     decode_rotation,
     encode_header,
-    encode_heading,
     encode_pose,
     field,
     floats,
@@ -245,7 +244,9 @@ def decode_occupancy_grid(message: Any, *, stamp_ns: int) -> OccupancyGrid:
     )
 
 
-def encode_tf_message(dialect: Dialect, transforms: list[tuple[str, str, Pose2D]], *, stamp_ns: int) -> Message:
+def encode_tf_message(
+    dialect: Dialect, transforms: Iterable[tuple[str, str, Pose2D | Pose3D]], *, stamp_ns: int
+) -> Message:
     """Encode tf2_msgs/TFMessage from (parent frame, child frame, parent from child)."""
     return {
         "transforms": [
@@ -253,11 +254,12 @@ def encode_tf_message(dialect: Dialect, transforms: list[tuple[str, str, Pose2D]
                 "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=parent),
                 "child_frame_id": child,
                 "transform": {
-                    "translation": {"x": pose.x_m, "y": pose.y_m, "z": 0.0},
-                    "rotation": encode_heading(pose.heading_rad),
+                    "translation": {"x": pose.x_m, "y": pose.y_m, "z": pose.z_m},
+                    "rotation": {"x": pose.qx, "y": pose.qy, "z": pose.qz, "w": pose.qw},
                 },
             }
-            for parent, child, pose in transforms
+            for parent, child, given in transforms
+            for pose in (Pose3D.on_floor(given) if isinstance(given, Pose2D) else given,)
         ]
     }
 
@@ -346,14 +348,23 @@ def decode_compressed_image(message: Any) -> CompressedImage:
 
 
 def encode_camera_info(dialect: Dialect, lens: Lens, *, stamp_ns: int, frame_id: str = "camera") -> Message:
-    """Encode sensor_msgs/CameraInfo of a lens without distortion."""
-    intrinsic = [lens.fx_px, 0.0, lens.cx_px, 0.0, lens.fy_px, lens.cy_px, 0.0, 0.0, 1.0]
+    """Encode sensor_msgs/CameraInfo of a lens without distortion; matrix names are lower case in ROS 2."""
+    fx_px, fy_px, cx_px, cy_px = lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px
+    matrices = {
+        "d": [0.0] * 5,
+        "k": [fx_px, 0.0, cx_px, 0.0, fy_px, cy_px, 0.0, 0.0, 1.0],
+        "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        "p": [fx_px, 0.0, cx_px, 0.0, 0.0, fy_px, cy_px, 0.0, 0.0, 0.0, 1.0, 0.0],
+    }
     return {
         "header": encode_header(dialect, stamp_ns=stamp_ns, frame_id=frame_id),
         "height": lens.height_px,
         "width": lens.width_px,
         "distortion_model": "plumb_bob",
-        "K" if dialect is Dialect.ROS1 else "k": np.array(intrinsic, dtype=np.float64),
+        **{name.upper() if dialect is Dialect.ROS1 else name: matrix for name, matrix in matrices.items()},
+        "binning_x": 0,
+        "binning_y": 0,
+        "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False},
     }
 
 

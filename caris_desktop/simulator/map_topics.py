@@ -53,28 +53,17 @@ class MapOnRos:
             ros.serves(f"{model.map_server}/load_map", "nav2_msgs", "LoadMap", self._load)
 
     def _publish_change(self) -> None:
-        change = self._ros.robot.mapper.change() if self._map is not None else None
+        robot = self._ros.robot
+        change = robot.mapper.change() if self._map is not None else None
         if self._map is None or change is None:
             return
-        share = self._ros.robot.mapper.known_share
-        now_s = self._ros.robot.now_s
-        if (
-            self._updates is None
-            or share > self._full_share * (1.0 + _GROWN_BY)
-            or now_s - self._full_s >= _WHOLE_EVERY_S
-        ):
+        grown = robot.mapper.known_share > self._full_share * (1.0 + _GROWN_BY)
+        if self._updates is None or grown or robot.now_s - self._full_s >= _WHOLE_EVERY_S:
             self._publish_whole()
             return
         self._ros.server.set_latched(self._map, self._whole())
-        update = encode_occupancy_grid_update(
-            self._ros.dialect,
-            change.cells,
-            x=change.left,
-            y=change.bottom,
-            stamp_ns=self._ros.stamp_ns(),
-            frame_id=self._ros.frame(self._ros.model.map_frame),
-        )
-        self._ros.publish(self._updates, update)
+        encode, frame = encode_occupancy_grid_update, self._ros.model.map_frame
+        self._ros.publish_stamped(self._updates, encode, change.cells, frame=frame, x=change.left, y=change.bottom)
 
     def _publish_whole(self) -> None:
         if self._map is not None:

@@ -12,30 +12,29 @@ from typing import Any
 
 import numpy as np
 
-from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.domain.sensing import BatteryState
 from caris_desktop.ros import action_messages, message_conversion
 from caris_desktop.ros.action_messages import GoalStatus
 from caris_desktop.ros.audio_messages import decode_audio_data, encode_audio_data, samples_of
-from caris_desktop.ros.dialect import Dialect, action_type_name
+from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.joint_messages import decode_joint_angles_with_speed, decode_joint_trajectory, encode_joint_state
+from caris_desktop.ros.message_conversion import Lens
 from caris_desktop.ros.message_fields import MessageError, message_of, number, text, text_or_empty, truth
 from caris_desktop.ros.navigation_messages import encode_clock
-from caris_desktop.simulator import encoding, typedefs
 from caris_desktop.simulator import faults as fault_commands
-from caris_desktop.simulator.actionlib import ActionlibServer
+from caris_desktop.simulator import typedefs
+from caris_desktop.simulator.action_servers import ActionlibServer, ActionServer, Ros2ActionServer
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, WIDTH_PX, sees
-from caris_desktop.simulator.encoding import Placement
 from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.floor_plan import PLACES
-from caris_desktop.simulator.goal_topics import MoveBaseTopics, NavigateToPoseAction
+from caris_desktop.simulator.goal_topics import NavigationTopics
 from caris_desktop.simulator.map_files import MapFiles
 from caris_desktop.simulator.map_topics import MapOnRos
 from caris_desktop.simulator.participant import Participant, cache_folder
 from caris_desktop.simulator.robot_interface import (
     AudioTopics,
     BatteryTopic,
-    HeadTopics,
     SpeechAction,
     SpeechTopics,
     StopService,
@@ -43,10 +42,18 @@ from caris_desktop.simulator.robot_interface import (
     VelocityInput,
 )
 from caris_desktop.simulator.ros_context import RosContext
-from caris_desktop.simulator.server import Action, CallFailed, Message
-from caris_desktop.simulator.simulated_head import DEFAULT_SPEED_RADPS, Head
+from caris_desktop.simulator.server import CallFailed, Message
+from caris_desktop.simulator.simulated_head import DEFAULT_SPEED_RADPS
 from caris_desktop.simulator.simulated_microphone import RATE_HZ, Microphone, at_rate
 from caris_desktop.simulator.simulated_speech import Spoken, Voice
+
+logger = logging.getLogger(__name__)
+
+CLOCK_TOPIC = "/clock"
+_AT_BASE = Pose2D(0.0, 0.0, 0.0)
+
+FramePose = tuple[str, str, Pose2D | Pose3D]
+"""Parent frame, child frame, and pose of the child in the parent."""
 
 
 class SpeechOnTopics:
@@ -58,9 +65,7 @@ class SpeechOnTopics:
         ros.obeys(interface.topic, "std_msgs", "String", self._on_say)
         if interface.stop is not None:
             ros.obeys(interface.stop, "std_msgs", "Empty", lambda _: self.voice.stop())
-        self._speaking = (
-            ros.publishes(interface.speaking, "std_msgs", "Bool", latched=True) if interface.speaking else None
-        )
+        self._speaking = interface.speaking and ros.publishes(interface.speaking, "std_msgs", "Bool", latched=True)
         self._on_speaking(False)
 
     def _on_say(self, message: Message) -> None:
@@ -95,14 +100,14 @@ class SpeechOnAction:
                 GoalStatus(goal_id, action_messages.ABORTED, f"{missing} is empty"), _result("", "aborted")
             )
             return
-        self._end(action_messages.PREEMPTED, "replaced by a newer sentence")
+        self._end("replaced by a newer sentence")
         self._goal_id, self._text, self._begun = goal_id, sentence, False
         self._server.accept(goal_id)
         self.voice.say(sentence)
 
     def _on_cancel(self, goal_id: str) -> None:
         if goal_id in ("", self._goal_id):
-            self._end(action_messages.PREEMPTED, "cancelled")
+            self._end("cancelled")
 
     def _on_speaking(self, speaking: bool) -> None:
         if self._goal_id is None:
@@ -121,11 +126,10 @@ class SpeechOnAction:
         elif self._begun:
             self._finish(action_messages.SUCCEEDED, "")
 
-    def _end(self, status: int, detail: str) -> None:
-        if self._goal_id is None:
-            return
-        self._finish(status, detail)
-        self.voice.stop()
+    def _end(self, detail: str) -> None:
+        if self._goal_id is not None:
+            self._finish(action_messages.PREEMPTED, detail)
+            self.voice.stop()
 
     def _finish(self, status: int, detail: str) -> None:
         if self._goal_id is not None:
@@ -135,12 +139,6 @@ class SpeechOnAction:
 
 def _result(sentence: str, msg: str) -> Message:
     return {"text": sentence, "msg": msg}
-
-
-logger = logging.getLogger(__name__)
-
-CLOCK_TOPIC = "/clock"
-_AT_BASE = Pose2D(0.0, 0.0, 0.0)
 
 
 class RobotTopics:
@@ -167,8 +165,7 @@ class RobotTopics:
         MapOnRos(ros, maps or MapFiles())
         self._speech: SpeechOnTopics | SpeechOnAction | None = None
         if ros.model.navigation is not None:
-            kind = MoveBaseTopics if ros.dialect is Dialect.ROS1 else NavigateToPoseAction
-            kind(ros, ros.model.navigation)
+            NavigationTopics(ros, ros.model.navigation)
         match ros.model.speech:
             case SpeechTopics() as interface:
                 self._speech = SpeechOnTopics(ros, interface, muted=muted)
@@ -216,7 +213,8 @@ class RobotTopics:
         ros.publish(self._camera, picture)
         info = ros.model.absolute(camera.info)
         if ros.wanted(info):
-            self._publish_camera_info(info, frame)
+            lens = Lens(WIDTH_PX, HEIGHT_PX, FOCAL_PX, FOCAL_PX, WIDTH_PX / 2.0, HEIGHT_PX / 2.0)
+            ros.publish_stamped(info, message_conversion.encode_camera_info, lens, frame=camera.frame)
 
     def stop(self) -> None:
         """Stop publishing and cancel pending work."""
@@ -229,7 +227,7 @@ class RobotTopics:
         self._stub_capabilities.stop()
 
     def _offer_sensors(self) -> None:
-        ros, model = self._ros, self._ros.model
+        ros, model, robot = self._ros, self._ros.model, self._robot
         self._odometry = ros.publishes(model.odometry, "nav_msgs", "Odometry")
         self._tf = ros.publishes(model.tf, "tf2_msgs", "TFMessage")
         self._tf_static = ros.publishes(model.tf_static, "tf2_msgs", "TFMessage", latched=True)
@@ -242,8 +240,9 @@ class RobotTopics:
         ros.every(5, self._publish_scan)
         if model.pose:
             pose = ros.publishes(model.pose, "geometry_msgs", "PoseWithCovarianceStamped", latched=True)
+            encode_pose = message_conversion.encode_pose_with_covariance_stamped
             # latched, so that it is published without subscribers, too
-            ros.every(5, lambda: self._publish_pose(pose))
+            ros.every(5, lambda: ros.publish_stamped(pose, encode_pose, robot.pose_in_map, frame=model.map_frame))
         if model.battery:
             battery = model.battery
             package, kind = (
@@ -278,36 +277,31 @@ class RobotTopics:
         self._ros.publish(CLOCK_TOPIC, encode_clock(self._ros.dialect, self._ros.stamp_ns()))
 
     def _publish_odometry(self) -> None:
-        ros, stamp_ns = self._ros, self._ros.stamp_ns()
-        message = message_conversion.encode_odometry(
-            ros.dialect,
-            self._robot.odometry(stamp_ns=stamp_ns),
-            stamp_ns=stamp_ns,
-            frame_id=ros.frame(ros.model.odom_frame),
-            child_frame_id=ros.frame(ros.model.odometry_frame),
-        )
-        ros.publish(self._odometry, message)
+        ros = self._ros
+        odometry = self._robot.odometry(stamp_ns=ros.stamp_ns())
+        child = ros.frame(ros.model.odometry_frame)
+        encode = message_conversion.encode_odometry
+        ros.publish_stamped(self._odometry, encode, odometry, frame=ros.model.odom_frame, child_frame_id=child)
 
     def _publish_transforms(self) -> None:
-        ros, stamp_ns = self._ros, self._ros.stamp_ns()
-        model = ros.model
+        ros, model, stamp_ns = self._ros, self._ros.model, self._ros.stamp_ns()
         odom = ros.frame(model.odom_frame)
         odom_from_base = self._robot.odometry(stamp_ns=stamp_ns).pose_in_odom
-        placements = [Placement(odom, ros.frame(model.base_frame), odom_from_base), *self._head.turning_frames()]
+        frames: list[FramePose] = [(odom, ros.frame(model.base_frame), odom_from_base), *self._head.moving_frames()]
         if model.pose is not None:
             # only a robot with localization knows its pose in a map
-            placements.insert(0, Placement(ros.frame(model.map_frame), odom, self._robot.map_from_odom))
-        ros.publish(self._tf, encoding.transforms(ros.dialect, placements, stamp_ns=stamp_ns))
+            frames.insert(0, (ros.frame(model.map_frame), odom, self._robot.map_from_odom))
+        ros.publish(self._tf, message_conversion.encode_tf_message(ros.dialect, frames, stamp_ns=stamp_ns))
 
     def _publish_static_transforms(self) -> None:
-        ros, model = self._ros, self._ros.model
-        base, lidar = ros.frame(model.base_frame), self._robot.body.lidar
-        placements = [Placement(base, ros.frame(name), _AT_BASE) for name in model.same_as_base]
-        if lidar is not None and self._robot.body.laser_frame not in (model.base_frame, *model.same_as_base):
-            placements.append(Placement(base, ros.frame(self._robot.body.laser_frame), lidar.mount))
+        ros, model, body = self._ros, self._ros.model, self._robot.body
+        base = ros.frame(model.base_frame)
+        frames: list[FramePose] = [(base, ros.frame(name), _AT_BASE) for name in model.same_as_base]
+        if body.lidar is not None and body.laser_frame not in (model.base_frame, *model.same_as_base):
+            frames.append((base, ros.frame(body.laser_frame), body.lidar.mount))
         if model.camera is not None:
-            placements.append(self._head.camera_mount(model.camera.frame))
-        message = encoding.transforms(ros.dialect, placements, stamp_ns=ros.stamp_ns())
+            frames.append(self._head.camera_mount(model.camera.frame))
+        message = message_conversion.encode_tf_message(ros.dialect, frames, stamp_ns=ros.stamp_ns())
         ros.publish(self._tf_static, message)
 
     def _publish_scan(self) -> None:
@@ -316,16 +310,6 @@ class RobotTopics:
         if self._scan is not None and not self.faults.lidar_silent and ros.wanted(self._scan):
             scan = replace(scan, frame_id=ros.frame(scan.frame_id))
             ros.publish(self._scan, message_conversion.encode_laser_scan(ros.dialect, scan, stamp_ns=stamp_ns))
-
-    def _publish_pose(self, topic: str) -> None:
-        ros = self._ros
-        message = message_conversion.encode_pose_with_covariance_stamped(
-            ros.dialect,
-            self._robot.pose_in_map,
-            stamp_ns=ros.stamp_ns(),
-            frame_id=ros.frame(ros.model.map_frame),
-        )
-        ros.publish(topic, message)
 
     def _publish_battery(self, topic: str, interface: BatteryTopic) -> None:
         ros, stamp_ns, fraction = self._ros, self._ros.stamp_ns(), self._robot.battery_fraction
@@ -337,18 +321,6 @@ class RobotTopics:
         )
         if interface.kind == "BatteryState percent":
             message["percentage"] = 100.0 * fraction
-        ros.publish(topic, message)
-
-    def _publish_camera_info(self, topic: str, frame: str) -> None:
-        ros = self._ros
-        message = encoding.camera_info(
-            ros.dialect,
-            width_px=WIDTH_PX,
-            height_px=HEIGHT_PX,
-            focal_px=FOCAL_PX,
-            stamp_ns=ros.stamp_ns(),
-            frame_id=frame,
-        )
         ros.publish(topic, message)
 
     def _on_twist(self, velocity: VelocityInput, message: Message) -> None:
@@ -372,18 +344,18 @@ class RobotTopics:
     def _on_fault(self, message: Message) -> None:
         try:
             self._inject(message_conversion.decode_string(message))
-        except (ValueError, CallFailed) as error:
+        except CallFailed as error:
             raise MessageError(str(error)) from error
 
     def _inject_fault(self, arguments: Message) -> Message:
-        try:
-            self._inject(text(arguments, "command", "args"))
-        except ValueError as error:
-            raise CallFailed(str(error)) from error
+        self._inject(text(arguments, "command", "args"))
         return {"success": True, "message": ""}
 
     def _inject(self, command: str) -> None:
-        injection = fault_commands.inject(self.faults, command)
+        try:
+            injection = fault_commands.inject(self.faults, command)
+        except ValueError as error:
+            raise CallFailed(str(error)) from error
         logger.info("Injected fault: %s", command)
         self._apply_faults(injection.faults)
         if injection.battery_fraction is not None:
@@ -577,45 +549,47 @@ class HeadOnRos:
 
     def __init__(self, ros: RosContext) -> None:
         self._ros = ros
-        model = ros.model
-        if model.joint_states:
-            topic = ros.publishes(model.joint_states, "sensor_msgs", "JointState")
+        self._head = ros.robot.head
+        self._interface = interface = ros.model.head
+        if ros.model.joint_states:
+            topic = ros.publishes(ros.model.joint_states, "sensor_msgs", "JointState")
             ros.every(2, lambda: self._publish_joint_states(topic), topic)
-        if model.head is None:
+        if interface is None:
             return
-        if model.head.kind == "JointTrajectory":
-            ros.obeys(model.head.topic, "trajectory_msgs", "JointTrajectory", self._on_trajectory)
+        if interface.kind == "JointTrajectory":
+            ros.obeys(interface.topic, "trajectory_msgs", "JointTrajectory", self._on_trajectory)
         else:
-            ros.obeys(model.head.topic, "naoqi_bridge_msgs", "JointAnglesWithSpeed", self._on_angles)
+            ros.obeys(interface.topic, "naoqi_bridge_msgs", "JointAnglesWithSpeed", self._on_angles)
 
     def _publish_joint_states(self, topic: str) -> None:
-        angles = dict.fromkeys(_WHEELS, 0.0)
-        if self._ros.model.head is not None:
-            head, interface = self._ros.robot.head, self._ros.model.head
-            angles |= {interface.pan_joint: head.pan_rad, interface.tilt_joint: interface.tilt_sign * head.tilt_rad}
-        message = encode_joint_state(self._ros.dialect, angles, stamp_ns=self._ros.stamp_ns())
-        self._ros.publish(topic, message)
+        angles_rad = dict.fromkeys(_WHEELS, 0.0) | self._angles_rad()
+        self._ros.publish(topic, encode_joint_state(self._ros.dialect, angles_rad, stamp_ns=self._ros.stamp_ns()))
 
-    def turning_frames(self) -> list[Placement]:
+    def _angles_rad(self) -> dict[str, float]:
+        """Present angles by joint, in the joints' own directions."""
+        if self._interface is None:
+            return {}
+        tilt_rad = self._interface.tilt_sign * self._head.tilt_rad
+        return {self._interface.pan_joint: self._head.pan_rad, self._interface.tilt_joint: tilt_rad}
+
+    def moving_frames(self) -> list[FramePose]:
         """Present frames of the joints."""
-        interface, robot = self._ros.model.head, self._ros.robot
-        if interface is None:
+        if self._interface is None:
             return []
-        camera = robot.body.robot_from_camera
-        pan = Pose2D(camera.x_m, camera.y_m, camera.heading_rad + robot.head.pan_rad)
-        pan_frame, tilt_frame = (self._ros.frame(name) for name in interface.frames)
-        return [
-            Placement(self._ros.frame(self._ros.model.base_frame), pan_frame, pan, robot.body.camera_height_m),
-            Placement(pan_frame, tilt_frame, Pose2D(0.0, 0.0, 0.0), 0.0, robot.head.tilt_rad),
-        ]
+        body, base = self._ros.robot.body, self._ros.frame(self._ros.model.base_frame)
+        camera, half_tilt_rad = body.robot_from_camera, self._head.tilt_rad / 2.0
+        pan = Pose2D(camera.x_m, camera.y_m, camera.heading_rad + self._head.pan_rad)
+        pan_frame, tilt_frame = map(self._ros.frame, self._interface.frames)
+        tilt = Pose3D(0.0, 0.0, 0.0, 0.0, math.sin(half_tilt_rad), 0.0, math.cos(half_tilt_rad))
+        return [(base, pan_frame, _raised(pan, body.camera_height_m)), (pan_frame, tilt_frame, tilt)]
 
-    def camera_mount(self, camera_frame: str) -> Placement:
+    def camera_mount(self, camera_frame: str) -> FramePose:
         """Mounting of the camera, on the head or on the body."""
-        ros = self._ros
-        frame, body = ros.frame(camera_frame), ros.robot.body
-        if ros.model.head is not None:
-            return Placement(ros.frame(ros.model.head.frames[1]), frame, Pose2D(0.0, 0.0, 0.0))
-        return Placement(ros.frame(ros.model.base_frame), frame, body.robot_from_camera, body.camera_height_m)
+        ros, body = self._ros, self._ros.robot.body
+        if self._interface is not None:
+            return ros.frame(self._interface.frames[1]), ros.frame(camera_frame), _AT_BASE
+        mounted = _raised(body.robot_from_camera, body.camera_height_m)
+        return ros.frame(ros.model.base_frame), ros.frame(camera_frame), mounted
 
     def _on_trajectory(self, message: Message) -> None:
         # the head moves uniformly, so the last point gives target and speed
@@ -632,31 +606,25 @@ class HeadOnRos:
             raise MessageError(
                 "JointAnglesWithSpeed.speed must be a fraction of the maximum speed, above 0 and at most 1"
             )
-        relative = bool(message.get("relative"))
         for name, angle_rad in targets.items():
-            target_rad = angle_rad + (self._now_rad(name) if relative else 0.0)
+            target_rad = angle_rad + (self._now_rad(name) if message.get("relative") else 0.0)
             self._turn(name, target_rad, share * self._ros.robot.body.head.fastest_radps)
 
-    def _head_interface(self) -> tuple[HeadTopics, Head]:
-        interface = self._ros.model.head
-        if interface is None:
-            raise MessageError("the robot has no head")
-        return interface, self._ros.robot.head
-
     def _now_rad(self, joint: str) -> float:
-        interface, head = self._head_interface()
-        if joint not in (interface.pan_joint, interface.tilt_joint):
-            raise MessageError(
-                f"there is no joint '{joint}'; the head has {interface.pan_joint} and {interface.tilt_joint}"
-            )
-        return head.pan_rad if joint == interface.pan_joint else interface.tilt_sign * head.tilt_rad
+        angles_rad = self._angles_rad()
+        if joint not in angles_rad:
+            raise MessageError(f"there is no joint '{joint}'; the head has {' and '.join(angles_rad)}")
+        return angles_rad[joint]
 
     def _turn(self, joint: str, target_rad: float, speed_radps: float) -> None:
-        interface, head = self._head_interface()
-        if joint == interface.pan_joint:
-            head.pan_to(target_rad, speed_radps=speed_radps)
-        else:
-            head.tilt_to(interface.tilt_sign * target_rad, speed_radps=speed_radps)
+        if self._interface is not None and joint == self._interface.pan_joint:
+            self._head.pan_to(target_rad, speed_radps=speed_radps)
+        elif self._interface is not None:
+            self._head.tilt_to(self._interface.tilt_sign * target_rad, speed_radps=speed_radps)
+
+
+def _raised(pose: Pose2D, height_m: float) -> Pose3D:
+    return replace(Pose3D.on_floor(pose), z_m=height_m)
 
 
 _STEP_SAMPLES = RATE_HZ // 50
@@ -772,8 +740,6 @@ class StubCapabilities:
                     ros.obeys(order.name, order.package, order.type, partial(self._note, order))
                 case "service":
                     ros.serves(order.name, order.package, order.type, self._answering(order))
-                case "action" if ros.dialect is Dialect.ROS1:
-                    self._offer_actionlib(order)
                 case "action":
                     self._offer_action(order)
 
@@ -798,12 +764,14 @@ class StubCapabilities:
 
         return call
 
-    def _offer_actionlib(self, order: StubCapability) -> None:
-        dialect, goal_type = self._ros.dialect, f"{order.package}/{order.type}Goal"
-        result = typedefs.blank(dialect, f"{order.package}/{order.type}Result")
+    def _offer_action(self, order: StubCapability) -> None:
+        ros, ros1 = self._ros, self._ros.dialect is Dialect.ROS1
+        name = f"{order.package}/{order.type}"
+        goal_type = f"{name}Goal" if ros1 else name
+        result = typedefs.blank(ros.dialect, f"{name}Result") if ros1 else typedefs.blank(ros.dialect, name, part=1)
 
         def on_goal(goal_id: str, goal: Message) -> None:
-            problem = typedefs.misfit(dialect, goal_type, goal)
+            problem = typedefs.misfit(ros.dialect, goal_type, goal)
             if problem is not None:
                 raise MessageError(problem)
             self._note(order, goal)
@@ -815,29 +783,8 @@ class StubCapabilities:
                 if self._end(goal_id):
                     server.finish(GoalStatus(goal_id, action_messages.PREEMPTED), result)
 
-        server = ActionlibServer(self._ros, order.name, order.package, order.type, on_goal=on_goal, on_cancel=on_cancel)
-
-    def _offer_action(self, order: StubCapability) -> None:
-        type_ = action_type_name(Dialect.ROS2, order.package, order.type)
-        values = typedefs.blank(Dialect.ROS2, type_, part=1)
-        replies: dict[str, Callable[[Message], None]] = {}
-
-        def finish(goal_id: str, status: int) -> None:
-            replies.pop(goal_id)({"op": "action_result", "values": values, "status": status, "result": True})
-
-        def start(goal_id: str, goal: Message, reply: Callable[[Message], None]) -> None:
-            problem = typedefs.misfit(Dialect.ROS2, type_, goal)
-            if problem is not None:
-                raise MessageError(problem)
-            self._note(order, goal)
-            replies[goal_id] = reply
-            self._begin(goal_id, lambda: finish(goal_id, action_messages.ROS2_SUCCEEDED))
-
-        def cancel(goal_id: str) -> None:
-            if self._end(goal_id):
-                finish(goal_id, action_messages.ROS2_CANCELED)
-
-        self._ros.server.actions[self._ros.model.absolute(order.name)] = Action(type_, start, cancel)
+        kind = ActionlibServer if ros1 else Ros2ActionServer
+        server: ActionServer = kind(ros, order.name, order.package, order.type, on_goal=on_goal, on_cancel=on_cancel)
 
     def _begin(self, goal_id: str, finish: Callable[[], None]) -> None:
         def done() -> None:

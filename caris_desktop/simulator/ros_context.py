@@ -78,6 +78,13 @@ class RosContext:
         """True if the topic (absolute name) has subscribers."""
         return self.server.has_subscribers(name)
 
-    def publish(self, name: str, message: dict[str, Any]) -> None:
+    def publish(self, name: str, message: Message) -> None:
         """Publish by absolute name."""
         self.server.publish(name, message)
+
+    def publish_stamped(
+        self, name: str, encode: Callable[..., Message], content: Any, *, frame: str = "", **options: Any
+    ) -> None:
+        """Publish ``content`` as an encoder of :mod:`caris_desktop.ros` writes it, stamped with the present time."""
+        header = {"stamp_ns": self.stamp_ns(), "frame_id": self.frame(frame)}
+        self.publish(name, encode(self.dialect, content, **header, **options))

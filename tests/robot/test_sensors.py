@@ -29,7 +29,6 @@ from caris_desktop.ros.dialect import Dialect, encode_time
 from caris_desktop.ros.message_conversion import encode_laser_scan, encode_odometry, encode_tf_message
 from caris_desktop.ros.navigation_messages import encode_clock, encode_path
 from caris_desktop.ros.rosbridge import encode_json
-from caris_desktop.simulator.encoding import Placement, transforms
 from tests.robot.loop_bench import Bridge, LoopBench, inventory, with_link
 
 ROBOT = RobotProfile(
@@ -116,10 +115,8 @@ UPSIDE_DOWN = {
 
 
 async def tell_frames(bench: LoopBench, *frames: tuple[str, str, Pose3D], static: bool = True) -> None:
-    placements = [Placement(parent, child, pose) for parent, child, pose in frames]
-    await bench.bridge.publish(
-        "/tf_static" if static else "/tf", transforms(Dialect.ROS1, placements, stamp_ns=0 if static else START_NS)
-    )
+    message = encode_tf_message(Dialect.ROS1, frames, stamp_ns=0 if static else START_NS)
+    await bench.bridge.publish("/tf_static" if static else "/tf", message)
 
 
 @pytest.mark.parametrize("static", [True, False], ids=["tf_static", "tf"])

@@ -12,7 +12,6 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import OccupancyGrid, Odometry
 from caris_desktop.ros import message_conversion
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.simulator import encoding
 from caris_desktop.simulator.rosapi import offer_rosapi
 from caris_desktop.simulator.server import ROBOT_NODE, BridgeServer, Message, Topic
 
@@ -43,12 +42,12 @@ def latched_messages() -> dict[str, tuple[str, Message]]:
         ),
         "/tf_static": (
             "tf2_msgs/TFMessage",
-            encoding.transforms(ros, [encoding.Placement("base_link", "laser", here)], stamp_ns=STAMP_NS),
+            message_conversion.encode_tf_message(ros, [("base_link", "laser", here)], stamp_ns=STAMP_NS),
         ),
         "/camera_info": (
             "sensor_msgs/CameraInfo",
-            encoding.camera_info(
-                ros, width_px=640, height_px=480, focal_px=500.0, stamp_ns=STAMP_NS, frame_id="camera"
+            message_conversion.encode_camera_info(
+                ros, message_conversion.Lens(640, 480, 500.0, 500.0, 320.0, 240.0), stamp_ns=STAMP_NS
             ),
         ),
     }

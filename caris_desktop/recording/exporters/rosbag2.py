@@ -283,25 +283,7 @@ class _Translator:
         )
         yield (
             RosTopic(f"/camera/{self._name_of(lens.camera)}/camera_info", "sensor_msgs/msg/CameraInfo", latched=True),
-            {
-                **message_conversion.encode_camera_info(_PLAIN, camera_model, stamp_ns=at_ns, frame_id=frame),
-                "d": [0.0] * 5,
-                "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-                "p": [
-                    camera_model.fx_px,
-                    0.0,
-                    camera_model.cx_px,
-                    0.0,
-                    0.0,
-                    camera_model.fy_px,
-                    camera_model.cy_px,
-                    0.0,
-                    0.0,
-                    0.0,
-                    1.0,
-                    0.0,
-                ],
-            },
+            message_conversion.encode_camera_info(_PLAIN, camera_model, stamp_ns=at_ns, frame_id=frame),
         )
 
     def _image(self, ref: FrameRef, at_ns: int) -> _Out:

@@ -47,7 +47,6 @@ from caris_desktop.recording.session_export import FORMATS, export_session
 from caris_desktop.ros import message_conversion, navigation_messages
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.message_fields import Message, encode_header
-from caris_desktop.simulator.encoding import Placement, transforms
 from tests.recording.driving import scan
 from tests.support.recorded_session import RecordedSession, make_session, number_in, picture_of
 
@@ -279,9 +278,9 @@ def test_a_laser_that_hangs_is_not_mirrored_and_a_tilted_one_is_not_drawn(
     tmp_path: Path, roll_deg: float, upside_down: bool | None
 ) -> None:
     half_rad = math.radians(roll_deg) / 2
-    mount = Placement("base_link", "laser_link", Pose3D(0.2, 0, 0.3, math.sin(half_rad), 0, 0, math.cos(half_rad)))
+    mount = ("base_link", "laser_link", Pose3D(0.2, 0, 0.3, math.sin(half_rad), 0, 0, math.cos(half_rad)))
     rows = [
-        (*row[:3], transforms(ROS2, [mount], stamp_ns=1)) if row[0] == "/tf_static" else row
+        (*row[:3], message_conversion.encode_tf_message(ROS2, [mount], stamp_ns=1)) if row[0] == "/tf_static" else row
         for row in scans_before_the_mount(mounted_ms=0)
     ]
     report = import_bag(write_ros1(tmp_path / "r.bag", iter(rows)), tmp_path / "s")
