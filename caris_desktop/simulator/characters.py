@@ -6,7 +6,7 @@ are simplified: noise instead of creases, a face of a few spots, hands like mitt
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import field
 from typing import Literal
 
@@ -126,13 +126,14 @@ class _Mesh:
     corners: list[Floats] = field(default_factory=list)
     colours: list[Floats] = field(default_factory=list)
 
-    def tube(self, path: Floats, radii: Floats, paint: Paint, *, sides: int = _SIDES, rings: int = 16) -> None:
-        """Tube along ``path``, shape (n, 3), with half widths (sideways, ahead) ``radii``, shape (n, 2)."""
-        at = np.linspace(0.0, 1.0, len(path))
-        fine = np.linspace(0.0, 1.0, rings + 1)
-        centre = np.stack([np.interp(fine, at, path[:, axis]) for axis in range(3)], axis=1)
-        radius = np.stack([np.interp(fine, at, radii[:, axis]) for axis in range(2)], axis=1)
-        centre, radius = _rounded(centre), _rounded(radius)
+    def tube(
+        self, rows: Sequence[Sequence[float]] | Floats, paint: Paint, *, sides: int = _SIDES, rings: int = 16
+    ) -> None:
+        """Tube along ``rows``, shape (n, 5): x, y, z, and half widths sideways and ahead."""
+        given = np.asarray(rows, dtype=np.float64)
+        at, fine = np.linspace(0.0, 1.0, len(given)), np.linspace(0.0, 1.0, rings + 1)
+        smooth = _rounded(np.stack([np.interp(fine, at, column) for column in given.T], axis=1))
+        centre, radius = smooth[:, :3], smooth[:, 3:]
         along = np.gradient(centre, axis=0)
         along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
         side = np.broadcast_to(np.array([1.0, 0.0, 0.0]), along.shape)
@@ -159,8 +160,8 @@ class _Mesh:
     def ball(self, centre: tuple[float, float, float], radius: tuple[float, float, float], paint: Paint) -> None:
         """Ellipsoid: half widths sideways, ahead and up. Its tube begins at the top."""
         polar = np.linspace(0.02, math.pi - 0.02, 15)
-        path = np.array(centre) + np.outer(np.cos(polar) * radius[2], [0.0, 0.0, 1.0])
-        self.tube(path, np.outer(np.sin(polar), radius[:2]), paint, sides=32, rings=20)
+        path = np.array(centre) + np.outer(np.cos(polar) * radius[2], _UP)
+        self.tube(np.hstack([path, np.outer(np.sin(polar), radius[:2])]), paint, sides=32, rings=20)
 
 
 def _rounded(rings: Floats) -> Floats:
@@ -237,34 +238,24 @@ def _body(appearance: Appearance, phase: float | None) -> _Mesh:
     _legs(mesh, figure, worn, skin, phase)
     # torso: neck to hips, or to the knees for a coat
     hem_m = 0.34 if coat else 0.455 if worn.top in ("hooded", "jumper", "open jacket") else 0.49
-    path = np.array(
-        [
-            (0, 0, 0.852),
-            (0, -0.002, 0.825),
-            (0, 0, 0.79),
-            (0, 0.004, 0.72),
-            (0, 0.004, 0.62),
-            (0, 0, 0.53),
-            (0, 0, hem_m),
-        ]
-    )
     loose = 1.0 if worn.top in ("shirt", "vest") else 1.1
     belly = 0.069 + 0.07 * max(0.0, wide - 1.0)
     flare = 0.125 if coat else 0.098
-    radii = np.array(
+    torso = np.array(
         [
-            (0.034, 0.036),
-            (0.085, 0.048),
-            (0.11, 0.058),
-            (0.11, 0.07),
-            (0.094, belly),
-            (0.1, belly + 0.006),
-            (flare, belly + 0.008),
+            (0, 0, 0.852, 0.034, 0.036),
+            (0, -0.002, 0.825, 0.085, 0.048),
+            (0, 0, 0.79, 0.11, 0.058),
+            (0, 0.004, 0.72, 0.11, 0.07),
+            (0, 0.004, 0.62, 0.094, belly),
+            (0, 0, 0.53, 0.1, belly + 0.006),
+            (0, 0, hem_m, flare, belly + 0.008),
         ]
-    ) * np.array([wide * loose, (0.5 + 0.5 * wide) * loose])
-    radii[0] = (0.034 * wide**0.5, 0.036)
-    radii[-1, 1] = max(float(radii[-1, 1]), _reach(swing, hem_m))
-    mesh.tube(path, radii, _torso_paint(worn, skin), rings=34)
+    )
+    torso[1:, 3:] *= np.array([wide * loose, (0.5 + 0.5 * wide) * loose])
+    torso[0, 3] *= wide**0.5
+    torso[-1, 4] = max(float(torso[-1, 4]), _reach(swing, hem_m))
+    mesh.tube(torso, _torso_paint(worn, skin), rings=34)
     _arms(mesh, figure, worn, swing=swing, loose=loose)
     _head(mesh, figure, worn, skin)
     if worn.bag == "backpack":
@@ -272,29 +263,25 @@ def _body(appearance: Appearance, phase: float | None) -> _Mesh:
         mesh.ball((0.0, -0.112 * (0.5 + 0.5 * wide), 0.69), (0.088, 0.062, 0.125), _plain(bag))
         mesh.ball((0.0, -0.155 * (0.5 + 0.5 * wide), 0.65), (0.06, 0.035, 0.06), _plain(bag * 0.8))
         for sign in (-1.0, 1.0):
-            strap = np.array(
-                [
-                    (sign * 0.072, -0.07, 0.8),
-                    (sign * 0.075, 0.01, 0.835),
-                    (sign * 0.08, 0.075, 0.77),
-                    (sign * 0.1, 0.05, 0.66),
-                ]
-            )
-            mesh.tube(strap, np.full((4, 2), 0.012), _plain(bag), sides=8, rings=12)
+            strap = [
+                (sign * 0.072, -0.07, 0.8, 0.012, 0.012),
+                (sign * 0.075, 0.01, 0.835, 0.012, 0.012),
+                (sign * 0.08, 0.075, 0.77, 0.012, 0.012),
+                (sign * 0.1, 0.05, 0.66, 0.012, 0.012),
+            ]
+            mesh.tube(strap, _plain(bag), sides=8, rings=12)
     elif worn.bag == "shoulder bag":
         bag = _bgr(worn.bag_colour)
         mesh.ball((0.135 * wide, 0.0, 0.5), (0.035, 0.075, 0.065), _plain(bag))
-        strap = np.array(
-            [
-                (0.125 * wide, 0.03, 0.55),
-                (0.05, 0.085, 0.68),
-                (-0.055, 0.05, 0.82),
-                (-0.05, -0.05, 0.82),
-                (0.05, -0.085, 0.68),
-                (0.125 * wide, -0.03, 0.55),
-            ]
-        )
-        mesh.tube(strap, np.full((6, 2), 0.009), _plain(bag), sides=8, rings=24)
+        strap = [
+            (0.125 * wide, 0.03, 0.55, 0.009, 0.009),
+            (0.05, 0.085, 0.68, 0.009, 0.009),
+            (-0.055, 0.05, 0.82, 0.009, 0.009),
+            (-0.05, -0.05, 0.82, 0.009, 0.009),
+            (0.05, -0.085, 0.68, 0.009, 0.009),
+            (0.125 * wide, -0.03, 0.55, 0.009, 0.009),
+        ]
+        mesh.tube(strap, _plain(bag), sides=8, rings=24)
     return mesh
 
 
@@ -317,39 +304,35 @@ def _legs(mesh: _Mesh, figure: Character, worn: Clothes, skin: Floats, phase: fl
         def paint(along: Floats, angle: Floats, bare_from: float = bare_from) -> Floats:
             return _mixed(along > bare_from, skin, lower)
 
-        path = np.array([hip + 0.03 * _UP, hip - 0.05 * _UP, knee, (knee + ankle) / 2.0 - 0.006 * _AHEAD, ankle])
         deep = 0.056 * wide**0.6 if bare_from > 0.0 else 0.05
-        radii = np.array(
-            [(0.04, deep * 0.9), (thigh, deep), (calf, calf * 1.08), (calf * 0.96, calf * 1.05), (foot, foot)]
-        )
-        mesh.tube(path, radii, paint, rings=24)
+        leg = [
+            (*(hip + 0.03 * _UP), 0.04, deep * 0.9),
+            (*(hip - 0.05 * _UP), thigh, deep),
+            (*knee, calf, calf * 1.08),
+            (*((knee + ankle) / 2.0 - 0.006 * _AHEAD), calf * 0.96, calf * 1.05),
+            (*ankle, foot, foot),
+        ]
+        mesh.tube(leg, paint, rings=24)
         toes = turn - bend
         toe = ankle + 0.075 * np.array([sign * 0.12, math.cos(toes), math.sin(toes)])
         sole = ankle - 0.008 * np.array([0.0, -math.sin(toes), math.cos(toes)])
         heel = sole - 0.034 * np.array([0.0, math.cos(toes), math.sin(toes)])
-        foot_path = np.array(
-            [
-                heel,
-                sole + 0.01 * np.array([0, math.cos(toes), 0]),
-                toe - 0.028 * _UP,
-                toe + (0.02 * _AHEAD - 0.03 * _UP),
-            ]
-        )
-        mesh.tube(
-            foot_path,
-            np.array([(0.003, 0.003), (0.028, 0.028), (0.027, 0.018), (0.012, 0.008)]),
-            _plain(shoe),
-            rings=10,
-        )
+        shoe_rows = [
+            (*heel, 0.003, 0.003),
+            (*(sole + 0.01 * np.array([0, math.cos(toes), 0])), 0.028, 0.028),
+            (*(toe - 0.028 * _UP), 0.027, 0.018),
+            (*(toe + (0.02 * _AHEAD - 0.03 * _UP)), 0.012, 0.008),
+        ]
+        mesh.tube(shoe_rows, _plain(shoe), rings=10)
     if worn.lower in ("skirt", "long skirt", "dress"):
         hem_m = {"skirt": 0.31, "dress": 0.27, "long skirt": 0.1}[worn.lower]
         spread = 0.12 if worn.lower != "long skirt" else 0.125
-        path = np.array([(0, 0, 0.6), (0, 0, 0.52), (0, 0, hem_m)])
-        radii = np.array([(0.088, 0.066), (0.103, 0.078), (spread, spread * 0.95)]) * wide**0.8
+        skirt = np.array([(0, 0, 0.6, 0.088, 0.066), (0, 0, 0.52, 0.103, 0.078), (0, 0, hem_m, spread, spread * 0.95)])
+        skirt[:, 3:] *= wide**0.8
         swing = 0.0 if phase is None else math.sin(phase)
-        radii[-1, 1] = max(float(radii[-1, 1]), _reach(swing, hem_m))
+        skirt[-1, 4] = max(float(skirt[-1, 4]), _reach(swing, hem_m))
         cloth = _patterned(worn, turns=1.3) if worn.lower == "dress" else _plain(lower)
-        mesh.tube(path, radii, cloth, rings=22)
+        mesh.tube(skirt, cloth, rings=22)
 
 
 def _reach(swing: float, hem_m: float) -> float:
@@ -374,22 +357,22 @@ def _arms(mesh: _Mesh, figure: Character, worn: Clothes, *, swing: float, loose:
                 return np.broadcast_to(beneath, (*along.shape, 3))
             return _mixed(along > 0.42, skin, sleeve(along, angle)) if short else sleeve(along, angle)
 
-        path = np.array([shoulder, (shoulder + elbow) / 2.0, elbow, hand])
         thick = 0.034 * wide**0.7 * loose
-        radii = np.array([(thick * 1.05,) * 2, (thick * 1.02,) * 2, (thick * 0.9,) * 2, (thick * 0.68,) * 2])
+        joints = (shoulder, (shoulder + elbow) / 2.0, elbow, hand)
+        arm = [(*at, thick * share, thick * share) for at, share in zip(joints, (1.05, 1.02, 0.9, 0.68), strict=True)]
         round_cloth = _plain(beneath if worn.top == "vest" else _bgr(worn.colour))
         mesh.ball(
             (float(shoulder[0]), 0.0, float(shoulder[2])), (thick * 1.05, thick * 1.05, thick * 1.15), round_cloth
         )
-        mesh.tube(path, radii, paint, sides=18, rings=20)
+        mesh.tube(arm, paint, sides=18, rings=20)
         palm = hand + 0.03 * np.array([0.0, math.sin(turn + 0.3), -math.cos(turn + 0.3)])
         mesh.ball((float(palm[0]), float(palm[1]), float(palm[2])), (0.016, 0.022, 0.042), _plain(skin))
 
 
 def _head(mesh: _Mesh, figure: Character, worn: Clothes, skin: Floats) -> None:
     hair, cloth = _bgr(figure.hair_colour), _bgr(worn.headwear_colour)
-    neck = np.array([(0, -0.005, 0.9), (0, -0.008, 0.87), (0, -0.004, 0.83)])
-    mesh.tube(neck, np.array([(0.031, 0.033), (0.032, 0.034), (0.042, 0.042)]), _plain(skin * 0.93), rings=6)
+    neck = [(0, -0.005, 0.9, 0.031, 0.033), (0, -0.008, 0.87, 0.032, 0.034), (0, -0.004, 0.83, 0.042, 0.042)]
+    mesh.tube(neck, _plain(skin * 0.93), rings=6)
     line = {"bald": 0.0, "short": 0.3, "curls": 0.33, "bun": 0.27, "long": 0.3}[figure.hair]
 
     def face(along: Floats, angle: Floats) -> Floats:
@@ -417,9 +400,14 @@ def _head(mesh: _Mesh, figure: Character, worn: Clothes, skin: Floats) -> None:
     elif figure.hair == "curls":
         mesh.ball((0.0, -0.018, 0.951), (0.066, 0.064, 0.056), _plain(hair))
     elif figure.hair == "long":
-        path = np.array([(0, -0.012, 0.985), (0, -0.02, 0.95), (0, -0.03, 0.9), (0, -0.045, 0.84), (0, -0.055, 0.78)])
-        radii = np.array([(0.03, 0.03), (0.053, 0.046), (0.058, 0.036), (0.06, 0.03), (0.045, 0.015)])
-        mesh.tube(path, radii, _plain(hair), rings=14)
+        hair_rows = [
+            (0, -0.012, 0.985, 0.03, 0.03),
+            (0, -0.02, 0.95, 0.053, 0.046),
+            (0, -0.03, 0.9, 0.058, 0.036),
+            (0, -0.045, 0.84, 0.06, 0.03),
+            (0, -0.055, 0.78, 0.045, 0.015),
+        ]
+        mesh.tube(hair_rows, _plain(hair), rings=14)
     elif figure.hair == "bun":
         mesh.ball((0.0, -0.058, 0.965), (0.027, 0.027, 0.027), _plain(hair * 0.9))
     if worn.headwear in ("cap", "beanie"):
@@ -428,8 +416,8 @@ def _head(mesh: _Mesh, figure: Character, worn: Clothes, skin: Floats) -> None:
             mesh.ball((0.0, 0.07, 0.955), (0.036, 0.035, 0.006), _plain(cloth * 0.85))
     elif worn.headwear == "scarf":
         mesh.ball((0.0, -0.014, 0.935), (0.056, 0.06, 0.072), _plain(cloth))
-        path = np.array([(0, -0.014, 0.9), (0, -0.01, 0.86), (0, 0.0, 0.81)])
-        mesh.tube(path, np.array([(0.05, 0.05), (0.06, 0.058), (0.09, 0.07)]), _plain(cloth * 0.93), rings=8)
+        scarf = [(0, -0.014, 0.9, 0.05, 0.05), (0, -0.01, 0.86, 0.06, 0.058), (0, 0.0, 0.81, 0.09, 0.07)]
+        mesh.tube(scarf, _plain(cloth * 0.93), rings=8)
 
 
 def _rasterised(mesh: _Mesh, facing_rad: float, appearance: Appearance) -> Image:
