@@ -163,14 +163,14 @@ class RobotTopics:
         self._head = HeadOnRos(ros)
         self._offer_sensors()  # before the map, which a scan changes
         MapOnRos(ros, maps or MapFiles())
-        self._speech: SpeechOnTopics | SpeechOnAction | None = None
         if ros.model.navigation is not None:
             NavigationTopics(ros, ros.model.navigation)
+        self.voice: Voice | None = None
         match ros.model.speech:
             case SpeechTopics() as interface:
-                self._speech = SpeechOnTopics(ros, interface, muted=muted)
+                self.voice = SpeechOnTopics(ros, interface, muted=muted).voice
             case SpeechAction() as action:
-                self._speech = SpeechOnAction(ros, action, muted=muted)
+                self.voice = SpeechOnAction(ros, action, muted=muted).voice
         self.sound = SoundOnRos(ros, ros.model.audio, lines) if ros.model.audio is not None else None
         if self.voice is not None and self.sound is not None:
             self.voice.on_sound = self.sound.on_voice
@@ -181,17 +181,13 @@ class RobotTopics:
         ros.server.params["/use_sim_time"] = lambda: simulation_time
         if simulation_time:
             ros.publishes(CLOCK_TOPIC, "rosgraph_msgs", "Clock")
-            ros.every(1, self._publish_clock, CLOCK_TOPIC)
+            ros.every(1, lambda: ros.publish(CLOCK_TOPIC, encode_clock(ros.dialect, ros.stamp_ns())), CLOCK_TOPIC)
         self._apply_faults(ros.faults)
 
     @property
     def faults(self) -> Faults:
         """Present faults."""
         return self._ros.faults
-
-    @property
-    def voice(self) -> Voice | None:
-        return self._speech.voice if self._speech is not None else None
 
     @property
     def camera_topic(self) -> str | None:
@@ -272,9 +268,6 @@ class RobotTopics:
         ros.serves("/simulator/fault", "simulator", "Fault", self._inject_fault)
         ros.serves("/simulator/state", "simulator", "State", lambda _: self._state())
         ros.serves("/simulator/reset_pose", "simulator", "ResetPose", self._reset_pose)
-
-    def _publish_clock(self) -> None:
-        self._ros.publish(CLOCK_TOPIC, encode_clock(self._ros.dialect, self._ros.stamp_ns()))
 
     def _publish_odometry(self) -> None:
         ros = self._ros
@@ -463,12 +456,14 @@ class DemoControls:
 
     def __init__(self, ros: RosContext) -> None:
         self._ros = ros
-        self._color = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
-        self._volume = 60.0
-        self._screen = ""
-        self._eyes = True
-        self._waves_begun = 0
-        self._waving = False
+        self._values: dict[str, Any] = {
+            "leds": dict.fromkeys("rgba", 0.0),
+            "volume": 60.0,
+            "screen": "",
+            "eyes_open": True,
+            "waving": False,
+            "waves_begun": 0,
+        }
         self._waving_task: asyncio.TimerHandle | None = None
         ros.obeys("/leds/color", "std_msgs", "ColorRGBA", self._on_color)
         ros.obeys("/volume", "std_msgs", "Float32", self._on_volume)
@@ -479,20 +474,12 @@ class DemoControls:
         self._eyes_state = ros.publishes("/eyes/state", "std_msgs", "Bool", latched=True)
         temperature = ros.publishes("/diagnostics/temperature", "std_msgs", "Float32")
         ros.every(50, lambda: ros.publish(temperature, {"data": self.temperature_c}), temperature)
-        ros.publish(self._volume_state, {"data": self._volume})
-        ros.publish(self._eyes_state, message_conversion.encode_bool(self._eyes))
+        ros.publish(self._volume_state, {"data": self._values["volume"]})
+        ros.publish(self._eyes_state, message_conversion.encode_bool(True))
 
     @property
     def state(self) -> dict[str, Any]:
-        return {
-            "leds": dict(self._color),
-            "volume": self._volume,
-            "screen": self._screen,
-            "eyes_open": self._eyes,
-            "waving": self._waving,
-            "waves_begun": self._waves_begun,
-            "temperature_c": self.temperature_c,
-        }
+        return {**self._values, "temperature_c": self.temperature_c}
 
     @property
     def temperature_c(self) -> float:
@@ -509,33 +496,30 @@ class DemoControls:
     def _on_color(self, message: Message) -> None:
         color = message_of(message, "ColorRGBA")
         # ROS fills omitted fields with zero
-        self._color = {
+        self._values["leds"] = {
             channel: min(max(number(color, channel, "ColorRGBA"), 0.0), 1.0) if channel in color else 0.0
             for channel in "rgba"
         }
 
     def _on_volume(self, message: Message) -> None:
-        self._volume = min(max(number(message_of(message, "Float32"), "data", "Float32"), 0.0), 100.0)
-        self._ros.publish(self._volume_state, {"data": self._volume})
+        self._values["volume"] = min(max(number(message_of(message, "Float32"), "data", "Float32"), 0.0), 100.0)
+        self._ros.publish(self._volume_state, {"data": self._values["volume"]})
 
     def _on_screen(self, message: Message) -> None:
-        self._screen = message_conversion.decode_string(message)[:_MOST_SCREEN_CHARS]
+        self._values["screen"] = message_conversion.decode_string(message)[:_MOST_SCREEN_CHARS]
 
     def _wave(self, _: Message) -> Message:
-        if self._waving:
+        if self._values["waving"]:
             return {"success": False, "message": "the arm is already waving"}
-        self._waving = True
-        self._waves_begun += 1
-        self._waving_task = asyncio.get_running_loop().call_later(WAVE_S, self._end_wave)
+        self._values.update(waving=True, waves_begun=self._values["waves_begun"] + 1)
+        end_wave = partial(self._values.update, waving=False)
+        self._waving_task = asyncio.get_running_loop().call_later(WAVE_S, end_wave)
         return {"success": True, "message": f"waving for {WAVE_S:g} s"}
 
-    def _end_wave(self) -> None:
-        self._waving = False
-
     def _set_eyes(self, arguments: Message) -> Message:
-        self._eyes = truth(arguments, "data", "args")
-        self._ros.publish(self._eyes_state, message_conversion.encode_bool(self._eyes))
-        return {"success": True, "message": "open" if self._eyes else "closed"}
+        is_open = self._values["eyes_open"] = truth(arguments, "data", "args")
+        self._ros.publish(self._eyes_state, message_conversion.encode_bool(is_open))
+        return {"success": True, "message": "open" if is_open else "closed"}
 
 
 _WHEELS = ("wheel_left_joint", "wheel_right_joint")

@@ -13,10 +13,10 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from caris_desktop.domain.address import before_port
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator import robot_models
 from caris_desktop.simulator.camera_model import RATE_HZ
 from caris_desktop.simulator.characters import CHARACTERS
@@ -40,6 +40,7 @@ logger = logging.getLogger(__name__)
 
 DEFAULT_PORT = 9090
 _HOPELESSLY_LATE_S = 0.5
+_Log = TypeVar("_Log", SentLog, ObeyedLog)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -147,14 +148,23 @@ def run(args: argparse.Namespace) -> int:
     if not 0.0 <= args.fault_latency_ms <= MAX_LATENCY_MS:
         sys.stderr.write(f"--fault-latency-ms must be between 0 and {MAX_LATENCY_MS:g}.\n")
         return 2
+    logs: list[SentLog | ObeyedLog] = []
     try:
-        model, server_settings, visits = _robot_model_of(args), _server_of(args), _visits_of(args)
+        model, visits = _robot_model_of(args), _visits_of(args)
         lines = () if args.participant is None else read_sentences(args.participant)
-    except (_CannotStart, BadSentences) as error:
+        robot = Robot(args.seed, body=model.body, populated=not args.empty, visits=visits)
+        clock = RobotClock((lambda: robot.now_s) if args.simulation_time else None)
+        tls = _tls_of(args)
+        server = _server_of(args, model, clock, logs)
+        ros = RosContext(robot, server, model, clock, Faults(args.fault_latency_ms / 1000.0))
+        with contextlib.suppress(KeyboardInterrupt):
+            return asyncio.run(_simulate(args, ros, tls, lines))
+    except (_CannotStart, BadSentences, BadVisits, robot_models.UnknownRobotModel) as error:
         sys.stderr.write(f"{error}\n")
         return 2
-    with contextlib.suppress(KeyboardInterrupt):
-        return asyncio.run(_simulate(args, model, server_settings, visits, lines))
+    finally:
+        for log in logs:
+            log.close()
     return 0
 
 
@@ -162,19 +172,8 @@ class _CannotStart(Exception):  # noqa: N818 - the arguments do not allow it; th
     """The robot cannot start with these arguments."""
 
 
-@dataclass(frozen=True, slots=True)
-class _ServerSettings:
-    tls: ssl.SSLContext | None
-    secret: str | None
-    log: SentLog | None
-    obeyed_log: ObeyedLog | None
-
-
 def _robot_model_of(args: argparse.Namespace) -> RobotInterface:
-    try:
-        model = robot_models.robot_model_named(args.dress, args.ros, namespace=args.namespace, holonomic=args.holonomic)
-    except robot_models.UnknownRobotModel as error:
-        raise _CannotStart(str(error)) from error
+    model = robot_models.robot_model_named(args.dress, args.ros, namespace=args.namespace, holonomic=args.holonomic)
     if model.body.lidar is None:
         return model
     roll_rad, pitch_rad = math.radians(args.lidar_roll_deg), math.radians(args.lidar_pitch_deg)
@@ -182,37 +181,46 @@ def _robot_model_of(args: argparse.Namespace) -> RobotInterface:
     return replace(model, body=replace(model.body, lidar=lidar))
 
 
-def _server_of(args: argparse.Namespace) -> _ServerSettings:
-    tls, secret, log, obeyed_log = None, None, None, None
+def _tls_of(args: argparse.Namespace) -> ssl.SSLContext | None:
     if (args.tls_cert is None) != (args.tls_key is None):
         raise _CannotStart("--tls-cert and --tls-key belong together: give both, or none for ws://.")
-    if args.tls_cert is not None:
-        try:
-            tls = tls_context(args.tls_cert, args.tls_key)
-        except OSError as error:  # includes ssl.SSLError
-            raise _CannotStart(
-                f"The certificate {args.tls_cert} and the key {args.tls_key} cannot be used: {error}."
-            ) from error
-    if args.rosauth_secret_env is not None:
-        secret = os.environ.get(args.rosauth_secret_env)
-        if secret is None or len(secret) != SECRET_CHARS:
-            raise _CannotStart(
-                f"The environment variable {args.rosauth_secret_env} must contain the secret with {SECRET_CHARS} "
-                "characters that rosauth requires."
-            )
-    if args.log is not None:
-        try:
-            log = SentLog(args.log)
-        except OSError as error:
-            raise _CannotStart(f"--log {args.log} cannot be written: {error.strerror or error}.") from error
-    if args.obeyed_log is not None:
-        try:
-            obeyed_log = ObeyedLog(args.obeyed_log)
-        except OSError as error:
-            raise _CannotStart(
-                f"--obeyed-log {args.obeyed_log} cannot be written: {error.strerror or error}."
-            ) from error
-    return _ServerSettings(tls, secret, log, obeyed_log)
+    try:
+        return None if args.tls_cert is None else tls_context(args.tls_cert, args.tls_key)
+    except OSError as error:  # includes ssl.SSLError
+        raise _CannotStart(
+            f"The certificate {args.tls_cert} and the key {args.tls_key} cannot be used: {error}."
+        ) from error
+
+
+def _server_of(
+    args: argparse.Namespace, model: RobotInterface, clock: RobotClock, logs: list[SentLog | ObeyedLog]
+) -> BridgeServer:
+    """Server that is not yet started; its logs are added to ``logs``."""
+    secret = None if args.rosauth_secret_env is None else os.environ.get(args.rosauth_secret_env, "")
+    if secret is not None and len(secret) != SECRET_CHARS:
+        raise _CannotStart(
+            f"The environment variable {args.rosauth_secret_env} must contain the secret with {SECRET_CHARS} "
+            "characters that rosauth requires."
+        )
+    log, obeyed_log = _log_at(SentLog, "--log", args.log), _log_at(ObeyedLog, "--obeyed-log", args.obeyed_log)
+    logs += [each for each in (log, obeyed_log) if each is not None]
+    return BridgeServer(
+        model.dialect,
+        secret=secret,
+        now_s=clock.now_s,
+        log=log,
+        obeyed_log=obeyed_log,
+        topics_glob=args.topics_glob,
+        goals_in_new_threads=args.send_action_goals_in_new_thread,
+        services_in_new_threads=args.call_services_in_new_thread,
+    )
+
+
+def _log_at(kind: type[_Log], option: str, path: Path | None) -> _Log | None:
+    try:
+        return None if path is None else kind(path)
+    except OSError as error:
+        raise _CannotStart(f"{option} {path} cannot be written: {error.strerror or error}.") from error
 
 
 def _visits_of(args: argparse.Namespace) -> list[Visit] | None:
@@ -222,86 +230,55 @@ def _visits_of(args: argparse.Namespace) -> list[Visit] | None:
         if not 1 <= args.people <= len(CHARACTERS):
             raise _CannotStart(f"--people must be between 1 and {len(CHARACTERS)}.")
         return visits_by_chance(args.people, args.seed)
-    if args.visits is None:
-        return None
-    try:
-        return read_visits(args.visits)
-    except BadVisits as error:
-        raise _CannotStart(str(error)) from error
+    return None if args.visits is None else read_visits(args.visits)
 
 
-async def _simulate(
-    args: argparse.Namespace,
-    model: RobotInterface,
-    settings: _ServerSettings,
-    visits: list[Visit] | None,
-    lines: Sequence[str],
-) -> int:
+async def _simulate(args: argparse.Namespace, ros: RosContext, tls: ssl.SSLContext | None, lines: Sequence[str]) -> int:
     stopped = asyncio.Event()
     for name in (signal.SIGINT, signal.SIGTERM):
         with contextlib.suppress(NotImplementedError):  # Windows has no signal handlers in its event loop
             asyncio.get_running_loop().add_signal_handler(name, stopped.set)
     if args.end_with_stdin:
         _call_at_end_of_stdin(asyncio.get_running_loop(), stopped.set)
-    robot = Robot(args.seed, body=model.body, populated=not args.empty, visits=visits)
-    clock = RobotClock((lambda: robot.now_s) if args.simulation_time else None)
-    server = BridgeServer(
-        model.dialect,
-        secret=settings.secret,
-        now_s=clock.now_s,
-        log=settings.log,
-        obeyed_log=settings.obeyed_log,
-        topics_glob=args.topics_glob,
-        goals_in_new_threads=args.send_action_goals_in_new_thread,
-        services_in_new_threads=args.call_services_in_new_thread,
-    )
-    ros = RosContext(robot, server, model, clock, Faults(args.fault_latency_ms / 1000.0))
     maps = MapFiles(args.maps_folder)
     topics = RobotTopics(ros, muted=args.mute, simulation_time=args.simulation_time, maps=maps, lines=lines)
-    offer_rosapi(server, model.dialect, clock=clock)
+    offer_rosapi(ros.server, ros.dialect, clock=ros.clock)
     try:
-        port = await server.start(args.host, args.port, tls=settings.tls)
+        port = await ros.server.start(args.host, args.port, tls=tls)
     except OSError as error:
-        sys.stderr.write(
+        raise _CannotStart(
             f"The simulated robot cannot listen on {args.host} port {args.port}: {error.strerror or error}. "
-            "Choose another with --port, or let it choose with --port 0.\n"
-        )
-        return 2
-    scheme = "ws" if settings.tls is None else "wss"
+            "Choose another with --port, or let it choose with --port 0."
+        ) from error
     camera, desk = CameraProcess(), DeskCamera()
-    ready = [f"Simulated robot ready at {scheme}://{before_port(args.host)}:{port}\n"]
+    ready = [f"Simulated robot ready at {'ws' if tls is None else 'wss'}://{before_port(args.host)}:{port}\n"]
+    jobs = [_step_forever(topics, ros), _film_forever(camera, topics, ros)]
     if args.desk_camera is not None:
         try:
             ready.append(f"Desk camera at http://127.0.0.1:{await desk.start(args.desk_camera)}/\n")
         except OSError as error:
-            sys.stderr.write(f"The desk camera cannot use port {args.desk_camera}: {error.strerror or error}.\n")
-            await server.stop()
-            return 2
-    filmed = [_film_forever(camera, robot, topics, server, clock)]
-    if args.desk_camera is not None:
-        filmed.append(_film_from_desk(camera, robot, desk))
+            await ros.server.stop()
+            raise _CannotStart(
+                f"The desk camera cannot use port {args.desk_camera}: {error.strerror or error}."
+            ) from error
+        jobs.append(_film_from_desk(camera, ros.robot, desk))
     sys.stdout.write("".join(ready))
     sys.stdout.flush()
-    tasks = [asyncio.create_task(_step_forever(robot, topics, ros)), *(asyncio.create_task(each) for each in filmed)]
-    voices = asyncio.create_task(topics.sound.participant.get_ready()) if topics.sound is not None else None
     waiting = asyncio.create_task(stopped.wait())
+    tasks = [asyncio.create_task(job) for job in jobs]
+    voices = [asyncio.create_task(topics.sound.participant.get_ready())] if topics.sound is not None else []
     await asyncio.wait([waiting, *tasks], return_when=asyncio.FIRST_COMPLETED)
-    for task in (waiting, *tasks):
-        if task.done() and task is not waiting:
+    for task in tasks:
+        if task.done():
             task.result()  # a task that ended without cancellation failed: raise its error
-        task.cancel()
+    for ending in (waiting, *tasks, *voices):
+        ending.cancel()
     topics.stop()
-    if voices is not None:
-        voices.cancel()
-        tasks.append(voices)
-    await asyncio.gather(waiting, *tasks, return_exceptions=True)
+    await asyncio.gather(waiting, *tasks, *voices, return_exceptions=True)
     desk.stop()
     camera.close()
-    await server.stop()
+    await ros.server.stop()
     maps.close()
-    for log in (settings.log, settings.obeyed_log):
-        if log is not None:
-            log.close()
     return 0
 
 
@@ -316,7 +293,7 @@ def _call_at_end_of_stdin(loop: asyncio.AbstractEventLoop, callback: Callable[[]
     threading.Thread(target=wait, name="stdin", daemon=True).start()
 
 
-async def _step_forever(robot: Robot, topics: RobotTopics, ros: RosContext) -> None:
+async def _step_forever(topics: RobotTopics, ros: RosContext) -> None:
     loop = asyncio.get_running_loop()
     due_s = loop.time()
     while True:
@@ -327,13 +304,11 @@ async def _step_forever(robot: Robot, topics: RobotTopics, ros: RosContext) -> N
             topics.skip_time(late_s)
             due_s = loop.time()
         await asyncio.sleep(max(0.0, -late_s))
-        robot.step()
+        ros.robot.step()
         ros.publish_due()
 
 
-async def _film_forever(
-    camera: CameraProcess, robot: Robot, topics: RobotTopics, server: BridgeServer, clock: RobotClock
-) -> None:
+async def _film_forever(camera: CameraProcess, topics: RobotTopics, ros: RosContext) -> None:
     loop = asyncio.get_running_loop()
     frozen: bytes | None = None
     due_s = loop.time()
@@ -341,11 +316,11 @@ async def _film_forever(
         due_s = max(due_s + 1.0 / RATE_HZ, loop.time())
         await asyncio.sleep(due_s - loop.time())
         faults = topics.faults
-        if faults.camera_silent or topics.camera_topic is None or not server.has_subscribers(topics.camera_topic):
+        if faults.camera_silent or topics.camera_topic is None or not ros.wanted(topics.camera_topic):
             continue
-        stamp_ns = clock.now_ns()
+        stamp_ns = ros.stamp_ns()
         if not (faults.camera_frozen and frozen):
-            frozen = await camera.picture(None if faults.camera_black else robot.view())
+            frozen = await camera.picture(None if faults.camera_black else ros.robot.view())
         topics.publish_picture(frozen, stamp_ns=stamp_ns)
 
 
