@@ -136,14 +136,19 @@ def _whole(name: str, *boxes: list[Any]) -> Furniture:
     return Furniture(name, parts[0], parts)
 
 
+def _legs(area: Area, thick: float, inset: float, high: float) -> tuple[Box, ...]:
+    x0, y0, x1, y1 = area
+    return tuple(
+        _box(x, y, x + thick, y + thick, 0.0, high, "dark")
+        for x in (x0 + inset, x1 - thick - inset)
+        for y in (y0 + inset, y1 - thick - inset)
+    )
+
+
 def _table(name: str, area: Area, high: float, colour: str, *on_top: list[Any]) -> Furniture:
     x0, y0, x1, y1 = area
-    leg, slab = 0.06, 0.05
-    legs = tuple(
-        _box(x, y, x + leg, y + leg, 0.0, high - slab, "dark")
-        for x in (x0 + 0.04, x1 - leg - 0.04)
-        for y in (y0 + 0.04, y1 - leg - 0.04)
-    )
+    slab = 0.05
+    legs = _legs(area, 0.06, 0.04, high - slab)
     return Furniture(
         name,
         Box(x0, y0, x1, y1, 0.0, high),
@@ -160,11 +165,7 @@ def _chair(x: float, y: float, back: str, colour: str) -> Furniture:
         "e": (x + size - thin, y, x + size, y + size),
         "w": (x, y, x + thin, y + size),
     }
-    legs = tuple(
-        _box(x + dx, y + dy, x + dx + 0.04, y + dy + 0.04, 0.0, seat - 0.06, "dark")
-        for dx in (0.02, size - 0.06)
-        for dy in (0.02, size - 0.06)
-    )
+    legs = _legs((x, y, x + size, y + size), 0.04, 0.02, seat - 0.06)
     return Furniture(
         "chair",
         Box(x, y, x + size, y + size, 0.0, 0.9),

@@ -143,7 +143,10 @@ class Painter:
         picture, depth = self._background(eye)
         things = self._visible(eye, depth)
         things += [
-            _Thing(_around(person), person=person)
+            _Thing(
+                Box(person.x_m - 0.12, person.y_m - 0.12, person.x_m + 0.12, person.y_m + 0.12, 0.0, person.height_m),
+                person=person,
+            )
             for person in view.people
             if 0.3 < eye.relative(person.x_m, person.y_m)[0] < _FARTHEST_PERSON_M
         ]
@@ -225,7 +228,7 @@ def _paint_thing(picture: Image, thing: _Thing, eye: "_Eye", depth: Floats) -> N
     hidden = depth < np.where(np.isfinite(entry[0]), entry[0], middle) - 0.02
     shapes = [
         (points, _shaded(part.colour, _SHADES[side]))
-        for part in _bottom_up(thing.parts, eye)
+        for part in sorted(thing.parts, key=lambda part: (round(part.low_m, 1), -_distance(part, eye.x_m, eye.y_m)))
         for side, corners in _sides_seen(part, eye)
         if (points := _projected(corners, eye.lens)) is not None
     ]
@@ -282,11 +285,6 @@ class _Eye:
         return dx * self.cos + dy * self.sin, dx * self.sin - dy * self.cos
 
 
-def _around(person: Seen) -> Box:
-    half = 0.12
-    return Box(person.x_m - half, person.y_m - half, person.x_m + half, person.y_m + half, 0.0, person.height_m)
-
-
 def _far_to_near(things: list[_Thing], x_m: float, y_m: float) -> list[_Thing]:
     """Painter's order: hidden objects first."""
     left = sorted(things, key=lambda thing: -_distance(thing.outline, x_m, y_m))
@@ -316,10 +314,6 @@ def _may_hide(near: Box, far: Box, x_m: float, y_m: float) -> bool:
 
 def _distance(box: Box, x_m: float, y_m: float) -> float:
     return math.hypot((box.x0_m + box.x1_m) / 2.0 - x_m, (box.y0_m + box.y1_m) / 2.0 - y_m)
-
-
-def _bottom_up(parts: tuple[Box, ...], eye: _Eye) -> list[Box]:
-    return sorted(parts, key=lambda part: (round(part.low_m, 1), -_distance(part, eye.x_m, eye.y_m)))
 
 
 def _sides_seen(box: Box, eye: _Eye) -> list[tuple[str, list[Corner]]]:
@@ -384,7 +378,11 @@ def _fill(picture: Image, points: NDArray[np.float32], colour: Colour) -> None:
 
 def _paste(picture: Image, corners: list[Corner], decal: _Decal, lens: _Lens) -> None:
     left, top, right, bottom = decal.share
-    inset = [_between(corners, u, v) for u, v in ((left, top), (right, top), (right, bottom), (left, bottom))]
+    (ld, lr, high), (rd, rr, _), _, (_, _, low) = corners
+    inset = [
+        (ld + u * (rd - ld), lr + u * (rr - lr), high + v * (low - high))
+        for u, v in ((left, top), (right, top), (right, bottom), (left, bottom))
+    ]
     if any(corner[0] < _NEAR_M for corner in inset):
         return
     points = _projected(inset, lens)
@@ -404,11 +402,6 @@ def _paste(picture: Image, corners: list[Corner], decal: _Decal, lens: _Lens) ->
     flags = cv2.INTER_LINEAR
     cv2.warpPerspective(decal.picture, warp, size, dst=area, flags=flags, borderMode=cv2.BORDER_TRANSPARENT)
     picture[y0:y1, x0:x1] = area
-
-
-def _between(corners: list[Corner], u: float, v: float) -> Corner:
-    (ld, lr, high), (rd, rr, _), _, (_, _, low) = corners
-    return ld + u * (rd - ld), lr + u * (rr - lr), high + v * (low - high)
 
 
 def _shadow(picture: Image, x: float, y: float, px_per_m: float, *, hidden: NDArray[np.bool_], lens: _Lens) -> None:

@@ -257,7 +257,14 @@ class RobotTopics:
             on_twist = partial(self._on_twist, velocity)
             ros.obeys(velocity.topic, "geometry_msgs", kind, on_twist, other_types=others)
         if model.initial_pose:
-            ros.obeys(model.initial_pose, "geometry_msgs", "PoseWithCovarianceStamped", self._on_initial_pose)
+            ros.obeys(
+                model.initial_pose,
+                "geometry_msgs",
+                "PoseWithCovarianceStamped",
+                lambda message: self._robot.assume_pose(
+                    message_conversion.decode_pose_with_covariance_stamped(message, stamp_ns=0).pose_in_map
+                ),
+            )
         if model.stop_state:
             self._stop_state = ros.publishes(model.stop_state, "std_msgs", "Bool", latched=True)
             ros.publish(self._stop_state, message_conversion.encode_bool(False))
@@ -330,9 +337,6 @@ class RobotTopics:
         self._twists_received += 1
         self._last_twist_s = time.monotonic()
         self._robot.drive(twist)
-
-    def _on_initial_pose(self, message: Message) -> None:
-        self._robot.assume_pose(message_conversion.decode_pose_with_covariance_stamped(message, stamp_ns=0).pose_in_map)
 
     def _on_fault(self, message: Message) -> None:
         try:

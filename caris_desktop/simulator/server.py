@@ -12,6 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import field
+from functools import partial
 from http import HTTPStatus
 from typing import Any, Protocol
 
@@ -294,10 +295,7 @@ class BridgeServer:
         sender = asyncio.create_task(self._send(client))
         try:
             async for content in connection:
-                if self.latency_s > 0.0:
-                    asyncio.get_running_loop().call_later(self.latency_s, self._receive, client, content)
-                else:
-                    self._receive(client, content)
+                self._later(partial(self._receive, client, content))
                 # The real one reads in one thread and executes in another, which drops the rest when the client leaves.
                 await asyncio.sleep(0)
                 if connection.state is State.CLOSED:
@@ -332,13 +330,14 @@ class BridgeServer:
     def _receive(self, client: Client, content: str | bytes) -> None:
         operation: Message = {}
         try:
-            operation = decode_json(content) if isinstance(content, str) else self._decode_bytes(content)
+            # some clients send JSON in binary frames; CBOR is only sent, never received
+            operation = decode_json(content if isinstance(content, str) else content.decode("utf-8"))
             if not client.admitted:
                 self._admit_by_secret(client, operation)
                 return
             client.queue.append(operation)
             self._handle_queue(client)
-        except (ProtocolError, MessageError) as error:
+        except (ProtocolError, MessageError, UnicodeDecodeError) as error:
             self._note_refusal(f"{client.name}: {error}")
             if not client.admitted:
                 self._send_away(client)
@@ -364,12 +363,9 @@ class BridgeServer:
             self._note_refusal(f"Exception calling subscribe callback: {name} cannot be written as it is asked for")
 
     def _admit_by_secret(self, client: Client, operation: Message) -> None:
-        if (
-            operation["op"] == "auth"
-            and self._secret is not None
-            and introduces_itself(operation, self._secret, now_s=self._now_s())
-        ):
-            client.admitted = True
+        secret = self._secret or ""
+        client.admitted = operation["op"] == "auth" and introduces_itself(operation, secret, now_s=self._now_s())
+        if client.admitted:
             logger.info("%s has authenticated", client.name)
         else:
             self._send_away(client)
@@ -380,16 +376,8 @@ class BridgeServer:
         self._closing.add(closing)
         closing.add_done_callback(self._closing.discard)
 
-    @staticmethod
-    def _decode_bytes(content: bytes) -> Message:
-        # some clients send JSON in binary frames; CBOR is only sent, never received
-        try:
-            return decode_json(content.decode("utf-8"))
-        except UnicodeDecodeError as error:
-            raise ProtocolError(f"the message is not valid UTF-8: {error}") from error
-
     def _handle(self, client: Client, operation: Message) -> None:
-        handlers: dict[str, Callable[[Client, Message], None]] = {
+        handlers: dict[str, Callable[[Client, Message], object]] = {
             "advertise": self._advertise,
             "unadvertise": self._unadvertise,
             "publish": self._publish,
@@ -397,7 +385,7 @@ class BridgeServer:
             "unsubscribe": self._unsubscribe,
             "call_service": self._call_service,
             "advertise_service": self._advertise_service,
-            "unadvertise_service": self._unadvertise_service,
+            "unadvertise_service": lambda client, operation: client.services.pop(_name(operation, "service"), None),
             "service_response": self._service_response,
             "fragment": self._fragment,
         }
@@ -411,14 +399,15 @@ class BridgeServer:
             # with any operation, it applies to everything sent to this client
             size = operation["fragment_size"]
             client.outbox.fragment_size = max(1, size) if isinstance(size, int) else None
-        if name in _GLOBBED and not self._lets_through(operation):
-            self._note_refusal(f"No match found for topic, cancelling {name}: {operation.get('topic')}")
+        topic = str(operation.get("topic"))
+        if (
+            name in _GLOBBED
+            and self._topics_glob
+            and not any(fnmatch.fnmatch(topic, glob) for glob in self._topics_glob)
+        ):
+            self._note_refusal(f"No match found for topic, cancelling {name}: {topic}")
             return
         handlers[name](client, operation)
-
-    def _lets_through(self, operation: Message) -> bool:
-        topic = str(operation.get("topic"))
-        return not self._topics_glob or any(fnmatch.fnmatch(topic, glob) for glob in self._topics_glob)
 
     def _topic(self, name: str, type_: str | None) -> Topic:
         """Topic by name, created on first use; as in rosbridge, another type is refused."""
@@ -587,9 +576,6 @@ class BridgeServer:
         if not typedefs.is_known(self.dialect, type_):
             raise ProtocolError(f"Unable to load the manifest for package {type_.partition('/')[0]}")
         client.services[name] = type_
-
-    def _unadvertise_service(self, client: Client, operation: Message) -> None:
-        client.services.pop(_name(operation, "service"), None)
 
     def _service_response(self, _: Client, operation: Message) -> None:
         forwarded = self._forwarded.pop(_id(operation) or "", None)

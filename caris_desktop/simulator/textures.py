@@ -1,5 +1,7 @@
 """Textures of floor, ceiling and walls, painted once into one sheet for the camera renderer."""
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -105,14 +107,13 @@ def _floor(grain: np.random.Generator) -> Image:
     width, height = _FLOOR_SIZE
     picture = np.full((height, width, 3), (150, 156, 160), dtype=np.uint8)
     for (x0, y0, x1, y1), _, kind in _ROOMS:
-        left, top = _floor_px(x0), _floor_py(y0)
-        patch = picture[top : _floor_py(y1), left : _floor_px(x1)]
+        (left, top), (right, bottom) = _floor_px(x0, y0), _floor_px(x1, y1)
+        patch = picture[top:bottom, left:right]
         patch[:] = _FLOORS[kind](patch.shape[0], patch.shape[1], grain)
     # objects on the floor darken their surroundings
     shade = np.full((height, width), 1.0, dtype=np.float32)
     for box in SOLID:
-        corner, opposite = (_floor_px(box.x0_m), _floor_py(box.y0_m)), (_floor_px(box.x1_m), _floor_py(box.y1_m))
-        cv2.rectangle(shade, corner, opposite, 0.45, cv2.FILLED)
+        cv2.rectangle(shade, _floor_px(box.x0_m, box.y0_m), _floor_px(box.x1_m, box.y1_m), 0.45, cv2.FILLED)
     shade = cv2.GaussianBlur(shade, (0, 0), 0.16 * FLOOR_PX_PER_M)
     return np.asarray((picture * shade[:, :, None]).clip(0, 255), dtype=np.uint8)
 
@@ -132,14 +133,6 @@ def _oak(height: int, width: int, grain: np.random.Generator) -> Image:
     return _noisy(picture, grain, 2.0)
 
 
-def _grey(height: int, width: int, grain: np.random.Generator) -> Image:
-    return _noisy(np.full((height, width, 3), (158, 162, 164), dtype=np.float32), grain, 4.0)
-
-
-def _carpet(height: int, width: int, grain: np.random.Generator) -> Image:
-    return _noisy(np.full((height, width, 3), (138, 126, 112), dtype=np.float32), grain, 7.0)
-
-
 def _tiles(height: int, width: int, grain: np.random.Generator) -> Image:
     tile = FLOOR_PX_PER_M // 2
     picture = np.full((height, width, 3), (186, 192, 194), dtype=np.float32)
@@ -148,7 +141,11 @@ def _tiles(height: int, width: int, grain: np.random.Generator) -> Image:
     return _noisy(picture, grain, 2.0)
 
 
-_FLOORS = {"oak": _oak, "grey": _grey, "carpet": _carpet, "tiles": _tiles}
+def _plain(colour: tuple[int, int, int], sigma: float) -> Callable[[int, int, np.random.Generator], Image]:
+    return lambda height, width, grain: _noisy(np.full((height, width, 3), colour, np.float32), grain, sigma)
+
+
+_FLOORS = {"oak": _oak, "grey": _plain((158, 162, 164), 4.0), "carpet": _plain((138, 126, 112), 7.0), "tiles": _tiles}
 
 
 def _ceiling() -> Image:
@@ -169,9 +166,8 @@ def _wall_side(wall: Box, side: str, grain: np.random.Generator) -> Image:
     start, end = (wall.x0_m, wall.x1_m) if along_x else (wall.y0_m, wall.y1_m)
     width = max(2, round((end - start) * PX_PER_M))
     picture = np.zeros((WALL_STRIP_PX, width, 3), dtype=np.float32)
-    across = {"west": wall.x0_m - 0.1, "east": wall.x1_m + 0.1, "south": wall.y0_m - 0.1, "north": wall.y1_m + 0.1}[
-        side
-    ]
+    surface = _surface_m(wall, side)
+    across = surface - 0.1 if side in ("west", "south") else surface + 0.1
     for column in range(0, width, 4):
         position = start + (column + 2) / PX_PER_M
         colour = _room_colour(position, across) if along_x else _room_colour(across, position)
@@ -188,12 +184,15 @@ def _wall_side(wall: Box, side: str, grain: np.random.Generator) -> Image:
     return painted
 
 
+def _surface_m(wall: Box, side: str) -> float:
+    return {"west": wall.x0_m, "east": wall.x1_m, "south": wall.y0_m, "north": wall.y1_m}[side]
+
+
 def _hang(strip: Image, poster: Poster, wall: Box, side: str, start_m: float) -> None:
     facing = {"west": 180, "east": 0, "south": 270, "north": 90}[side]
     along_x = side in ("south", "north")
-    surface = {"west": wall.x0_m, "east": wall.x1_m, "south": wall.y0_m, "north": wall.y1_m}[side]
     position, depth = (poster.x_m, poster.y_m) if along_x else (poster.y_m, poster.x_m)
-    if poster.facing_deg != facing or abs(depth - surface) > 0.1:
+    if poster.facing_deg != facing or abs(depth - _surface_m(wall, side)) > 0.1:
         return
     width, height = round(poster.width_m * PX_PER_M), round(poster.height_m * PX_PER_M)
     left = round((position - start_m - poster.width_m / 2) * PX_PER_M)
@@ -253,9 +252,6 @@ def _noisy(picture: NDArray[np.float32], grain: np.random.Generator, sigma: floa
     return np.asarray((picture + noise[:, :, None]).clip(0, 255), dtype=np.uint8)
 
 
-def _floor_px(x_m: float) -> int:
-    return round((x_m - MAP_ORIGIN_M[0]) * FLOOR_PX_PER_M)
-
-
-def _floor_py(y_m: float) -> int:
-    return round((y_m - MAP_ORIGIN_M[1]) * FLOOR_PX_PER_M)
+def _floor_px(x_m: float, y_m: float) -> tuple[int, int]:
+    """Column and row of a point."""
+    return round((x_m - MAP_ORIGIN_M[0]) * FLOOR_PX_PER_M), round((y_m - MAP_ORIGIN_M[1]) * FLOOR_PX_PER_M)
