@@ -214,7 +214,9 @@ class Ros1Bag:
                 notes.add("The bag is truncated; everything before that point was read.")
                 if compressed:
                     return
-            chunk = io.BytesIO(self._unfolded(fields, data) if compressed else data)
+            if compressed:
+                data = _unfolded(data, fields["compression"].decode("ascii", "replace"), _u32(fields.get("size", b"")))
+            chunk = io.BytesIO(data)
             while (inner := self._next(chunk, kinds=(self._CONNECTION, self._MESSAGE))) is not None:
                 if inner[0]["op"][0] == self._CONNECTION:
                     self._connect(inner[0], inner[1], channels)
@@ -263,10 +265,6 @@ class Ros1Bag:
         data = file.read(length)
         return fields, data, len(data) == length
 
-    def _unfolded(self, fields: dict[str, bytes], data: bytes) -> bytes:
-        compression = fields.get("compression", b"").decode("ascii", "replace")
-        return _unfolded(data, compression, _u32(fields.get("size", b"")))
-
     def _connect(self, fields: dict[str, bytes], data: bytes, channels: dict[int, BagChannel]) -> None:
         connection = _ros1_fields(data)
         channels[_u32(fields.get("conn", b""))] = BagChannel(
@@ -304,14 +302,22 @@ def _ros1_fields(content: bytes) -> dict[str, bytes]:
 
 
 class McapBag:
-    """MCAP file with ROS messages. Read without its index, so that truncated files work."""
+    """MCAP file with ROS messages. Read without its index, so that truncated files work.
+
+    ``folded_messages``: each message is compressed separately.
+    """
 
     kind = "MCAP file"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, folded_messages: bool = False) -> None:
         self._path = path
+        self._folded = folded_messages
 
     def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
+        for message in self._stored(notes):
+            yield from _unfolded_message(message, notes) if self._folded else (message,)
+
+    def _stored(self, notes: ReadNotes) -> Iterator[BagMessage]:
         from mcap.records import Channel, Chunk, Header, Message, Schema
         from mcap.stream_reader import StreamReader
 
@@ -368,11 +374,10 @@ class McapBag:
         return schemas, {key: self._channel(item, schemas.get(item.schema_id)) for key, item in listed.items()}
 
     def _channel(self, channel: Any, schema: Any) -> BagChannel:
-        encodings = {"ros1": "ros1", "cdr": "cdr", "json": "json"}
         return BagChannel(
             topic=_topic(channel.topic),
             type=type_spelling(schema.name if schema is not None else ""),
-            encoding=encodings.get(channel.message_encoding, channel.message_encoding),
+            encoding=channel.message_encoding,
             definition=schema.data.decode("utf-8", "replace") if schema is not None else "",
             definition_form=schema.encoding if schema is not None else "",
         )
@@ -463,19 +468,6 @@ class FolderBag:
                 yield message._replace(fraction=(number + message.fraction) / len(self._parts))
 
 
-class _FoldedMessages:
-    """Decompresses the messages of an MCAP file one by one."""
-
-    kind = "MCAP file"
-
-    def __init__(self, part: Bag) -> None:
-        self._part = part
-
-    def messages(self, notes: ReadNotes) -> Iterator[BagMessage]:
-        for message in self._part.messages(notes):
-            yield from _unfolded_message(message, notes)
-
-
 def _open_folder(folder: Path, scratch: Path) -> Bag:
     if is_session(folder):
         raise BagError(f"{folder} is already a session. Open it directly.")
@@ -491,9 +483,9 @@ def _open_folder(folder: Path, scratch: Path) -> Bag:
         names = [PurePosixPath(str(name)).name for name in metadata.get("relative_file_paths") or ()]
         files = [folder / name for name in names if (folder / name).is_file()]
         mode = str(metadata.get("compression_mode") or "").lower()
-        notes_missing = [name for name in names if not (folder / name).is_file()]
-        if notes_missing:
-            notes.add(f"Files listed in metadata.yaml are missing: {', '.join(notes_missing)}.")
+        missing = [name for name in names if not (folder / name).is_file()]
+        if missing:
+            notes.add(f"Files listed in metadata.yaml are missing: {', '.join(missing)}.")
         if mode not in ("", "none") and str(metadata.get("compression_format")) != "zstd":
             raise BagError(
                 f"{folder} uses the compression {metadata.get('compression_format')}, which is not supported."
@@ -506,7 +498,7 @@ def _open_folder(folder: Path, scratch: Path) -> Bag:
         with unfolded.open("rb") as file:
             start = file.read(16)
         if start.startswith(_MCAP_MAGIC):
-            parts.append(_FoldedMessages(McapBag(unfolded)) if mode == "message" else McapBag(unfolded))
+            parts.append(McapBag(unfolded, folded_messages=mode == "message"))
         elif start.startswith(_SQLITE_MAGIC):
             parts.append(SqliteBag(unfolded, folded_messages=mode == "message"))
         elif not start:

@@ -3,7 +3,7 @@
 import json
 import logging
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,6 @@ from caris_desktop.domain.sensing import (
     AudioBlock,
     CameraLens,
     LaserScan,
-    OccupancyGrid,
     Odometry,
     PlannedPath,
     RobotPose,
@@ -94,6 +93,13 @@ class TopicMapping:
     roles: dict[BagChannel, TopicRole]
     reasons: dict[BagChannel, str]
 
+    def use_only(self, best: BagChannel, channels: Iterable[BagChannel], reason: str) -> None:
+        """Use ``best``, and none of the other ``channels`` for this ``reason``."""
+        for channel in channels:
+            if channel is not best:
+                del self.roles[channel]
+                self.reasons[channel] = reason
+
 
 def own_session(data: Any) -> SessionHeader | None:
     """Header of the original session in the message of ``/caris/session``; None if it is not from our export."""
@@ -138,12 +144,10 @@ def map_bag_topics(
             wishes.setdefault(wish, []).append(channel)
     for role, channels in wishes.items():
         several = role.kind in ("tf", "utterance", "initial_pose", "goal", "value")
-        chosen = channels if several else [min(channels, key=lambda item: _preference(role, item, counts[item]))]
-        for channel in channels:
-            if channel in chosen:
-                casting.roles[channel] = role
-            else:
-                casting.reasons[channel] = f"{chosen[0].topic} is used for {role.stream}"
+        casting.roles.update(dict.fromkeys(channels, role))
+        if not several:
+            best = min(channels, key=lambda item: _preference(role, item, counts[item]))
+            casting.use_only(best, channels, f"{best.topic} is used for {role.stream}")
     _merge_poses(casting, counts)
     _merge_cameras(casting, counts)
     return casting
@@ -237,10 +241,7 @@ def _merge_poses(casting: TopicMapping, counts: Mapping[BagChannel, int]) -> Non
         if len(channels) < 2:
             continue
         best = min(channels, key=lambda item: _preference(casting.roles[item], item, counts[item]))
-        for channel in channels:
-            if channel is not best:
-                del casting.roles[channel]
-                casting.reasons[channel] = f"{best.topic} is used for {stream}"
+        casting.use_only(best, channels, f"{best.topic} is used for {stream}")
 
 
 def _merge_cameras(casting: TopicMapping, counts: Mapping[BagChannel, int]) -> None:
@@ -251,10 +252,7 @@ def _merge_cameras(casting: TopicMapping, counts: Mapping[BagChannel, int]) -> N
             cameras.setdefault(role.camera, []).append(channel)
     for channels in cameras.values():
         best = max(channels, key=lambda item: (counts[item], item.type))
-        for channel in channels:
-            if channel is not best:
-                del casting.roles[channel]
-                casting.reasons[channel] = f"the same images are in {best.topic}"
+        casting.use_only(best, channels, f"the same images are in {best.topic}")
 
 
 def camera_name(topic: str) -> str:
@@ -317,27 +315,6 @@ class MessageConverter:
         self.unusable_transforms: set[str] = set()
         self.odometry_without_pose = 0
         self._odometry: Odometry | None = None
-        self._makers: dict[str, Callable[[Message, int, BagChannel], Iterator[Any]]] = {
-            "scan": self._scan,
-            "odometry": self._take_odometry,
-            "map": self._map,
-            "path": self._path,
-            "battery": lambda message, at_ns, _: iter(
-                [message_conversion.decode_battery_state(message, stamp_ns=at_ns)]
-            ),
-            "pose": lambda message, at_ns, _: self._pose(message_conversion.decode_pose_stamped, message, at_ns),
-            "pose_with_covariance": lambda message, at_ns, _: self._pose(
-                message_conversion.decode_pose_with_covariance_stamped, message, at_ns
-            ),
-            "initial_pose": self._initial_pose,
-            "goal": self._goal,
-            "tf": self._transforms,
-            "twist": lambda message, at_ns, _: self._command(message_conversion.decode_twist(message), at_ns),
-            "twist_stamped": lambda message, at_ns, _: self._command(
-                message_conversion.decode_twist_stamped(message)[0], at_ns
-            ),
-            "utterance": self._utterance,
-        }
 
     def take_mounts(self, message: Message) -> None:
         """Add static transforms, which also hold before the bag's message. Raises MessageError."""
@@ -349,43 +326,70 @@ class MessageConverter:
 
     def make(self, role: TopicRole, message: Message, stamp_ns: int, channel: BagChannel) -> Iterator[Any]:
         """Domain values and images of a message. Raises MessageError if it is unusable."""
+        decode = message_conversion
         match role.kind:
             case "image":
                 raw = decode_image(message)
                 yield BagPicture(role.camera, raw.robot_stamp_ns, raw.image_bgr)
             case "compressed_image":
-                image = message_conversion.decode_compressed_image(message)
-                yield BagPicture(role.camera, image.robot_stamp_ns, _unfolded_image(image.content))
+                image = decode.decode_compressed_image(message)
+                try:
+                    yield BagPicture(role.camera, image.robot_stamp_ns, np.asarray(decoded(image.content), np.uint8))
+                except PictureError as error:
+                    raise MessageError(f"an image that {error}") from error
             case "compressed_video":
                 yield from self._video_frames(role.camera, message)
             case "camera_info":
                 yield from self._lens(role.camera, message, stamp_ns)
             case "value":
                 yield from self._own_value(role.camera, message, stamp_ns)
-            case "session":
-                return
-            case _:
-                yield from self._makers[role.kind](message, stamp_ns, channel)
+            case "scan":
+                yield self._scan(message, stamp_ns)
+            case "odometry":
+                yield self._take_odometry(message, stamp_ns)
+            case "map":
+                yield decode.decode_occupancy_grid(message, stamp_ns=stamp_ns)
+            case "path":
+                yield self._path(message, stamp_ns)
+            case "battery":
+                yield decode.decode_battery_state(message, stamp_ns=stamp_ns)
+            case "pose":
+                yield self._in_map(message, decode.decode_pose_stamped(message, stamp_ns=stamp_ns))
+            case "pose_with_covariance":
+                yield self._in_map(message, decode.decode_pose_with_covariance_stamped(message, stamp_ns=stamp_ns))
+            case "initial_pose":
+                pose = self._in_map(message, decode.decode_pose_with_covariance_stamped(message, stamp_ns=stamp_ns))
+                yield InitialPoseSet(stamp_ns, pose.pose_in_map)
+            case "goal":
+                target = self._in_map(message, decode.decode_pose_stamped(message, stamp_ns=stamp_ns), "PoseStamped")
+                self._goals += 1
+                yield GoalChanged(stamp_ns, f"bag-{self._goals}", "requested", target.pose_in_map)
+            case "tf":
+                yield from self._transforms(message, stamp_ns, channel)
+            case "twist" | "twist_stamped" as kind:
+                twist = decode.decode_twist(message) if kind == "twist" else decode.decode_twist_stamped(message)[0]
+                self._commands += 1
+                yield CommandSent(stamp_ns, self._commands, twist, "none")
+            case "utterance":
+                yield from self._utterance(message, stamp_ns, channel)
 
-    def _scan(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[LaserScan]:
+    def _scan(self, message: Message, at_ns: int) -> LaserScan:
         scan = message_conversion.decode_laser_scan(message, stamp_ns=at_ns)
         frame = scan.frame_id.lstrip("/")
         base = self._tree.base(frame)
         place = None if base is None else self._tree.pose_in(base, frame)
         if place is None:
             self.lasers_without_place.add(frame)
-            yield scan
-            return
+            return scan
         self.lasers_without_place.discard(frame)
         mounting = lidar_mounting(place)
         if mounting == "tilted":
             self.tilted_lasers[frame] = place.tilt_rad
-            yield scan
-        else:
-            self.tilted_lasers.pop(frame, None)
-            yield scan.mounted(place.floor, upside_down=mounting == "upside_down")
+            return scan
+        self.tilted_lasers.pop(frame, None)
+        return scan.mounted(place.floor, upside_down=mounting == "upside_down")
 
-    def _take_odometry(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[Odometry]:
+    def _take_odometry(self, message: Message, at_ns: int) -> Odometry:
         def reckoned(twist: Twist2D) -> Pose2D:
             """Carried on with its speed, as it is live."""
             self.odometry_without_pose += 1
@@ -395,33 +399,19 @@ class MessageConverter:
             return self._odometry.pose_in_odom @ moved_by(twist, elapsed_s)
 
         self._odometry = message_conversion.decode_odometry(message, stamp_ns=at_ns, pose_of=reckoned)
-        yield self._odometry
+        return self._odometry
 
-    def _map(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[OccupancyGrid]:
-        yield message_conversion.decode_occupancy_grid(message, stamp_ns=at_ns)
-
-    def _path(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[PlannedPath]:
+    def _path(self, message: Message, at_ns: int) -> PlannedPath:
         path = navigation_messages.decode_path(message)
         points, place = path.points_m, self._place_of(path.frame_id)
         if place.heading_rad or place.x_m or place.y_m:
             cos, sin = np.cos(place.heading_rad), np.sin(place.heading_rad)
             points = (points @ np.array([[cos, sin], [-sin, cos]]) + (place.x_m, place.y_m)).astype(np.float32)
-        yield PlannedPath(at_ns, path.robot_stamp_ns, points)
+        return PlannedPath(at_ns, path.robot_stamp_ns, points)
 
-    def _pose(self, decode: Callable[..., RobotPose], message: Message, at_ns: int) -> Iterator[RobotPose]:
-        pose = decode(message, stamp_ns=at_ns)
-        place = self._place_of(frame_of(message, "Pose").lstrip("/"))
-        yield replace(pose, pose_in_map=place @ pose.pose_in_map)
-
-    def _initial_pose(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[InitialPoseSet]:
-        pose = message_conversion.decode_pose_with_covariance_stamped(message, stamp_ns=at_ns).pose_in_map
-        yield InitialPoseSet(at_ns, self._place_of(frame_of(message, "Pose").lstrip("/")) @ pose)
-
-    def _goal(self, message: Message, at_ns: int, _channel: BagChannel) -> Iterator[GoalChanged]:
-        pose = message_conversion.decode_pose_stamped(message, stamp_ns=at_ns).pose_in_map
-        target = self._place_of(frame_of(message, "PoseStamped").lstrip("/")) @ pose
-        self._goals += 1
-        yield GoalChanged(at_ns, f"bag-{self._goals}", "requested", target)
+    def _in_map(self, message: Message, pose: RobotPose, what: str = "Pose") -> RobotPose:
+        place = self._place_of(frame_of(message, what).lstrip("/"))
+        return replace(pose, pose_in_map=place @ pose.pose_in_map)
 
     def _transforms(self, message: Message, at_ns: int, channel: BagChannel) -> Iterator[RobotPose]:
         transforms = message_conversion.decode_tf_message(message, unusable=self._note_unusable)
@@ -439,10 +429,6 @@ class MessageConverter:
             if pose is not None:
                 self._tf_pose_ns = at_ns
                 yield RobotPose(at_ns, moved[-1].robot_stamp_ns, pose.floor)
-
-    def _command(self, twist: Any, at_ns: int) -> Iterator[CommandSent]:
-        self._commands += 1
-        yield CommandSent(at_ns, self._commands, twist, "none")
 
     def _lens(self, camera: str, message: Message, at_ns: int) -> Iterator[CameraLens]:
         lens = message_conversion.decode_camera_info(message)
@@ -506,10 +492,3 @@ class MessageConverter:
         if place is None:
             raise MessageError(f"it is in the frame '{frame}', and the pose of this frame in the map is unknown")
         return place.floor
-
-
-def _unfolded_image(content: bytes) -> NDArray[np.uint8]:
-    try:
-        return np.asarray(decoded(content), np.uint8)
-    except PictureError as error:
-        raise MessageError(f"an image that {error}") from error
