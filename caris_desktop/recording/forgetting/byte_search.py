@@ -65,11 +65,10 @@ class _Readable(Protocol):
 
 
 class ByteSearch:
-    """Search for one person. ``may_go_on`` is called every few megabytes and raises to cancel."""
+    """Search for one person."""
 
-    def __init__(self, canaries: SearchTerms, *, may_go_on: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, canaries: SearchTerms) -> None:
         self._words = canaries.words
-        self._may_go_on = may_go_on
         self._beginnings = canaries.words.beginnings
         self._probes = canaries.probes
         keys = [text[:2] for text, _ in self._beginnings] + [folded(probe[:2]) for probe in self._probes]
@@ -134,10 +133,12 @@ class ByteSearch:
                             if not stored or _is_packed(packed.peek(_HEAD_BYTES)[:_HEAD_BYTES]):
                                 yield f"{where}{info.filename}", packed
             elif head.startswith(_BAG_MAGIC):
-                if _bag_is_packed(file):
+                head = file.read(1 << 16)
+                if b"compression=lz4" in head or b"compression=bz2" in head:
                     closed.append(f"{name}: its chunks are compressed")
             else:
-                with _opener(head)(file) as packed:
+                opener = next(opener for magic, opener in _OPENERS.items() if head.startswith(magic))
+                with opener(file) as packed:
                     yield f"{where}unpacked", packed
         except (OSError, ValueError, EOFError, zipfile.BadZipFile, RuntimeError, sqlite3.Error, zlib.error) as error:
             if isinstance(error, OSError) and error.errno is not None:
@@ -149,7 +150,6 @@ class ByteSearch:
         overlap, at, total = b"", 0, len(head)
         block = head
         while True:
-            self._may_go_on()
             more = read(_BLOCK_BYTES)
             total += len(more)
             data = overlap + block + more
@@ -237,10 +237,6 @@ _OPENERS: dict[bytes, Callable[[IO[bytes]], Any]] = {
 }
 
 
-def _opener(head: bytes) -> Callable[[IO[bytes]], Any]:
-    return next(opener for magic, opener in _OPENERS.items() if head.startswith(magic))
-
-
 def _mcap_blocks(file: Any, closed: list[str], name: str) -> Iterator[bytes]:
     index = mcap_chunks.scan(file, thorough=False)
     for number in range(index.count):
@@ -271,11 +267,6 @@ def _png_texts(file: Any) -> Iterator[bytes]:
                 except zlib.error:
                     begins = content.find(_ZLIB_BEGINS, begins + 1)
         at += 12 + length
-
-
-def _bag_is_packed(file: Any) -> bool:
-    head = file.read(1 << 16)
-    return b"compression=lz4" in head or b"compression=bz2" in head
 
 
 class _Row(io.RawIOBase):
