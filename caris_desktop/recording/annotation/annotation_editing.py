@@ -71,11 +71,7 @@ def rename_tier(document: AnnotationDocument, tier_id: str, name: str) -> Annota
 def remove_tier(document: AnnotationDocument, tier_id: str) -> AnnotationDocument:
     """Remove the tier and its annotations."""
     _own_tier(document, tier_id)
-    return replace(
-        document,
-        tiers=tuple(tier for tier in document.tiers if tier.tier_id != tier_id),
-        annotations=tuple(item for item in document.annotations if item.tier_id != tier_id),
-    )
+    return document.only(lambda tier: tier.tier_id != tier_id)
 
 
 def move_tier(document: AnnotationDocument, tier_id: str, position: int) -> AnnotationDocument:
@@ -272,10 +268,7 @@ def vocabulary_of(document: AnnotationDocument, name: str) -> Vocabulary:
 
 def annotation_at(document: AnnotationDocument, tier_id: str, at_ms: int) -> Annotation | None:
     """Annotation of the tier at that time; ``end_ms`` is exclusive."""
-    for annotation in document.of_tier(tier_id):
-        if annotation.start_ms <= at_ms < annotation.end_ms:
-            return annotation
-    return None
+    return next((item for item in document.of_tier(tier_id) if item.start_ms <= at_ms < item.end_ms), None)
 
 
 def next_tier_id(document: AnnotationDocument, coder: str) -> str:
@@ -354,11 +347,7 @@ def merge_imported(document: AnnotationDocument, imported: AnnotationDocument) -
     known = {(tier.coder, tier.tier_id) for tier in document.tiers}
     order = {tier.tier_id: number for number, tier in enumerate(document.tiers)}
     back = {tier.tier_id for tier in imported.tiers if tier.coder and (tier.coder, tier.tier_id) in known}
-    rest = replace(
-        document,
-        tiers=tuple(tier for tier in document.tiers if tier.tier_id not in back),
-        annotations=tuple(item for item in document.annotations if item.tier_id not in back),
-    )
+    rest = document.only(lambda tier: tier.tier_id not in back)
     tiers: list[Tier] = []
     taken = {(tier.coder, tier.name) for tier in rest.tiers}
     for tier in imported.tiers:
@@ -370,13 +359,9 @@ def merge_imported(document: AnnotationDocument, imported: AnnotationDocument) -
             tiers.append(replace(tier, name=name))
     if not tiers:
         raise AnnotationError(QT_TR_NOOP("The file contains no coder's tiers, so nothing was imported."))
-    mine = {tier.tier_id for tier in tiers}
     used = {tier.vocabulary for tier in tiers}
-    coded = AnnotationDocument(
-        tuple(tiers),
-        tuple(item for item in imported.vocabularies if item.name in used),
-        tuple(item for item in imported.annotations if item.tier_id in mine),
-    )
+    vocabularies = tuple(item for item in imported.vocabularies if item.name in used)
+    coded = replace(imported.only(lambda tier: bool(tier.coder)), tiers=tuple(tiers), vocabularies=vocabularies)
     merged = merge_documents(rest, coded)
     merged = replace(
         merged,
@@ -389,15 +374,10 @@ def merge_imported(document: AnnotationDocument, imported: AnnotationDocument) -
 
 def tiers_of_coder(document: AnnotationDocument, coder: str) -> AnnotationDocument:
     """Only the tiers of ``coder``, with the vocabularies that no other coder uses."""
-    mine = {tier.tier_id for tier in document.tiers if tier.coder == coder}
+    mine = document.only(lambda tier: tier.coder == coder)
     theirs = {tier.vocabulary for tier in document.tiers if tier.coder != coder}
-    used = {tier.vocabulary for tier in document.tiers if tier.coder == coder}
-    return replace(
-        document,
-        tiers=tuple(tier for tier in document.tiers if tier.tier_id in mine),
-        vocabularies=tuple(item for item in document.vocabularies if item.name in used or item.name not in theirs),
-        annotations=tuple(item for item in document.annotations if item.tier_id in mine),
-    )
+    theirs -= {tier.vocabulary for tier in mine.tiers}
+    return replace(mine, vocabularies=tuple(item for item in document.vocabularies if item.name not in theirs))
 
 
 def coders_of(document: AnnotationDocument) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """Annotation data model: tiers of labelled intervals as in ELAN, as immutable values."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Annotated
 
 from caris_desktop.domain.schema_fields import FieldSpec
@@ -86,6 +87,12 @@ class AnnotationDocument:
     vocabularies: tuple[Vocabulary, ...] = ()
     annotations: tuple[Annotation, ...] = ()
     duration_ms: int = 0
+
+    def only(self, keep: Callable[[Tier], bool]) -> "AnnotationDocument":
+        """Document with the tiers that ``keep`` accepts and their annotations."""
+        tiers = tuple(filter(keep, self.tiers))
+        kept = {tier.tier_id for tier in tiers}
+        return replace(self, tiers=tiers, annotations=tuple(item for item in self.annotations if item.tier_id in kept))
 
     def of_tier(self, tier_id: str) -> tuple[Annotation, ...]:
         return tuple(annotation for annotation in self.annotations if annotation.tier_id == tier_id)

@@ -261,7 +261,7 @@ def _of_boris(
     unfinished: Mapping[tuple[str, ...], list[tuple[_Line, int]]] = {},
 ) -> tuple[list[_Row], list[str]]:
     observation = where.get("observation id")
-    first = next((_cell(line, observation) for line in lines if _cell(line, observation)), "")
+    first = next(filter(None, (_cell(line, observation) for line in lines)), "")
     subjects = {_cell(line, where["subject"]) for line in lines}
     modifiers = [column for name, column in where.items() if name.startswith("modifier")]
     rows: list[_Row] = []
@@ -384,23 +384,16 @@ def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
     if start is None or end is None:
         if start is None and end is None and where["value"] is None:
             return None
-        raise AnnotationError(
-            localized(
-                QT_TR_NOOP(
-                    "Line {number}: the header has no column for the start of the annotations. Name the "
-                    "columns start_s and end_s, or start_ms and end_ms."
-                ),
-                number=lines[0].number,
-            )
-            if start is None
-            else localized(
-                QT_TR_NOOP(
-                    "Line {number}: the header has no column for the end of the annotations. Name the "
-                    "columns start_s and end_s, or start_ms and end_ms."
-                ),
-                number=lines[0].number,
-            )
+        missing = QT_TR_NOOP(
+            "Line {number}: the header has no column for the end of the annotations. Name the columns start_s and "
+            "end_s, or start_ms and end_ms."
         )
+        if start is None:
+            missing = QT_TR_NOOP(
+                "Line {number}: the header has no column for the start of the annotations. Name the columns start_s "
+                "and end_s, or start_ms and end_ms."
+            )
+        raise AnnotationError(missing, number=lines[0].number)
     tiers: tuple[tuple[int, str], ...] = ()
     if where["value"] is None:
         names = lines[0].cells
@@ -453,7 +446,7 @@ def _without_headings(lines: list[_Line]) -> _Columns:
     each, then the value.
     """
     width = max(len(line.cells) for line in lines)
-    timely = [all(_is_time(_cell(line, column)) for line in lines) for column in range(width)]
+    timely = [all(_milliseconds(_cell(line, column), 1) is not None for line in lines) for column in range(width)]
     begin = timely.index(True) if True in timely else width
     count = next((n for n, is_time in enumerate(timely[begin:]) if not is_time), width - begin)
     for groups in (3, 2):
@@ -461,7 +454,8 @@ def _without_headings(lines: list[_Line]) -> _Columns:
             if groups * forms > count:
                 continue
             columns = [begin + group * forms for group in range(groups)]
-            factors = [_factor_of_column(lines, column) for column in columns]
+            # ELAN writes seconds with a fraction and milliseconds without
+            factors = [1000 if any({".", ","} & {*_cell(line, column)} for line in lines) else 1 for column in columns]
             if all(_adds_up(line, columns, factors) for line in lines):
                 return _Columns(
                     columns[0],
@@ -488,15 +482,6 @@ def _adds_up(line: _Line, columns: list[int], factors: list[int]) -> bool:
     return not duration_ms or (duration_ms[0] is not None and abs(end_ms - start_ms - duration_ms[0]) <= 2)
 
 
-def _factor_of_column(lines: list[_Line], column: int) -> int:
-    """ELAN writes seconds with a fraction and milliseconds without."""
-    return 1000 if any("." in _cell(line, column) or "," in _cell(line, column) for line in lines) else 1
-
-
-def _is_time(text: str) -> bool:
-    return bool(_NUMBER.fullmatch(text) or _CLOCK.fullmatch(text))
-
-
 def _milliseconds(text: str, factor: int) -> int | None:
     """Time in milliseconds, None if it is not a time. A clock time ignores the column's unit."""
     if len(text) > 30:
@@ -514,19 +499,19 @@ def _time_of(line: _Line, column: int, factor: int, *, start: bool) -> int:
     text = _cell(line, column)
     at_ms = _milliseconds(text, factor)
     if at_ms is None:
-        raise AnnotationError(_no_time(start=start, given=bool(text)), number=line.number, word=text[:40])
+        invalid, missing = _NO_START if start else _NO_END
+        raise AnnotationError(invalid if text else missing, number=line.number, word=text[:40])
     return at_ms
 
 
-def _no_time(*, start: bool, given: bool) -> str:
-    """Message for an invalid (``given``) or missing start or end."""
-    if given and start:
-        return QT_TR_NOOP("Line {number}, start: “{word}” is not a valid time. Use seconds or hh:mm:ss.mmm.")
-    if given:
-        return QT_TR_NOOP("Line {number}, end: “{word}” is not a valid time. Use seconds or hh:mm:ss.mmm.")
-    if start:
-        return QT_TR_NOOP("Line {number}, start: the time is missing. Use seconds or hh:mm:ss.mmm.")
-    return QT_TR_NOOP("Line {number}, end: the time is missing. Use seconds or hh:mm:ss.mmm.")
+_NO_START = (
+    QT_TR_NOOP("Line {number}, start: “{word}” is not a valid time. Use seconds or hh:mm:ss.mmm."),
+    QT_TR_NOOP("Line {number}, start: the time is missing. Use seconds or hh:mm:ss.mmm."),
+)
+_NO_END = (
+    QT_TR_NOOP("Line {number}, end: “{word}” is not a valid time. Use seconds or hh:mm:ss.mmm."),
+    QT_TR_NOOP("Line {number}, end: the time is missing. Use seconds or hh:mm:ss.mmm."),
+)
 
 
 def _cell(line: _Line, column: int | None) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element, ParseError
 
-from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.annotation_editing import (
     LONGEST_NAME,
@@ -136,11 +136,8 @@ def _document(root: Element, coder: str, moved_ms: int) -> AnnotationDocument:
     for element in root.findall("TIER"):
         xml_name = element.get("TIER_ID", "")
         if not xml_name or xml_name in tiers:
-            raise AnnotationError(
-                localized(QT_TR_NOOP("Duplicate tier name “{tier}”."), tier=xml_name)
-                if xml_name
-                else QT_TR_NOOP("A tier has no name.")
-            )
+            duplicate, missing = QT_TR_NOOP("Duplicate tier name “{tier}”."), QT_TR_NOOP("A tier has no name.")
+            raise AnnotationError(duplicate if xml_name else missing, tier=xml_name)
         tier_id, name = ours.tiers.get(xml_name, ("", ""))
         whose = plain_text(element.get("ANNOTATOR", "")).strip()
         vocabulary = vocabulary_of_type.get(element.get("LINGUISTIC_TYPE_REF", ""), "")
