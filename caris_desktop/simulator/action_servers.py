@@ -166,7 +166,7 @@ class Ros2ActionServer:
 
     def _cancel_service(self, arguments: Message) -> Message:
         """action_msgs/CancelGoal, for every goal or for one by the UUID of the status topic."""
-        running = self._ros.robot.goal_id
+        running = self._ros.robot.navigation.goal_id
         if not action_messages.means_every_goal(arguments) and _uuid_in(arguments) != self._uuids.get(running or ""):
             return {"return_code": action_messages.CANCEL_UNKNOWN_GOAL, "goals_canceling": []}
         self._on_cancel(running or "")

@@ -70,26 +70,26 @@ class NavigationTopics:
         """Speed parameters of a DWAPlannerROS, of which the lower applies."""
         speeds = decode_reconfigured(request, _PLANNER_SPEEDS)
         if speeds:
-            self._robot.limit_goals(min(speeds.values()))
-        return encode_reconfigure(dict.fromkeys(_PLANNER_SPEEDS, self._robot.goals_at_most_mps))
+            self._robot.navigation.limit(min(speeds.values()))
+        return encode_reconfigure(dict.fromkeys(_PLANNER_SPEEDS, self._robot.navigation.top_mps))
 
     def _on_speed_limit(self, message: Message) -> None:
         limit, percentage = decode_speed_limit(message)
         if limit == NO_LIMIT:
-            self._robot.limit_goals(CRUISE_MPS)
+            self._robot.navigation.limit(CRUISE_MPS)
         else:
-            self._robot.limit_goals(limit / 100.0 * CRUISE_MPS if percentage else limit)
+            self._robot.navigation.limit(limit / 100.0 * CRUISE_MPS if percentage else limit)
 
     def _publish_new_path(self) -> None:
         """Publish the path on each new plan, and an empty one at its end."""
-        now = (self._robot.plans_made, self._robot.goal_id)
+        now = (self._robot.navigation.plans_made, self._robot.navigation.goal_id)
         if now != self._path_of:
             self._path_of = now
             points = np.array(self._robot.path_in_map, dtype=np.float32).reshape(-1, 2)
             self._ros.publish_stamped(self._path, encode_path, points, frame=self._ros.model.map_frame)
 
     def _publish_progress(self) -> None:
-        progress = self._robot.progress()
+        progress = self._robot.navigation.progress(self._robot.now_s)
         if self._server is not None and progress is not None:
             status = GoalStatus(progress.goal_id, action_messages.ACTIVE, f"{progress.distance_left_m:.2f} m left")
             self._server.progress(status, self._feedback(progress))
@@ -134,9 +134,9 @@ class NavigationTopics:
         logger.info("Goal %s: %s", goal_id, target)
         if not self._robot.go(goal_id, target):
             self._finish(GoalStatus(goal_id, action_messages.REJECTED, "the emergency stop is active"))
-        elif self._server is not None and self._robot.goal_id == goal_id:
+        elif self._server is not None and self._robot.navigation.goal_id == goal_id:
             self._server.accept(goal_id)
 
     def _on_cancel(self, goal_id: str) -> None:
-        if goal_id in ("", self._robot.goal_id):
+        if goal_id in ("", self._robot.navigation.goal_id):
             self._robot.cancel_goal()

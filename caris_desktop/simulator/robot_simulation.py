@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
 from caris_desktop.domain.sensing import LaserScan, Odometry, lidar_mounting
@@ -19,7 +18,7 @@ from caris_desktop.simulator.lidar import FRAME_ID as LASER_FRAME
 from caris_desktop.simulator.simulated_base import DIFFERENTIAL, STEP_S, BaseModel, BaseState
 from caris_desktop.simulator.simulated_head import MOVABLE, Head, HeadModel
 from caris_desktop.simulator.simulated_mapping import Mapper
-from caris_desktop.simulator.simulated_navigation import GoalEnded, GoalFollower, Progress
+from caris_desktop.simulator.simulated_navigation import GoalEnded, GoalFollower
 from caris_desktop.simulator.simulated_people import Crowd, Seen, Visit
 
 ROBOT_FROM_CAMERA = Pose2D(0.15, 0.0, 0.0)
@@ -31,7 +30,6 @@ _FINDS_ITSELF_IN_S = 1.5
 _SCAN_PERIOD_S = 0.1
 _MAPS_WITHIN_M, _MAPS_WITHIN_RAD = 0.05, 0.03
 _NO_ERROR = Pose2D(0.0, 0.0, 0.0)
-_NOBODY = np.zeros((0, 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +82,10 @@ class Robot:
         self._drift_noise = np.random.default_rng(drift_noise)
         self._pose_noise = np.random.default_rng(pose_noise)
         self.body = body
-        self._crowd = Crowd(seed, visits) if populated else None
+        self._crowd = Crowd(seed, visits if populated else ())
         self.head = Head(body.head)
-        self._follower = GoalFollower()
-        self._mapper = Mapper()
+        self.navigation = GoalFollower()
+        self.mapper = Mapper()
         self._base = BaseState(START)
         self._odom_from_robot = Pose2D(0.0, 0.0, 0.0)
         self._believed = START
@@ -123,12 +121,8 @@ class Robot:
         return self._believed @ self._odom_from_robot.inverse()
 
     @property
-    def mapper(self) -> Mapper:
-        return self._mapper
-
-    @property
     def people(self) -> tuple[Seen, ...]:
-        return self._crowd.seen if self._crowd is not None else ()
+        return self._crowd.seen
 
     @property
     def touches(self) -> int:
@@ -144,35 +138,14 @@ class Robot:
     def gap_m(self) -> float:
         """Present clearance, including people."""
         pose = self._base.pose_in_map
-        return simulated_base.gap_m(pose.x_m, pose.y_m, self.body.base.radius_m, self._bodies)
-
-    @property
-    def _bodies(self) -> NDArray[np.float64]:
-        return self._crowd.bodies if self._crowd is not None else _NOBODY
-
-    @property
-    def _legs(self) -> NDArray[np.float64]:
-        return self._crowd.legs if self._crowd is not None else _NOBODY
-
-    @property
-    def goal_id(self) -> str | None:
-        """Present navigation goal."""
-        return self._follower.goal_id
+        return simulated_base.gap_m(pose.x_m, pose.y_m, self.body.base.radius_m, self._crowd.bodies)
 
     def drive(self, twist: Twist2D) -> None:
         """Apply a velocity command for 0.5 s. Motion ends a navigation goal."""
         if twist.moving:
-            self._ended.extend(self._follower.end("aborted", "the robot is being driven manually"))
+            self._ended.extend(self.navigation.end("aborted", "the robot is being driven manually"))
         self._commanded = twist
         self._lease_until_s = self.now_s + simulated_base.LEASE_S
-
-    def limit_goals(self, top_mps: float) -> None:
-        """Set the speed limit of navigation."""
-        self._follower.limit(max(0.0, top_mps))
-
-    @property
-    def goals_at_most_mps(self) -> float:
-        return self._follower.top_mps
 
     def go(self, goal_id: str, target_in_map: Pose2D) -> bool:
         """Start a navigation goal. False if the emergency stop is set."""
@@ -180,24 +153,24 @@ class Robot:
             return False
         self._commanded = ZERO_TWIST
         self._ended.extend(
-            self._follower.start(
-                goal_id, target_in_map, pose=self._navigation_pose, people=self._bodies, now_s=self.now_s
+            self.navigation.start(
+                goal_id, target_in_map, pose=self._navigation_pose, people=self._crowd.bodies, now_s=self.now_s
             )
         )
         return True
 
     def cancel_goal(self) -> None:
         """Cancel the present navigation goal, if any."""
-        self._ended.extend(self._follower.end("cancelled", "the goal was cancelled"))
+        self._ended.extend(self.navigation.end("cancelled", "the goal was cancelled"))
 
     def place(self, pose_in_map: Pose2D) -> bool:
         """Place the robot, standing still and localized; resets collisions and clearance.
 
         False, without effect, if it does not fit.
         """
-        if not simulated_base.is_free(pose_in_map.x_m, pose_in_map.y_m, self.body.base.radius_m, self._bodies):
+        if not simulated_base.is_free(pose_in_map.x_m, pose_in_map.y_m, self.body.base.radius_m, self._crowd.bodies):
             return False
-        self._ended.extend(self._follower.end("aborted", "the robot was moved to another place"))
+        self._ended.extend(self.navigation.end("aborted", "the robot was moved to another place"))
         self._base = BaseState(pose_in_map, collisions=self._base.collisions)
         self._touches_before = self._base.collisions
         self._min_gap_m = self.gap_m
@@ -224,19 +197,14 @@ class Robot:
     @property
     def path_in_map(self) -> list[tuple[float, float]]:
         """Remaining path to the goal from the robot; empty without a goal."""
-        return self._follower.path_from(self._navigation_pose)
-
-    @property
-    def plans_made(self) -> int:
-        """Counter of path plans."""
-        return self._follower.plans_made
+        return self.navigation.path_from(self._navigation_pose)
 
     def set_emergency_stop(self, stopped: bool) -> None:
         """Latch or clear the emergency stop. While latched nothing moves and goals are refused."""
         self.emergency_stopped = stopped
         self._commanded = ZERO_TWIST
         if stopped:
-            self._ended.extend(self._follower.end("aborted", "the emergency stop was pressed"))
+            self._ended.extend(self.navigation.end("aborted", "the emergency stop was pressed"))
 
     def take_ended_goals(self) -> list[GoalEnded]:
         """Goals that ended since the last call."""
@@ -244,20 +212,15 @@ class Robot:
         self._ended.clear()
         return ended
 
-    def progress(self) -> Progress | None:
-        """Progress of the present goal."""
-        return self._follower.progress(self.now_s)
-
     def step(self) -> None:
         """Advance the simulation by 20 ms."""
         self._steps += 1
-        if self._crowd is not None:
-            self._crowd.step(self._base.pose_in_map, STEP_S)
+        self._crowd.step(self._base.pose_in_map, STEP_S)
         self.head.step(STEP_S)
-        bodies = self._bodies
-        twist, ended = self._follower.step(self._navigation_pose, bodies, self.now_s)
+        bodies = self._crowd.bodies
+        twist, ended = self.navigation.step(self._navigation_pose, bodies, self.now_s)
         self._ended.extend(ended)
-        if self._follower.goal_id is None:
+        if self.navigation.goal_id is None:
             twist = self._commanded if self.now_s <= self._lease_until_s else ZERO_TWIST
         if self.emergency_stopped:
             twist = ZERO_TWIST
@@ -274,7 +237,7 @@ class Robot:
         """
         scan = lidar.scan_from(
             self._base.pose_in_map,
-            self._legs,
+            self._crowd.legs,
             self._scan_noise,
             stamp_ns=stamp_ns,
             model=self.body.lidar or ALL_AROUND,
@@ -286,7 +249,7 @@ class Robot:
             mount = (self.body.lidar or ALL_AROUND).mount
             mounting = lidar_mounting(mount)
             if mounting != "tilted":
-                self._mapper.add(scan.mounted(mount.floor, upside_down=mounting == "upside_down"), self._believed)
+                self.mapper.add(scan.mounted(mount.floor, upside_down=mounting == "upside_down"), self._believed)
         return scan
 
     def odometry(self, *, stamp_ns: int) -> Odometry:
@@ -297,8 +260,8 @@ class Robot:
     def view(self) -> View:
         """Present view of the camera."""
         camera = self._base.pose_in_map @ self.body.robot_from_camera
-        turned = replace(camera, heading_rad=wrap_angle(camera.heading_rad + self.head.pan_rad))
-        return View(turned, self.people, self.head.tilt_rad, self.body.camera_height_m)
+        turned = replace(camera, heading_rad=wrap_angle(camera.heading_rad + self.head.pan.angle_rad))
+        return View(turned, self.people, self.head.tilt.angle_rad, self.body.camera_height_m)
 
     @property
     def _navigation_pose(self) -> Pose2D:

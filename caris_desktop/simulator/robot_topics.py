@@ -427,8 +427,8 @@ class RobotTopics:
             "gap_m": robot.gap_m,
             "min_gap_m": robot.min_gap_m if math.isfinite(robot.min_gap_m) else None,
             "emergency_stopped": robot.emergency_stopped,
-            "goal_id": robot.goal_id or "",
-            "head": {"pan_rad": robot.head.pan_rad, "tilt_rad": robot.head.tilt_rad},
+            "goal_id": robot.navigation.goal_id or "",
+            "head": {"pan_rad": robot.head.pan.angle_rad, "tilt_rad": robot.head.tilt.angle_rad},
             "mapping_paused": robot.mapping_paused,
             "speaking": (self.voice.speaking if self.voice is not None else None) or "",
             "sound": self.sound.state if self.sound is not None else {},
@@ -557,16 +557,16 @@ class HeadOnRos:
         """Present angles by joint, in the joints' own directions."""
         if self._interface is None:
             return {}
-        tilt_rad = self._interface.tilt_sign * self._head.tilt_rad
-        return {self._interface.pan_joint: self._head.pan_rad, self._interface.tilt_joint: tilt_rad}
+        tilt_rad = self._interface.tilt_sign * self._head.tilt.angle_rad
+        return {self._interface.pan_joint: self._head.pan.angle_rad, self._interface.tilt_joint: tilt_rad}
 
     def moving_frames(self) -> list[FramePose]:
         """Present frames of the joints."""
         if self._interface is None:
             return []
         body, base = self._ros.robot.body, self._ros.frame(self._ros.model.base_frame)
-        camera, half_tilt_rad = body.robot_from_camera, self._head.tilt_rad / 2.0
-        pan = Pose2D(camera.x_m, camera.y_m, camera.heading_rad + self._head.pan_rad)
+        camera, half_tilt_rad = body.robot_from_camera, self._head.tilt.angle_rad / 2.0
+        pan = Pose2D(camera.x_m, camera.y_m, camera.heading_rad + self._head.pan.angle_rad)
         pan_frame, tilt_frame = map(self._ros.frame, self._interface.frames)
         tilt = Pose3D(0.0, 0.0, 0.0, 0.0, math.sin(half_tilt_rad), 0.0, math.cos(half_tilt_rad))
         return [(base, pan_frame, _raised(pan, body.camera_height_m)), (pan_frame, tilt_frame, tilt)]
@@ -606,9 +606,9 @@ class HeadOnRos:
 
     def _turn(self, joint: str, target_rad: float, speed_radps: float) -> None:
         if self._interface is not None and joint == self._interface.pan_joint:
-            self._head.pan_to(target_rad, speed_radps=speed_radps)
+            self._head.pan.turn_to(target_rad, speed_radps)
         elif self._interface is not None:
-            self._head.tilt_to(self._interface.tilt_sign * target_rad, speed_radps=speed_radps)
+            self._head.tilt.turn_to(self._interface.tilt_sign * target_rad, speed_radps)
 
 
 def _raised(pose: Pose2D, height_m: float) -> Pose3D:

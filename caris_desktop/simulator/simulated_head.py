@@ -14,19 +14,21 @@ class HeadModel:
     fastest_radps: float = 1.5
 
 
-FIXED = HeadModel((0.0, 0.0), (0.0, 0.0))
 MOVABLE = HeadModel()
 
 
 @dataclass(slots=True)
-class _Joint:
+class Joint:
+    """One motor, which turns towards its newest target."""
+
     range_rad: tuple[float, float]
     fastest_radps: float
     angle_rad: float = 0.0
     target_rad: float = 0.0
     speed_radps: float = DEFAULT_SPEED_RADPS
 
-    def turn_to(self, target_rad: float, speed_radps: float) -> None:
+    def turn_to(self, target_rad: float, speed_radps: float = DEFAULT_SPEED_RADPS) -> None:
+        """Start turning, within the limits of range and speed."""
         lowest, highest = self.range_rad
         self.target_rad = min(max(target_rad, lowest), highest)
         self.speed_radps = min(max(speed_radps, 0.01), self.fastest_radps)
@@ -37,29 +39,13 @@ class _Joint:
 
 
 class Head:
-    """Turns towards its newest target; joints are independent."""
+    """Pan joint (left positive) and tilt joint (down positive); they are independent."""
 
     def __init__(self, model: HeadModel = MOVABLE) -> None:
-        self._pan = _Joint(model.pan_range_rad, model.fastest_radps)
-        self._tilt = _Joint(model.tilt_range_rad, model.fastest_radps)
-
-    @property
-    def pan_rad(self) -> float:
-        return self._pan.angle_rad
-
-    @property
-    def tilt_rad(self) -> float:
-        return self._tilt.angle_rad
-
-    def pan_to(self, angle_rad: float, *, speed_radps: float = DEFAULT_SPEED_RADPS) -> None:
-        """Start panning left (positive) or right, within the joint limits."""
-        self._pan.turn_to(angle_rad, speed_radps)
-
-    def tilt_to(self, angle_rad: float, *, speed_radps: float = DEFAULT_SPEED_RADPS) -> None:
-        """Start tilting down (positive) or up, within the joint limits."""
-        self._tilt.turn_to(angle_rad, speed_radps)
+        self.pan = Joint(model.pan_range_rad, model.fastest_radps)
+        self.tilt = Joint(model.tilt_range_rad, model.fastest_radps)
 
     def step(self, dt_s: float) -> None:
         """Advance the simulation by ``dt_s``."""
-        self._pan.step(dt_s)
-        self._tilt.step(dt_s)
+        self.pan.step(dt_s)
+        self.tilt.step(dt_s)

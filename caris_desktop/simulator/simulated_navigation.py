@@ -43,32 +43,25 @@ class GoalEnded:
 
 
 class GoalFollower:
-    """Follows one goal at a time. Pure calculation: pose in, wanted twist out."""
+    """Follows one goal at a time, ``goal_id``, at most at ``top_mps``. Pure calculation: pose in, wanted twist out.
+
+    ``plans_made`` counts path plans.
+    """
 
     def __init__(self) -> None:
-        self._goal_id: str | None = None
+        self.goal_id: str | None = None
         self._target = Pose2D(0.0, 0.0, 0.0)
         self._way: list[Point] = []
         self._started_s = 0.0
         self._held_since_s: float | None = None
         self._replanned_s = 0.0
         self._left_m = 0.0
-        self._top_mps = CRUISE_MPS
+        self.top_mps = CRUISE_MPS
         self.plans_made = 0
-
-    @property
-    def top_mps(self) -> float:
-        """Maximum speed."""
-        return self._top_mps
 
     def limit(self, top_mps: float) -> None:
         """Set the speed limit; a value above its own speed removes it."""
-        self._top_mps = min(top_mps, CRUISE_MPS)
-
-    @property
-    def goal_id(self) -> str | None:
-        """Present goal."""
-        return self._goal_id
+        self.top_mps = min(max(0.0, top_mps), CRUISE_MPS)
 
     def start(
         self, goal_id: str, target_in_map: Pose2D, *, pose: Pose2D, people: NDArray[np.float64], now_s: float
@@ -78,7 +71,7 @@ class GoalFollower:
         way = self._plan(pose, target_in_map, people)
         if way is None:
             return [*ended, GoalEnded(goal_id, "aborted", "there is no path to the goal")]
-        self._goal_id, self._target, self._way = goal_id, target_in_map, way
+        self.goal_id, self._target, self._way = goal_id, target_in_map, way
         self._started_s = self._replanned_s = now_s
         self._held_since_s = None
         self._left_m = path_planning.length_m(way)
@@ -86,16 +79,16 @@ class GoalFollower:
 
     def end(self, ending: GoalEnding, detail: str) -> list[GoalEnded]:
         """End the present goal, if any."""
-        if self._goal_id is None:
+        if self.goal_id is None:
             return []
-        goal_id, self._goal_id, self._way = self._goal_id, None, []
+        goal_id, self.goal_id, self._way = self.goal_id, None, []
         return [GoalEnded(goal_id, ending, detail)]
 
     def progress(self, now_s: float) -> Progress | None:
         """Progress of the present goal."""
-        if self._goal_id is None:
+        if self.goal_id is None:
             return None
-        return Progress(self._goal_id, self._left_m, now_s - self._started_s)
+        return Progress(self.goal_id, self._left_m, now_s - self._started_s)
 
     def path_from(self, pose: Pose2D) -> list[Point]:
         """Remaining path from ``pose``; empty without a goal."""
@@ -103,7 +96,7 @@ class GoalFollower:
 
     def step(self, pose: Pose2D, people: NDArray[np.float64], now_s: float) -> tuple[Twist2D, list[GoalEnded]]:
         """Wanted twist, and the goal's end if reached."""
-        if self._goal_id is None:
+        if self.goal_id is None:
             return ZERO_TWIST, []
         here = (pose.x_m, pose.y_m)
         while len(self._way) > 1 and _passed(here, self._way):
@@ -122,7 +115,7 @@ class GoalFollower:
         self._held_since_s = None
         forward = 0.0
         if abs(off) < 0.7:
-            forward = min(self._top_mps, math.sqrt(2.0 * _SLOW_DOWN_MPS2 * self._left_m)) * math.cos(off) ** 3
+            forward = min(self.top_mps, math.sqrt(2.0 * _SLOW_DOWN_MPS2 * self._left_m)) * math.cos(off) ** 3
             forward = min(forward, max(0.12, 0.6 * (gap_m - _PERSON_GAP_M)))
         return Twist2D(forward, 0.0, _turn(off)), []
 

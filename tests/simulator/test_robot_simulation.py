@@ -63,7 +63,7 @@ def test_a_goal_is_reached(name: str) -> None:
     robot = Robot(seed=1)
     run(robot, 3.0)
     assert robot.go("g", POSES[name])
-    first = robot.progress()
+    first = robot.navigation.progress(robot.now_s)
     assert first is not None
     assert first.distance_left_m > 2.0
     (ended,) = run_until_goals_end(robot)
@@ -86,7 +86,7 @@ def test_a_newer_goal_takes_the_place_of_the_older() -> None:
     run(robot, 1.0)
     robot.go("second", POSES["entrance"])
     assert [(goal.goal_id, goal.ending) for goal in run(robot, 0.1)] == [("first", "preempted")]
-    assert robot.goal_id == "second"
+    assert robot.navigation.goal_id == "second"
 
 
 def test_driving_by_hand_ends_a_goal_and_a_zero_twist_does_not() -> None:
