@@ -7,6 +7,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import field
+from functools import cached_property
 from typing import Any, Protocol
 
 import cv2
@@ -26,34 +27,23 @@ class Published:
     ``sequence`` counts the topic's messages from 1. Without ``in_cbor`` rosbridge cannot encode it as CBOR.
     """
 
-    __slots__ = ("_cbor", "_json", "_png", "in_cbor", "message", "sequence", "topic")
-
     def __init__(self, topic: str, message: dict[str, Any], *, sequence: int = 0, in_cbor: bool = True) -> None:
         self.topic = topic
         self.message = message
         self.sequence = sequence
         self.in_cbor = in_cbor
-        self._json: str | None = None
-        self._cbor: bytes | None = None
-        self._png: str | None = None
 
-    @property
+    @cached_property
     def json(self) -> str:
-        if self._json is None:
-            self._json = rosbridge.encode_json({"op": "publish", "topic": self.topic, "msg": self.message})
-        return self._json
+        return rosbridge.encode_json({"op": "publish", "topic": self.topic, "msg": self.message})
 
-    @property
+    @cached_property
     def cbor(self) -> bytes:
-        if self._cbor is None:
-            self._cbor = rosbridge.encode_cbor({"op": "publish", "topic": self.topic, "msg": self.message})
-        return self._cbor
+        return rosbridge.encode_cbor({"op": "publish", "topic": self.topic, "msg": self.message})
 
-    @property
+    @cached_property
     def png(self) -> str:
-        if self._png is None:
-            self._png = rosbridge.encode_json({"op": "png", "data": png_of(self.json)})
-        return self._png
+        return rosbridge.encode_json({"op": "png", "data": png_of(self.json)})
 
     def size_bytes(self, piece: str | bytes) -> int:
         """Size of the whole message in the format of ``piece``, without fragment overhead."""

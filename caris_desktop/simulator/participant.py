@@ -19,7 +19,7 @@ import platformdirs
 from caris_desktop.domain.model_files import WrongChecksum, check_file, packaged_file
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.simulator.simulated_microphone import Microphone, at_rate
-from caris_desktop.simulator.simulated_speech import MAX_SENTENCE_CHARS, output_of
+from caris_desktop.simulator.simulated_speech import MAX_SENTENCE_CHARS, SpeechQueue, output_of
 
 logger = logging.getLogger(__name__)
 
@@ -57,39 +57,27 @@ class Said:
     ended_ns: int | None = None
 
 
-class Participant:
+class Participant(SpeechQueue):
     """Says ``lines``, one after each utterance of the robot, and requested sentences."""
 
     def __init__(
         self, microphone: Microphone, lines: Sequence[str] = (), *, on_speaking: Callable[[bool], None], cache: Path
     ) -> None:
+        super().__init__(most_waiting=_MOST_WAITING)
         self._microphone = microphone
         self._lines = deque(lines)
-        self._waiting: deque[tuple[str, float]] = deque()
         self._on_speaking = on_speaking
         self._cache = cache
-        self._task: asyncio.Task[None] | None = None
         self._played_out = asyncio.Event()
         self._one_at_a_time = asyncio.Lock()
         self._stopped = False
         self._preparing: set[asyncio.Task[object]] = set()
-        self.speaking: str | None = None
         self.utterances: list[Said] = []
 
     async def get_ready(self) -> None:
         """Synthesise all lines in advance."""
         for text in tuple(self._lines):
             await self._sound_of(text)
-
-    def say(self, text: str, *, after_s: float = 0.0) -> bool:
-        """Queue a sentence. False if it is empty or the queue is full."""
-        text = text.strip()[:MAX_SENTENCE_CHARS]
-        if not text or len(self._waiting) >= _MOST_WAITING:
-            return False
-        self._waiting.append((text, after_s))
-        if self._task is None or self._task.done():
-            self._task = asyncio.create_task(self._say_all())
-        return True
 
     def prepare(self, text: str) -> None:
         """Synthesise a sentence in advance."""
@@ -114,33 +102,29 @@ class Participant:
         self._stopped = True
         for task in tuple(self._preparing):
             task.cancel()
-        if self._task is not None:
-            self._task.cancel()
-            self._task = None
+        super().stop()
 
-    async def _say_all(self) -> None:
-        while self._waiting:
-            text, after_s = self._waiting.popleft()
-            begun_s = time.monotonic()
-            sound = await self._sound_of(text)
-            await asyncio.sleep(max(0.0, begun_s + after_s - time.monotonic()))
-            if sound is None:
-                continue
-            self.speaking = text
-            utterance = Said(text, time.monotonic_ns())
-            self.utterances.append(utterance)
-            self._on_speaking(True)
-            logger.info("The participant says: %s", text)
-            self._played_out.clear()
-            self._microphone.speak(sound, self._played_out.set)
-            try:
-                await asyncio.wait_for(self._played_out.wait(), len(sound) / 16_000 + 5.0)
-            except TimeoutError:
-                logger.warning("The simulation is too slow for the participant's voice")
-            finally:
-                utterance.ended_ns = time.monotonic_ns()
-                self.speaking = None
-                self._on_speaking(False)
+    async def _say_one(self, text: str, after_s: float) -> None:
+        begun_s = time.monotonic()
+        sound = await self._sound_of(text)
+        await asyncio.sleep(max(0.0, begun_s + after_s - time.monotonic()))
+        if sound is None:
+            return
+        self.speaking = text
+        utterance = Said(text, time.monotonic_ns())
+        self.utterances.append(utterance)
+        self._on_speaking(True)
+        logger.info("The participant says: %s", text)
+        self._played_out.clear()
+        self._microphone.speak(sound, self._played_out.set)
+        try:
+            await asyncio.wait_for(self._played_out.wait(), len(sound) / 16_000 + 5.0)
+        except TimeoutError:
+            logger.warning("The simulation is too slow for the participant's voice")
+        finally:
+            utterance.ended_ns = time.monotonic_ns()
+            self.speaking = None
+            self._on_speaking(False)
 
 
 def cache_folder() -> Path:

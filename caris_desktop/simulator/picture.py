@@ -119,7 +119,7 @@ class Painter:
         self._walls = corners_of(WALLS)
         self._things = _furniture() + _lintels()
         self._outlines = corners_of(thing.outline for thing in self._things)
-        self._people = [characters.levels_of(sprite) for sprite in person_sprites()]
+        self._people: list[Sequence[Image]] = [characters.levels_of(sprite) for sprite in person_sprites()]
         self._rays = _Rays(_level_lens(MOUNT_HEIGHT_M))
 
     def paint(self, view: View) -> Image:
@@ -188,16 +188,13 @@ class Painter:
         (visible,) = np.nonzero(np.any(entry < depth[::4] + 0.05, axis=1))
         return [self._things[index] for index in visible.tolist()]
 
-    def _levels_of(self, person: Seen, eye: "_Eye") -> Sequence[Image]:
+    def _paint_person(self, picture: Image, person: Seen, eye: "_Eye", depth: Floats) -> None:
+        ahead, right = eye.relative(person.x_m, person.y_m)
+        levels, lens = self._people[person.sprite % len(self._people)], eye.lens
         if person.appearance is not None:
             to_eye = math.atan2(eye.y_m - person.y_m, eye.x_m - person.x_m)
             stride_rad = person.stride_rad if person.walking else None
-            return characters.draw(person.appearance, person.heading_rad - to_eye, stride_rad)
-        return self._people[person.sprite % len(self._people)]
-
-    def _paint_person(self, picture: Image, person: Seen, eye: "_Eye", depth: Floats) -> None:
-        ahead, right = eye.relative(person.x_m, person.y_m)
-        levels, lens = self._levels_of(person, eye), eye.lens
+            levels = characters.draw(person.appearance, person.heading_rad - to_eye, stride_rad)
         height_px = lens.focal_px * person.height_m / ahead
         level = next((level for level in reversed(levels) if level.shape[0] >= height_px), levels[0])
         scale = height_px / level.shape[0]
@@ -206,8 +203,7 @@ class Painter:
         feet = lens.middle_y_px + lens.focal_px * (lens.eye_height_m - bob) / ahead
         left = middle - level.shape[1] * scale / 2.0
         top = feet - height_px
-        x0, x1 = max(0, math.floor(left)), min(lens.width_px, math.ceil(left + level.shape[1] * scale))
-        y0, y1 = max(0, math.floor(top)), min(lens.height_px, math.ceil(feet))
+        x0, y0, x1, y1 = _within(lens, left, top, left + level.shape[1] * scale, feet)
         if x1 - x0 < 2 or y1 - y0 < 2:
             return
         ground = lens.middle_y_px + lens.focal_px * lens.eye_height_m / ahead
@@ -234,37 +230,30 @@ def _paint_thing(picture: Image, thing: _Thing, eye: "_Eye", depth: Floats) -> N
     ]
     if not shapes:
         return
-    x0, y0, x1, y1 = _bounds([points for points, _ in shapes], eye.lens)
+    points = np.concatenate([points for points, _ in shapes])
+    # with the soft edges of the shapes
+    x0, y0, x1, y1 = _within(eye.lens, *(points.min(axis=0) - 2), *(points.max(axis=0) + 3))
     if x0 >= x1 or y0 >= y1 or hidden[x0:x1].all():
         return
-    covered = [(columns, picture[y0:y1, columns].copy()) for columns in _runs(hidden, x0, x1)]
+    area, kept = picture[y0:y1, x0:x1], hidden[x0:x1]
+    before = area[:, kept]
     for points, colour in shapes:
         _fill(picture, points, colour)
     for decal in thing.decals:
         for side, corners in _sides_seen(thing.outline, eye):
             if side == decal.side:
                 _paste(picture, corners, decal, eye.lens)
-    for columns, pixels in covered:
-        picture[y0:y1, columns] = pixels
+    area[:, kept] = before
 
 
-def _bounds(shapes: list[NDArray[np.float32]], lens: _Lens) -> tuple[int, int, int, int]:
-    """Bounding box of the shapes and their soft edges in the image: left, top, right, bottom."""
-    points = np.concatenate(shapes)
-    left, top = np.floor(points.min(axis=0)).tolist()
-    right, bottom = np.ceil(points.max(axis=0)).tolist()
+def _within(lens: _Lens, left: float, top: float, right: float, bottom: float) -> tuple[int, int, int, int]:
+    """Whole pixels of an area that are in the image."""
     return (
-        int(max(0, left - 2)),
-        int(max(0, top - 2)),
-        int(min(lens.width_px, right + 3)),
-        int(min(lens.height_px, bottom + 3)),
+        max(0, math.floor(left)),
+        max(0, math.floor(top)),
+        min(lens.width_px, math.ceil(right)),
+        min(lens.height_px, math.ceil(bottom)),
     )
-
-
-def _runs(hidden: NDArray[np.bool_], start: int, end: int) -> list[slice]:
-    """Contiguous hidden columns between ``start`` and ``end``, as slices."""
-    edges = np.flatnonzero(np.diff(hidden[start:end].astype(np.int8), prepend=0, append=0)) + start
-    return [slice(first, last) for first, last in edges.reshape(-1, 2).tolist()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -388,9 +377,7 @@ def _paste(picture: Image, corners: list[Corner], decal: _Decal, lens: _Lens) ->
     points = _projected(inset, lens)
     if points is None:
         return
-    x0, y0 = np.floor(points.min(axis=0)).astype(int).tolist()
-    x1, y1 = np.ceil(points.max(axis=0)).astype(int).tolist()
-    x0, y0, x1, y1 = max(0, x0), max(0, y0), min(lens.width_px, x1), min(lens.height_px, y1)
+    x0, y0, x1, y1 = _within(lens, *points.min(axis=0), *points.max(axis=0))
     if x1 - x0 < 3 or y1 - y0 < 3:
         return
     height, width = decal.picture.shape[:2]

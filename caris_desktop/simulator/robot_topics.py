@@ -142,7 +142,10 @@ def _result(sentence: str, msg: str) -> Message:
 
 
 class RobotTopics:
-    """Publishes the robot's sensors on a :class:`BridgeServer` and executes its commands and services."""
+    """Publishes the robot's sensors on a :class:`BridgeServer` and executes its commands and services.
+
+    ``camera_topic`` is that of the images; None without a camera.
+    """
 
     def __init__(
         self,
@@ -159,7 +162,7 @@ class RobotTopics:
         self._twists_received = 0
         self._last_twist_s: float | None = None
         self._stop_state: str | None = None
-        self._camera: str | None = None
+        self.camera_topic: str | None = None
         self._head = HeadOnRos(ros)
         self._offer_sensors()  # before the map, which a scan changes
         MapOnRos(ros, maps or MapFiles())
@@ -184,29 +187,14 @@ class RobotTopics:
             ros.every(1, lambda: ros.publish(CLOCK_TOPIC, encode_clock(ros.dialect, ros.stamp_ns())), CLOCK_TOPIC)
         self._apply_faults(ros.faults)
 
-    @property
-    def faults(self) -> Faults:
-        """Present faults."""
-        return self._ros.faults
-
-    @property
-    def camera_topic(self) -> str | None:
-        """Topic of the images; None without a camera."""
-        return self._camera
-
-    def skip_time(self, skipped_s: float) -> None:
-        """Continue after skipped simulation time."""
-        if self.sound is not None:
-            self.sound.skip_time(skipped_s)
-
     def publish_picture(self, jpeg: bytes, *, stamp_ns: int) -> None:
         """Publish one camera image and, if subscribed, the camera info."""
         ros, camera = self._ros, self._ros.model.camera
-        if camera is None or self._camera is None:
+        if camera is None or self.camera_topic is None:
             return
         frame = ros.frame(camera.frame)
         picture = message_conversion.encode_compressed_image(ros.dialect, jpeg, stamp_ns=stamp_ns, frame_id=frame)
-        ros.publish(self._camera, picture)
+        ros.publish(self.camera_topic, picture)
         info = ros.model.absolute(camera.info)
         if ros.wanted(info):
             lens = Lens(WIDTH_PX, HEIGHT_PX, FOCAL_PX, FOCAL_PX, WIDTH_PX / 2.0, HEIGHT_PX / 2.0)
@@ -228,7 +216,7 @@ class RobotTopics:
         self._tf = ros.publishes(model.tf, "tf2_msgs", "TFMessage")
         self._tf_static = ros.publishes(model.tf_static, "tf2_msgs", "TFMessage", latched=True)
         if model.camera is not None:
-            self._camera = ros.publishes(model.camera.image, "sensor_msgs", "CompressedImage")
+            self.camera_topic = ros.publishes(model.camera.image, "sensor_msgs", "CompressedImage")
             ros.publishes(model.camera.info, "sensor_msgs", "CameraInfo")
         self._scan = ros.publishes(model.scan, "sensor_msgs", "LaserScan") if model.scan else None
         ros.every(2, self._publish_odometry, self._odometry)
@@ -307,7 +295,7 @@ class RobotTopics:
     def _publish_scan(self) -> None:
         ros, stamp_ns = self._ros, self._ros.stamp_ns()
         scan = self._robot.scan(stamp_ns=stamp_ns)
-        if self._scan is not None and not self.faults.lidar_silent and ros.wanted(self._scan):
+        if self._scan is not None and not ros.faults.lidar_silent and ros.wanted(self._scan):
             scan = replace(scan, frame_id=ros.frame(scan.frame_id))
             ros.publish(self._scan, message_conversion.encode_laser_scan(ros.dialect, scan, stamp_ns=stamp_ns))
 
@@ -350,7 +338,7 @@ class RobotTopics:
 
     def _inject(self, command: str) -> None:
         try:
-            injection = fault_commands.inject(self.faults, command)
+            injection = fault_commands.inject(self._ros.faults, command)
         except ValueError as error:
             raise CallFailed(str(error)) from error
         logger.info("Injected fault: %s", command)

@@ -301,7 +301,8 @@ async def _step_forever(topics: RobotTopics, ros: RosContext) -> None:
         late_s = loop.time() - due_s
         if late_s > _HOPELESSLY_LATE_S:
             logger.warning("The computer is too slow: %.1f s of simulated time are skipped", late_s)
-            topics.skip_time(late_s)
+            if topics.sound is not None:
+                topics.sound.skip_time(late_s)
             due_s = loop.time()
         await asyncio.sleep(max(0.0, -late_s))
         ros.robot.step()
@@ -315,7 +316,7 @@ async def _film_forever(camera: CameraProcess, topics: RobotTopics, ros: RosCont
     while True:
         due_s = max(due_s + 1.0 / RATE_HZ, loop.time())
         await asyncio.sleep(due_s - loop.time())
-        faults = topics.faults
+        faults = ros.faults
         if faults.camera_silent or topics.camera_topic is None or not ros.wanted(topics.camera_topic):
             continue
         stamp_ns = ros.stamp_ns()

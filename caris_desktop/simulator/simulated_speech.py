@@ -9,6 +9,7 @@ import queue
 import shutil
 import threading
 import wave
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -21,7 +22,6 @@ from caris_desktop.domain.value_class import dataclass
 logger = logging.getLogger(__name__)
 
 MAX_SENTENCE_CHARS = 2000
-_MAX_WAITING = 50
 _RENDER_LIMIT_S = 15.0
 _CHARS_PER_S = 14.0
 
@@ -144,32 +144,23 @@ def _find_device() -> Any:
     return sounddevice
 
 
-class Voice:
-    """Speaks sentences in order. ``on_speaking`` gets True at the start of a sentence and False at its end.
+class SpeechQueue(ABC):
+    """Says sentences one after the other; ``speaking`` is the present one."""
 
-    ``on_sound`` gets the loudspeaker's audio from now on, None when it is cut off; ``on_spoken`` is called at its
-    regular end.
-    """
-
-    def __init__(self, on_speaking: Callable[[bool], None], *, muted: bool = False) -> None:
-        self._on_speaking = on_speaking
-        self.on_sound: Callable[[Spoken | None], None] = lambda _spoken: None
-        self.on_spoken: Callable[[], None] = lambda: None
-        self._loudspeaker = Loudspeaker(muted=muted)
-        self._waiting: deque[str] = deque()
+    def __init__(self, *, most_waiting: int) -> None:
+        self._most_waiting = most_waiting
+        self._waiting: deque[tuple[str, float]] = deque()
         self._task: asyncio.Task[None] | None = None
         self.speaking: str | None = None
-        if shutil.which("espeak-ng") is None:
-            logger.warning("espeak-ng is not installed: the robot makes no sound and only takes the time to speak")
 
-    def say(self, text: str) -> bool:
+    def say(self, text: str, *, after_s: float = 0.0) -> bool:
         """Queue a sentence. False if it is empty or the queue is full."""
         text = text.strip()[:MAX_SENTENCE_CHARS]
-        if not text or len(self._waiting) >= _MAX_WAITING:
+        if not text or len(self._waiting) >= self._most_waiting:
             return False
-        self._waiting.append(text)
+        self._waiting.append((text, after_s))
         if self._task is None or self._task.done():
-            self._task = asyncio.create_task(self._speak_all())
+            self._task = asyncio.create_task(self._say_all())
         return True
 
     def stop(self) -> None:
@@ -179,11 +170,32 @@ class Voice:
             self._task.cancel()
             self._task = None
 
-    async def _speak_all(self) -> None:
+    async def _say_all(self) -> None:
         while self._waiting:
-            await self._speak(self._waiting.popleft())
+            await self._say_one(*self._waiting.popleft())
 
-    async def _speak(self, text: str) -> None:
+    @abstractmethod
+    async def _say_one(self, text: str, after_s: float) -> None:
+        """Say a sentence, ``after_s`` after it was taken from the queue at the earliest."""
+
+
+class Voice(SpeechQueue):
+    """The robot's voice. ``on_speaking`` gets True at the start of a sentence and False at its end.
+
+    ``on_sound`` gets the loudspeaker's audio from now on, None when it is cut off; ``on_spoken`` is called at its
+    regular end.
+    """
+
+    def __init__(self, on_speaking: Callable[[bool], None], *, muted: bool = False) -> None:
+        super().__init__(most_waiting=50)
+        self._on_speaking = on_speaking
+        self.on_sound: Callable[[Spoken | None], None] = lambda _spoken: None
+        self.on_spoken: Callable[[], None] = lambda: None
+        self._loudspeaker = Loudspeaker(muted=muted)
+        if shutil.which("espeak-ng") is None:
+            logger.warning("espeak-ng is not installed: the robot makes no sound and only takes the time to speak")
+
+    async def _say_one(self, text: str, after_s: float) -> None:
         spoken = await render(text)
         try:
             self.speaking = text
