@@ -5,6 +5,7 @@ import json
 import logging
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +64,12 @@ class Journal:
     def changes(self) -> list[Change]:
         """Last completed change of each file and kind."""
         return list(self._changes.values())
+
+    def changes_in(self, folder: Path) -> list[Change]:
+        """Those of files in ``folder``, named relative to it."""
+        inside = f"{self.name_of(folder)}/"
+        found = (change for change in self._changes.values() if change.file.startswith(inside))
+        return [replace(change, file=change.file.removeprefix(inside)) for change in found]
 
     def was_done(self, path: Path, what: str) -> bool:
         """True if the change was made and the file is still as it left it."""

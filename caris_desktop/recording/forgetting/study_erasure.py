@@ -355,8 +355,7 @@ class _Forgetting:
                 found.pop(path, None)
         self._treat_copies(found)
         for folder in sessions:
-            inside = self._journal.name_of(folder) + "/"
-            if any(change.what == "copy" and change.file.startswith(inside) for change in self._journal.changes()):
+            if any(change.what == "copy" for change in self._journal.changes_in(folder)):
                 self._seal(folder)
         for path, searched in found.items():
             if path.exists() and not any(path.is_relative_to(folder) for folder in sessions):
@@ -366,7 +365,9 @@ class _Forgetting:
         self._stored_texts().treat()
         for folder in sessions:
             self._in_events(folder)
-        self._drop_index()
+        # The search index is rebuilt from the sessions on the next search.
+        for suffix in ("", "-wal", "-shm", "-journal"):
+            (self._study / f"{DATABASE_NAME}{suffix}").unlink(missing_ok=True)
         self._rename_files(self._study.rglob("*"))
         self._rename_files(self._request.own_files.files())
         self._notify(0.85, QT_TR_NOOP("Searching all files again, byte by byte"))
@@ -554,7 +555,8 @@ class _Forgetting:
         named = {path: searched for path, searched in mine.items() if searched.hits}
         tracks = self._seen_in.get(folder)
         unexamined = self._unexamined_in(folder, list(mine))
-        if not named and not unexamined and not self._is_concerned(folder):
+        concerned = (tracks is not None and tracks.any) or self._spoken.get(folder) or self._journal.changes_in(folder)
+        if not named and not unexamined and not concerned:
             return
         try:
             session = open_session(folder, repair=False)
@@ -593,10 +595,6 @@ class _Forgetting:
                 self._decide_on(path, _UNEXAMINED)
             self._rename_files(folder.rglob("*"))
 
-    def _is_concerned(self, folder: Path) -> bool:
-        seen = self._seen_in.get(folder)
-        return bool((seen is not None and seen.any) or self._spoken.get(folder)) or self._touched(folder)
-
     def _in_events(self, folder: Path) -> None:
         """Rewrite the event log last, since it is the only source of the person's speech: after a kill it must still be
         found.
@@ -608,7 +606,7 @@ class _Forgetting:
                 if self._events[path].to_change:
                     file = self._journal.name_of(path)
                     self._journal.replace(path, "text", partial(text_erasure.rewrite_events, work, path, file))
-            if self._touched(folder):
+            if self._journal.changes_in(folder):
                 self._seal(folder)
 
     def _unexamined_in(self, folder: Path, files: list[Path]) -> list[Path]:
@@ -625,10 +623,6 @@ class _Forgetting:
             for path in inside
             if path not in looked_at and not path.relative_to(folder).parts[0].startswith("export-")
         ]
-
-    def _touched(self, folder: Path) -> bool:
-        inside = self._journal.name_of(folder) + "/"
-        return any(change.file.startswith(inside) for change in self._journal.changes())
 
     def _in_file(self, path: Path, searched: Searched, work: TextWork) -> None:
         """Rewrite a file that names the person or contains their speech, or list its places."""
@@ -665,12 +659,9 @@ class _Forgetting:
             return
         if header.is_file():
             begun = self._journal.noted("begun")
-            inside = self._journal.name_of(folder) + "/"
-            changes = [change for change in self._journal.changes() if change.file.startswith(inside)]
-            removed = {change.file.removeprefix(inside) for change in changes if not change.after}
-            covered = {
-                change.file.removeprefix(inside) for change in changes if change.what == "video" and change.after
-            }
+            changes = self._journal.changes_in(folder)
+            removed = {change.file for change in changes if not change.after}
+            covered = {change.file for change in changes if change.what == "video" and change.after}
             data = _sealed(recorded, folder, begun, removed=removed, covered=covered)
             if any(change.what == "text" and change.file.endswith(".mcap") for change in changes):
                 _report_checksum_of_scenario(data, folder)
@@ -684,11 +675,6 @@ class _Forgetting:
 
     def _stored_texts(self) -> DatabaseTexts:
         return DatabaseTexts(self._texts, _PEOPLE, self._request.texts_of_people, self._request.person_ids)
-
-    def _drop_index(self) -> None:
-        """Delete the search index; it is rebuilt from the sessions on the next search."""
-        for suffix in ("", "-wal", "-shm", "-journal"):
-            (self._study / f"{DATABASE_NAME}{suffix}").unlink(missing_ok=True)
 
     def _rename_files(self, paths: Iterable[Path]) -> None:
         """Rename files and folders that name the person, deepest first."""

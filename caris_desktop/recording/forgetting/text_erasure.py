@@ -252,7 +252,7 @@ def rewrite_events(work: TextWork, path: Path, file: str, target: Path) -> int:
         beside = tuple(_changed_metadata(record, change) for record in index.beside)
         written = DiskFile(target)
         try:
-            copy_changed(opened, _with_neighbours(index, beside), written, change)
+            copy_changed(opened, replace(index, beside=beside), written, change)
             written.sync()
         finally:
             written.close()
@@ -270,10 +270,6 @@ def _with_own_checksum(message: str) -> str:
         content = ""
     digest = hashlib.sha256(content.encode("utf-8", "replace")).hexdigest()
     return message[: checksum.start(1)] + digest + message[checksum.end(1) :]
-
-
-def _with_neighbours(index: mcap_chunks.BlockIndex, beside: tuple[bytes, ...]) -> mcap_chunks.BlockIndex:
-    return replace(index, beside=beside)
 
 
 def _changed_metadata(record: bytes, change: Callable[[bytes], bytes]) -> bytes:
