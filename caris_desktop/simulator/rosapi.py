@@ -40,12 +40,6 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | 
             offered.update(client.services)
         return offered
 
-    def services(_: Message) -> Message:
-        return {"services": sorted(all_services())}
-
-    def service_type(arguments: Message) -> Message:
-        return {"type": all_services().get(name_in(arguments, "service"), "")}
-
     def services_for_type(arguments: Message) -> Message:
         type_name = name_in(arguments, "type")
         return {"services": [name for name, type_ in sorted(all_services().items()) if same_type(type_, type_name)]}
@@ -54,9 +48,6 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | 
         service_name = name_in(arguments, "service")
         offered = any(service_name in client.services for client in server.clients)
         return {"node": ROBOT_NODE if service_name in server.services else BRIDGE_NODE if offered else ""}
-
-    def nodes(_: Message) -> Message:
-        return {"nodes": [BRIDGE_NODE, ROBOT_NODE]}
 
     def node_details(arguments: Message) -> Message:
         node = name_in(arguments, "node")
@@ -76,15 +67,6 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | 
         topic = server.topics.get(name)
         robot_listens = topic is not None and topic.on_message is not None
         return [BRIDGE_NODE] * server.has_subscribers(name) + [ROBOT_NODE] * robot_listens
-
-    def publishers(arguments: Message) -> Message:
-        return {"publishers": speakers(name_in(arguments, "topic"))}
-
-    def subscribers(arguments: Message) -> Message:
-        return {"subscribers": listeners(name_in(arguments, "topic"))}
-
-    def get_time(_: Message) -> Message:
-        return {"time": encode_time(dialect, robot_clock.now_ns())}
 
     def action_servers(_: Message) -> Message:
         names = set(server.actions)
@@ -111,38 +93,32 @@ def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | 
             raise CallFailed(f"Unable to load the manifest for package {kind.partition('/')[0]}")
         return kind
 
-    def get_ros_version(_: Message) -> Message:
-        return {"version": dialect.value, "distro": "noetic" if dialect is Dialect.ROS1 else "jazzy"}
-
     def get_param(arguments: Message) -> Message:
         name = name_in(arguments, "name")
         return {"value": json.dumps(server.params[name]() if name in server.params else None)}
 
-    def has_param(arguments: Message) -> Message:
-        return {"exists": name_in(arguments, "name") in server.params}
-
     offer("topics", "Topics", topics)
     offer("topic_type", "TopicType", topic_type)
     offer("topics_for_type", "TopicsForType", topics_for_type)
-    offer("services", "Services", services)
-    offer("service_type", "ServiceType", service_type)
+    offer("services", "Services", lambda _: {"services": sorted(all_services())})
+    offer("service_type", "ServiceType", lambda args: {"type": all_services().get(name_in(args, "service"), "")})
     offer("services_for_type", "ServicesForType", services_for_type)
     offer("service_node", "ServiceNode", service_node)
-    offer("nodes", "Nodes", nodes)
+    offer("nodes", "Nodes", lambda _: {"nodes": [BRIDGE_NODE, ROBOT_NODE]})
     offer("node_details", "NodeDetails", node_details)
-    offer("publishers", "Publishers", publishers)
-    offer("subscribers", "Subscribers", subscribers)
-    offer("get_time", "GetTime", get_time)
+    offer("publishers", "Publishers", lambda args: {"publishers": speakers(name_in(args, "topic"))})
+    offer("subscribers", "Subscribers", lambda args: {"subscribers": listeners(name_in(args, "topic"))})
+    offer("get_time", "GetTime", lambda _: {"time": encode_time(dialect, robot_clock.now_ns())})
     offer("action_servers", "GetActionServers", action_servers)
     offer("get_param", "GetParam", get_param)
     offer("get_param_names", "GetParamNames", lambda _: {"names": sorted(server.params)})
-    offer("has_param", "HasParam", has_param)
+    offer("has_param", "HasParam", lambda args: {"exists": name_in(args, "name") in server.params})
     offer("message_details", "MessageDetails", details(0))
     offer("service_request_details", "ServiceRequestDetails", details(0))
     offer("service_response_details", "ServiceResponseDetails", details(1))
     if dialect is Dialect.ROS2:
         offer("action_type", "ActionType", action_type)
-        offer("get_ros_version", "GetROSVersion", get_ros_version)
+        offer("get_ros_version", "GetROSVersion", lambda _: {"version": dialect.value, "distro": "jazzy"})
         offer("action_goal_details", "ActionGoalDetails", details(0))
         offer("action_result_details", "ActionResultDetails", details(1))
         offer("action_feedback_details", "ActionFeedbackDetails", details(2))
