@@ -427,7 +427,7 @@ class RobotTopics:
             "known_map_share": robot.mapper.known_share,
             "places": [{"name": place.name, **_pose(place.pose)} for place in PLACES],
             "panel": self._demo_controls.state if self._demo_controls is not None else {},
-            "orders": self._stub_capabilities.taken,
+            "orders": list(self._stub_capabilities.taken),
             "refusals": list(self._ros.server.refusals),
         }
 
@@ -630,9 +630,7 @@ class SoundOnRos:
         ros.serves("/simulator/prepare", "simulator", "Say", self._prepare)
         ros.serves("/simulator/say", "simulator", "Say", self._say)
         self._speaking = ros.publishes(SPEAKING_TOPIC, "std_msgs", "Bool", latched=True)
-        self.participant = Participant(
-            self.microphone, lines, on_speaking=self._on_speaking, cache=cache_folder()
-        )  # fmt: skip
+        self.participant = Participant(self.microphone, lines, on_speaking=self._on_speaking, cache=cache_folder())
         self._on_speaking(False)
 
     @property
@@ -703,26 +701,22 @@ _REMEMBERED = 50
 class StubCapabilities:
     """Stub capabilities of a robot model (gestures, docks, displays): recorded and answered, without effect.
 
-    Offers a model's stub capabilities. Actions take one second, can be cancelled, and then succeed.
+    Actions take one second, can be cancelled, and then succeed. ``taken`` has the newest commands, oldest first: name
+    and content.
     """
 
     def __init__(self, ros: RosContext) -> None:
         self._ros = ros
-        self._taken: deque[dict[str, Any]] = deque(maxlen=_REMEMBERED)
+        self.taken: deque[dict[str, Any]] = deque(maxlen=_REMEMBERED)
         self._under_way: dict[str, asyncio.TimerHandle] = {}
         for order in ros.model.stub_capabilities:
             match order.kind:
                 case "topic":
                     ros.obeys(order.name, order.package, order.type, partial(self._note, order))
                 case "service":
-                    ros.serves(order.name, order.package, order.type, self._answering(order))
+                    ros.serves(order.name, order.package, order.type, partial(self._answer, order))
                 case "action":
                     self._offer_action(order)
-
-    @property
-    def taken(self) -> list[dict[str, Any]]:
-        """Newest commands, oldest first: name and content."""
-        return list(self._taken)
 
     def stop(self) -> None:
         """Cancel pending work."""
@@ -730,15 +724,12 @@ class StubCapabilities:
             timer.cancel()
 
     def _note(self, order: StubCapability, content: Message) -> None:
-        self._taken.append({"name": self._ros.model.absolute(order.name), "content": content})
+        self.taken.append({"name": self._ros.model.absolute(order.name), "content": content})
 
-    def _answering(self, order: StubCapability) -> Callable[[Message], Message]:
-        def call(arguments: Message) -> Message:
-            self._note(order, arguments)
-            answer = typedefs.blank(self._ros.dialect, f"{order.package}/{order.type}", part=1)
-            return answer | ({"success": True} if "success" in answer else {})
-
-        return call
+    def _answer(self, order: StubCapability, arguments: Message) -> Message:
+        self._note(order, arguments)
+        answer = typedefs.blank(self._ros.dialect, f"{order.package}/{order.type}", part=1)
+        return answer | ({"success": True} if "success" in answer else {})
 
     def _offer_action(self, order: StubCapability) -> None:
         ros, ros1 = self._ros, self._ros.dialect is Dialect.ROS1
