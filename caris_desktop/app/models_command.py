@@ -7,7 +7,7 @@ from pathlib import Path
 
 from caris_desktop.app import process_entry_points
 from caris_desktop.conversation.embedded_messages import EmbeddedFailed, ModelAdded
-from caris_desktop.conversation.embedded_models import added_models, remove_model
+from caris_desktop.conversation.models.embedded_models import added_models, remove_model
 from caris_desktop.conversation.models.failure_texts import LanguageModelError
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.conversation.embedded_messages import SLOTS, CloseEmbedded, EmbeddedFailed, EmbeddedReady
-from caris_desktop.conversation.embedded_models import CONTEXT_TOKENS, find_added
+from caris_desktop.conversation.models.embedded_models import CONTEXT_TOKENS, find_added
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.failure import UserFacingError

@@ -8,9 +8,9 @@ from contextlib import aclosing
 from typing import Any
 
 from caris_desktop.conversation.embedded_messages import SLOTS
-from caris_desktop.conversation.embedded_models import embedded_name, find_added
 from caris_desktop.conversation.embedded_server import INSTALL_EMBEDDED, missing_for_embedded
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts, Retries, stream_chat
+from caris_desktop.conversation.models.embedded_models import embedded_name, find_added
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
 from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened
 from caris_desktop.conversation.models.reasoning import Withdrawn

@@ -6,7 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from caris_desktop.conversation.embedded_models import added_models
+from caris_desktop.conversation.models.embedded_models import added_models
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, ollama_url, openai_url
 from caris_desktop.conversation.models.failure_texts import LanguageModelError
 from caris_desktop.conversation.models.listing import models_here

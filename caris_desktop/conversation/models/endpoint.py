@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Literal
 from urllib.parse import urlsplit
 
-from caris_desktop.conversation.embedded_models import embedded_name
+from caris_desktop.conversation.models.embedded_models import embedded_name
 from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened
 from caris_desktop.domain.address import before_port, is_loopback
 from caris_desktop.domain.translation import QT_TR_NOOP, localized

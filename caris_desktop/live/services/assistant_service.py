@@ -9,8 +9,8 @@ from typing import Any, Literal
 from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.conversation.embedded_messages import EmbeddedFailed, EmbeddedReady, ModelAdded
-from caris_desktop.conversation.embedded_models import embedded_name
 from caris_desktop.conversation.models.connection import check_place
+from caris_desktop.conversation.models.embedded_models import embedded_name
 from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, ModelEndpoint
 from caris_desktop.conversation.models.failure_texts import LanguageModelError
 from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, build_messages, characters_too_long, system_text

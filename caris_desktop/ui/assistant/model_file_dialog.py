@@ -6,7 +6,7 @@ from pathlib import Path
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog, QWidget
 
-from caris_desktop.conversation.embedded_models import SUFFIX
+from caris_desktop.conversation.models.embedded_models import SUFFIX
 from caris_desktop.domain.intents import AddModel, Intent
 from caris_desktop.domain.translation import tr
 

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 from gguf import GGUFReader, GGUFValueType, GGUFWriter
 
-from caris_desktop.conversation.embedded_models import (
+from caris_desktop.conversation.embedded_server import find_embedded_weights, missing_for_embedded
+from caris_desktop.conversation.models.embedded_models import (
     added_models,
     embedded_name,
     find_added,
@@ -20,7 +21,6 @@ from caris_desktop.conversation.embedded_models import (
     remove_model,
     store_model,
 )
-from caris_desktop.conversation.embedded_server import find_embedded_weights, missing_for_embedded
 from caris_desktop.conversation.models.failure_texts import LanguageModelError
 from caris_desktop.domain.model_files import WrongChecksum, check_file
 
