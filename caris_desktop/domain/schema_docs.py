@@ -4,23 +4,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from caris_desktop.domain.schema_fields import (
-    Group,
-    Key,
-    ValueForm,
-    choices_of,
-    data_of,
-    form_of,
-    groups_of,
-    is_free,
-    is_group,
-    item_of,
-    keys_of,
-    plain_number,
-    scalars_of,
-    size_of,
-    text_of,
-)
+from caris_desktop.domain.schema_fields import Group, Key, ValueForm, data_of, form_of, is_group, keys_of, plain_number
 from caris_desktop.domain.schema_json import description_of
 from caris_desktop.domain.schema_validation import condition
 
@@ -49,7 +33,7 @@ def with_tables(page: str, files: dict[str, Group]) -> str:
         group = files[file]
         for name in path:
             (form,) = (key.form for key in keys_of(group) if key.name == name)
-            group = (item_of(form.kind) or form).kind
+            group = (form.item or form).kind
         keys = {key.name: key for key in keys_of(group)}
         names = found[3].split() if found[3] else list(keys)
         return "\n".join((found[1], *_table(tuple(keys[name] for name in names)), ""))
@@ -58,16 +42,16 @@ def with_tables(page: str, files: dict[str, Group]) -> str:
 
 
 def _section(key: Key, within: str = "") -> list[str]:
-    form = item_of(key.form.kind) or key.form
+    form = key.form.item or key.form
     if form.elsewhere is not None:
         return []
     if is_group(form.kind):
         lines = ["", f"## `{within}{key.name}`", "", description_of(key.form), "", *_table(keys_of(form.kind))]
         for inner in keys_of(form.kind):
-            if is_group((item_of(inner.form.kind) or inner.form).kind):
+            if is_group((inner.form.item or inner.form).kind):
                 lines += _section(inner, f"{within}{key.name}.")
         return lines
-    groups = groups_of(form.kind)
+    groups = form.alternatives
     lines = ["", f"## `{within}{key.name}`", "", description_of(key.form)] if groups else []
     for group in groups:
         lines += ["", description_of(form_of(group)), "", *_table(keys_of(group))]
@@ -81,10 +65,10 @@ def _table(keys: tuple[Key, ...]) -> list[str]:
 
 def _meaning(key: Key) -> str:
     description = description_of(key.form)
-    elsewhere = (item_of(key.form.kind) or key.form).elsewhere
+    elsewhere = (key.form.item or key.form).elsewhere
     if elsewhere is not None:
         description += f" [Format]({elsewhere.page})."
-    choices = choices_of(key.form.kind)
+    choices = key.form.choices
     if key.required and len(choices) > _FEW_CHOICES:
         description += f" One of {_listed(choices)}."
     return description.replace("|", "\\|").strip()
@@ -113,28 +97,24 @@ def _shown(default: Any) -> str:
 
 def _allowed(form: ValueForm) -> Iterator[str]:
     kind, rule = form.kind, form.rule
-    if (item := item_of(kind)) is not None:
+    if (item := form.item) is not None:
         yield f"list{_size(form, 'entry', 'entries')}: {', '.join(_allowed(item))}"
-    elif rule.noun and not _few(kind):
+    elif rule.noun and not 0 < len(form.choices) <= _FEW_CHOICES:
         yield f"a {rule.noun}"
-    elif (text := text_of(kind)) is not None:
+    elif (text := form.text) is not None:
         yield f"{', '.join(_allowed(text))} or a group, see below"
     elif is_group(kind):
         yield "a group, see below"
-    elif is_free(kind):
+    elif form.is_free:
         yield "names and values"
-    elif choices := choices_of(kind):
+    elif choices := form.choices:
         yield _listed(choices)
     elif kind is str:
         yield rule.allowed.rstrip(".") or f"text{_size(form, 'character', 'characters')}"
     else:
-        yield " or ".join(_SCALAR_WORDS[each] for each in scalars_of(kind)) + (f" in {rule.unit}" if rule.unit else "")
+        yield " or ".join(_SCALAR_WORDS[each] for each in form.scalars) + (f" in {rule.unit}" if rule.unit else "")
         bounds = (("at least", rule.at_least), ("more than", rule.more_than), ("at most", rule.at_most))
         yield from (f"{words} {plain_number(float(limit))}" for words, limit in bounds if limit is not None)
-
-
-def _few(kind: Any) -> bool:
-    return 0 < len(choices_of(kind)) <= _FEW_CHOICES
 
 
 def _listed(choices: tuple[Any, ...]) -> str:
@@ -143,7 +123,7 @@ def _listed(choices: tuple[Any, ...]) -> str:
 
 
 def _size(form: ValueForm, one: str, many: str) -> str:
-    least, most = size_of(form)
+    least, most = form.size
     if least == most:
         return f" of {least} {many}"
     if most is not None:

@@ -14,7 +14,7 @@ pydantic does, but its imports and schemas delay the first window by 0.3 to 0.45
 import functools
 import math
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass, replace
 from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
@@ -119,6 +119,67 @@ class ValueForm(Value):
     in_file: bool = True
     place: tuple[Group, str] | None = None
 
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """The group, or alternative ones, alone or with :attr:`text`; empty for other values."""
+        return (self.kind,) if is_group(self.kind) else self.alternatives
+
+    @property
+    def alternatives(self) -> tuple[Group, ...]:
+        """Alternative groups; empty if there is no choice."""
+        members = [form_of(member).kind for member in union_members(self.kind)]
+        groups = tuple(member for member in members if is_group(member))
+        return groups if len(groups) == len([member for member in members if member is not str]) else ()
+
+    @property
+    def text(self) -> "ValueForm | None":
+        """Form of the text that may replace groups; None unless both are allowed."""
+        members = union_members(self.kind) if self.alternatives else ()
+        return next((form for member in members if (form := form_of(member)).kind is str), None)
+
+    @property
+    def choices(self) -> tuple[Any, ...]:
+        """Values of a Literal, in their order; else empty."""
+        return get_args(self.kind) if get_origin(self.kind) is Literal else ()
+
+    @property
+    def scalars(self) -> tuple[Any, ...]:
+        """Types of a single value, the most specific first; empty for a list or group."""
+        members = union_members(self.kind) or (self.kind,)
+        return members if all(member in (bool, int, float, str) for member in members) else ()
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it is a group of undeclared keys."""
+        return get_origin(self.kind) is Mapping
+
+    @property
+    def item(self) -> "ValueForm | None":
+        """Form of a list's entries; None if it is no list."""
+        return form_of(get_args(self.kind)[0]) if get_origin(self.kind) is tuple else None
+
+    @property
+    def size(self) -> tuple[int, int | None]:
+        """Minimum and maximum count of characters or entries."""
+        if get_origin(self.kind) is tuple and get_args(self.kind)[-1] is not Ellipsis:
+            return len(get_args(self.kind)), len(get_args(self.kind))
+        return self.rule.shortest, self.rule.longest
+
+    @property
+    def is_known(self) -> bool:
+        """Whether values of this form can be checked, read and written."""
+        if self.item is not None:
+            return len(set(get_args(self.kind)) - {...}) == 1 and self.item.is_known
+        return bool(self.choices or self.scalars or self.is_free or self.groups)
+
+    def group_at(self, data: Any) -> Group | None:
+        """Group of the keys of ``data``; the first one for a text in its place. None if there are none."""
+        if is_group(self.kind):
+            return self.kind
+        if isinstance(data, Mapping) and self.alternatives:
+            return matching_group(self.alternatives, data) or self.alternatives[0]
+        return self.alternatives[0] if self.text is not None else None
+
 
 class Key(Value):
     """One key of a group, ``attribute`` in the program; ``default`` may be ``dataclasses.MISSING``."""
@@ -165,66 +226,13 @@ def _with_mark(form: ValueForm, mark: Any) -> ValueForm:
 
 
 def _with_rule(inner: FieldSpec, outer: FieldSpec) -> FieldSpec:
-    given = {each.name: getattr(outer, each.name) for each in fields(FieldSpec)}
-    return replace(inner, **{name: value for name, value in given.items() if value != getattr(_NO_RULE, name)})
-
-
-_NO_RULE = FieldSpec()
+    given = ((each.name, getattr(outer, each.name), each.default) for each in fields(FieldSpec))
+    return replace(inner, **{name: value for name, value, default in given if value != default})
 
 
 def is_group(kind: Any) -> bool:
     """Whether it is a group of keys with values in the file."""
     return isinstance(kind, type) and is_dataclass(kind)
-
-
-def groups_of(kind: Any) -> tuple[Group, ...]:
-    """Alternative groups, alone or with :func:`text_of`; empty if there is no choice."""
-    members = [form_of(member).kind for member in union_members(kind)]
-    groups = tuple(member for member in members if is_group(member))
-    return groups if len(groups) == len([member for member in members if member is not str]) else ()
-
-
-def text_of(kind: Any) -> ValueForm | None:
-    """Form of the text that may replace groups; None unless both are allowed."""
-    if not groups_of(kind):
-        return None
-    return next((form for member in union_members(kind) if (form := form_of(member)).kind is str), None)
-
-
-def choices_of(kind: Any) -> tuple[Any, ...]:
-    """Values of a Literal, in their order; else empty."""
-    return get_args(kind) if get_origin(kind) is Literal else ()
-
-
-def scalars_of(kind: Any) -> tuple[Any, ...]:
-    """Types of a single value, the most specific first; empty for a list or group."""
-    members = union_members(kind) or (kind,)
-    return members if all(member in (bool, int, float, str) for member in members) else ()
-
-
-def is_free(kind: Any) -> bool:
-    """Whether it is a group of undeclared keys."""
-    return get_origin(kind) is Mapping
-
-
-def item_of(kind: Any) -> ValueForm | None:
-    """Form of a list's entries; None if it is no list."""
-    return form_of(get_args(kind)[0]) if get_origin(kind) is tuple else None
-
-
-def size_of(form: ValueForm) -> tuple[int, int | None]:
-    """Minimum and maximum count of characters or entries."""
-    if get_origin(form.kind) is tuple and get_args(form.kind)[-1] is not Ellipsis:
-        return len(get_args(form.kind)), len(get_args(form.kind))
-    return form.rule.shortest, form.rule.longest
-
-
-def _is_known(form: ValueForm) -> bool:
-    """Whether values of this form can be checked, read and written."""
-    if (item := item_of(form.kind)) is not None:
-        return len(set(get_args(form.kind)) - {...}) == 1 and _is_known(item)
-    known = (choices_of, scalars_of, is_free, is_group, groups_of)
-    return any(question(form.kind) for question in known)
 
 
 @functools.cache
@@ -238,7 +246,7 @@ def _attributes(group: Group) -> tuple[Key, ...]:
             form = _with_mark(form, FieldSpec(**each.metadata["rule"]))
         default = each.default if each.default_factory is MISSING else each.default_factory()
         if form.in_file:
-            if form.spread is None and not _is_known(form):
+            if form.spread is None and not form.is_known:
                 raise TypeError(f"{group.__name__}.{each.name}: no encoding is defined for {form.kind} in a file")
             found.append(Key(form.rule.key or each.name, each.name, form, default))
     return tuple(sorted(found, key=lambda attribute: attribute.form.rule.order))
@@ -265,18 +273,13 @@ def matching_group(groups: tuple[Group, ...], data: Mapping[str, Any]) -> Group 
 
 def value_from(hint: Any, data: Any) -> Any:
     """Value of checked ``data``."""
-    return _value(form_of(hint), data)
-
-
-def _value(form: ValueForm, data: Any) -> Any:
-    if (text := text_of(form.kind)) is not None and not isinstance(data, Mapping):
-        value = _value(text, data)
-    elif is_group(form.kind):
-        value = _group_value(form.kind, data)
-    elif groups := groups_of(form.kind):
-        value = _group_value(matching_group(groups, data) or groups[0], data)
-    elif (item := item_of(form.kind)) is not None:
-        value = tuple(_value(item, entry) for entry in data)
+    form = form_of(hint)
+    if (text := form.text) is not None and not isinstance(data, Mapping):
+        value = value_from(text, data)
+    elif (group := form.group_at(data)) is not None:
+        value = _group_value(group, data)
+    elif (item := form.item) is not None:
+        value = tuple(value_from(item, entry) for entry in data)
     else:
         value = form.kind(data) if form.kind in (int, float) else data
     return value if form.written_as is None else form.written_as.read(value)
@@ -289,23 +292,20 @@ def _group_value(group: Group, data: Mapping[str, Any]) -> Any:
         if spread is not None:
             values[key.attribute] = spread.read(_group_value(spread.keys, data))
         elif key.name in data:
-            values[key.attribute] = _value(key.form, data[key.name])
+            values[key.attribute] = value_from(key.form, data[key.name])
     return group(**values)
 
 
 def data_of(hint: Any, value: Any) -> Any:
     """Plain data of ``value`` for a file: the reverse of :func:`value_from`."""
-    return _data(form_of(hint), value)
-
-
-def _data(form: ValueForm, value: Any) -> Any:
+    form = form_of(hint)
     if form.written_as is not None:
         value = form.written_as.write(value)
     if is_group(type(value)):
         return _group_data(value)
-    if (item := item_of(form.kind)) is not None:
-        return [_data(item, entry) for entry in value]
-    if is_free(form.kind):
+    if (item := form.item) is not None:
+        return [data_of(item, entry) for entry in value]
+    if form.is_free:
         return dict(value)
     return plain_number(value) if form.kind is float else value
 
@@ -317,34 +317,46 @@ def _group_data(value: Any) -> dict[str, Any]:
         if form.spread is not None:
             data |= _group_data(form.spread.write(item))
         elif item is not None and not (form.rule.quiet and item == key.default):
-            data[key.name] = _data(form, item)
+            data[key.name] = data_of(form, item)
     return data
 
 
 def replaced(hint: Any, data: Any, change: Callable[[ValueForm, Any, KeyPath], Any], path: KeyPath = ()) -> Any:
     """Checked ``data`` with ``change`` applied to each single value."""
     form = form_of(hint)
-    if (text := text_of(form.kind)) is not None and not isinstance(data, Mapping):
-        return change(text, data, path)
-    if groups := (form.kind,) if is_group(form.kind) else groups_of(form.kind):
-        forms = {key.name: key.form for key in keys_of(matching_group(groups, data) or groups[0])}
-        return {name: replaced(forms[name], value, change, (*path, name)) for name, value in data.items()}
-    if (item := item_of(form.kind)) is not None:
-        return [replaced(item, entry, change, (*path, index)) for index, entry in enumerate(data)]
-    return change(form, data, path)
+    if form.is_free or not isinstance(data, (Mapping, list)):
+        return change(form.text or form, data, path)
+    inside = {step: replaced(part, value, change, (*path, step)) for step, part, value in parts_of(form, data)}
+    return inside if isinstance(data, Mapping) else list(inside.values())
+
+
+def parts_of(form: ValueForm, data: Any) -> Iterator[tuple[str | int, ValueForm, Any]]:
+    """Key or index, form and value of the declared keys of a group, or of the entries of a list."""
+    if isinstance(data, Mapping) and (group := form.group_at(data)) is not None:
+        forms = {key.name: key.form for key in keys_of(group)}
+        yield from ((name, forms[name], value) for name, value in data.items() if name in forms)
+    elif form.item is not None and isinstance(data, list):
+        for index, entry in enumerate(data):
+            yield index, form.item, entry
+
+
+def leaves(hint: Any, data: Any, path: KeyPath = ()) -> Iterator[tuple[KeyPath, ValueForm, Any]]:
+    """Path, form and value of each single value."""
+    form = form_of(hint)
+    if form.is_free or not isinstance(data, (Mapping, list)):
+        yield path, form.text or form, data
+    else:
+        for step, part, value in parts_of(form, data):
+            yield from leaves(part, value, (*path, step))
 
 
 def externals_in(hint: Any, data: Any) -> list[tuple[External, Any, str]]:
     """Single values in checked ``data`` that name something outside the file, with their key path without indices."""
-    found: list[tuple[External, Any, str]] = []
-
-    def collect(form: ValueForm, value: Any, path: KeyPath) -> Any:
-        if form.rule.external is not None:
-            found.append((form.rule.external, value, ".".join(step for step in path if isinstance(step, str))))
-        return value
-
-    replaced(hint, data, collect)
-    return found
+    return [
+        (form.rule.external, value, ".".join(step for step in path if isinstance(step, str)))
+        for path, form, value in leaves(hint, data)
+        if form.rule.external is not None
+    ]
 
 
 def plain_number(number: float) -> float | int:

@@ -8,22 +8,7 @@ import json
 import sys
 from typing import Any
 
-from caris_desktop.domain.schema_fields import (
-    FieldSpec,
-    Group,
-    Key,
-    ValueForm,
-    choices_of,
-    form_of,
-    groups_of,
-    is_free,
-    is_group,
-    item_of,
-    keys_of,
-    scalars_of,
-    size_of,
-    text_of,
-)
+from caris_desktop.domain.schema_fields import FieldSpec, Group, Key, ValueForm, form_of, is_group, keys_of
 
 _TYPES = {str: "string", float: "number", int: "integer", bool: "boolean"}
 
@@ -91,23 +76,23 @@ def _defined(form: ValueForm, definitions: dict[str, Any]) -> dict[str, Any]:
 
 def _bare(form: ValueForm, definitions: dict[str, Any]) -> dict[str, Any]:
     kind, rule = form.kind, form.rule
-    least, most = size_of(form)
+    least, most = form.size
     if is_group(kind):
         return _group(kind, definitions, rule)
-    if groups := groups_of(kind):
+    if groups := form.alternatives:
         schema = {"type": "object", **_one_of(groups, definitions)}
-        text = text_of(kind)
+        text = form.text
         return schema if text is None else {"if": {"type": "string"}, "then": _bare(text, definitions), "else": schema}
-    if is_free(kind):
+    if form.is_free:
         return {"type": "object"}
-    if choices := choices_of(kind):
+    if choices := form.choices:
         return {"enum": list(choices)} if len(choices) > 1 else {"const": choices[0]}
-    if (item := item_of(kind)) is not None:
+    if (item := form.item) is not None:
         return _given(
             {"type": "array", "minItems": least or None, "maxItems": most, "uniqueItems": rule.unique},
             items=_schema(item, definitions),
         )
-    types = [_TYPES[each] for each in scalars_of(kind)]
+    types = [_TYPES[each] for each in form.scalars]
     return _given(
         {
             "type": types if len(types) > 1 else types[0],

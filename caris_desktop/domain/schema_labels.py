@@ -5,17 +5,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from caris_desktop.domain.schema_fields import (
-    Group,
-    Key,
-    ValueForm,
-    choices_of,
-    form_of,
-    groups_of,
-    is_group,
-    item_of,
-    keys_of,
-)
+from caris_desktop.domain.schema_fields import Group, Key, ValueForm, form_of, keys_of
 from caris_desktop.domain.schema_json import description_of
 from caris_desktop.domain.translation import tr
 
@@ -31,23 +21,20 @@ def title_of(key: Key) -> str:
 def said_of(form: ValueForm) -> str:
     """Description; empty without one."""
     description = description_of(form)
-    return tr(description) if description else ""
+    return tr(description)
 
 
 def allowed_by(form: ValueForm) -> str:
     """Allowed values in words; empty without them."""
-    allowed = form.rule.allowed
-    return tr(allowed) if allowed else ""
+    return tr(form.rule.allowed)
 
 
 def unit_of(form: ValueForm) -> str:
-    unit = form.rule.unit
-    return tr(unit) if unit else ""
+    return tr(form.rule.unit)
 
 
 def section_of(key: Key) -> str:
-    section = key.form.rule.section
-    return tr(section) if section else ""
+    return tr(key.form.rule.section)
 
 
 def noun_of(group: Group) -> str:
@@ -75,10 +62,10 @@ def texts_of(declaration: Group) -> list[str]:
 
 def _texts(form: ValueForm, seen: set[Any]) -> Iterator[str]:
     yield from (description_of(form), form.rule.allowed, form.rule.unit, form.rule.needs, form.rule.noun)
-    yield from (_word(choice) for choice in (*choices_of(form.kind), *form.rule.else_one_of))
-    if (item := item_of(form.kind)) is not None:
+    yield from (_word(choice) for choice in (*form.choices, *form.rule.else_one_of))
+    if (item := form.item) is not None:
         yield from _texts(item, seen)
-    for group in (form.kind,) if is_group(form.kind) else groups_of(form.kind):
+    for group in form.groups:
         if group not in seen:
             seen.add(group)
             yield from (_noun(group), _first_words(group))

@@ -1,6 +1,5 @@
 """Paths in a declared file: value, form, title and default at each."""
 
-import copy
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING
@@ -12,18 +11,11 @@ from caris_desktop.domain.schema_fields import (
     Group,
     Key,
     ValueForm,
-    choices_of,
     data_of,
     form_of,
-    groups_of,
-    is_free,
     is_group,
-    item_of,
     keys_of,
-    matching_group,
-    scalars_of,
-    size_of,
-    text_of,
+    leaves,
 )
 from caris_desktop.domain.schema_labels import title_of
 from caris_desktop.domain.value_class import Value
@@ -41,18 +33,6 @@ class Difference(Value):
     after: Any
 
 
-def group_at(form: ValueForm, data: Any) -> Group | None:
-    """Group of the keys at this position for the present ``data``; None if there are none."""
-    if is_group(form.kind):
-        return form.kind
-    groups = groups_of(form.kind)
-    if not groups:
-        return None
-    if isinstance(data, Mapping):
-        return matching_group(groups, data) or groups[0]
-    return groups[0] if text_of(form.kind) is not None else None
-
-
 def text_key(group: Group) -> str:
     """Key that a text in place of the group represents: the first."""
     return keys_of(group)[0].name
@@ -63,10 +43,9 @@ def form_at(hint: Any, data: Any, path: KeyPath) -> ValueForm:
     form = form_of(hint)
     for part in path:
         if isinstance(part, int):
-            item = item_of(form.kind)
-            if item is None:
+            if form.item is None:
                 raise KeyError(part)
-            form = item
+            form = form.item
         else:
             form = key_of(form, data, part).form
         data = value_at(data, (part,))
@@ -75,7 +54,7 @@ def form_at(hint: Any, data: Any, path: KeyPath) -> ValueForm:
 
 def key_of(form: ValueForm, data: Any, name: str) -> Key:
     """Key of that name in a group. Raises KeyError."""
-    groups = [group] if (group := group_at(form, data)) is not None else list(groups_of(form.kind))
+    groups = [group] if (group := form.group_at(data)) is not None else list(form.alternatives)
     for group in groups:
         for key in keys_of(group):
             if key.name == name:
@@ -102,19 +81,17 @@ def default_of(key: Key) -> Any:
 
 def blank_of(form: ValueForm) -> Any:
     """Initial content of a new list entry or group: required keys with minimal values."""
-    if text_of(form.kind) is not None:
+    if form.text is not None:
         return ""
-    group = form.kind if is_group(form.kind) else next(iter(groups_of(form.kind)), None)
-    if group is not None:
-        return blank_group(group, form.rule.some_of[:1])
-    item = item_of(form.kind)
-    if item is not None:
-        return [blank_of(item) for _ in range(size_of(form)[0])]
-    if is_free(form.kind):
+    if form.groups:
+        return blank_group(form.groups[0], form.rule.some_of[:1])
+    if form.item is not None:
+        return [blank_of(form.item) for _ in range(form.size[0])]
+    if form.is_free:
         return {}
-    if choices := choices_of(form.kind):
+    if choices := form.choices:
         return choices[0]
-    kind = scalars_of(form.kind)[0]
+    kind = form.scalars[0]
     if kind in (int, float):
         at_least = form.rule.at_least if form.rule.more_than is None else form.rule.more_than + 1
         return max(0, math.ceil(at_least or 0))
@@ -156,15 +133,12 @@ def differences(hint: Any, before: Any, after: Any, path: KeyPath = ()) -> Itera
     """Differences of two files at the level that a person would name: keys, and entries of lists of equal length, else
     the whole list. A missing key equals its default.
     """
-    yield from _differences(form_of(hint), before, after, path)
-
-
-def _differences(form: ValueForm, before: Any, after: Any, path: KeyPath) -> Iterator[Difference]:
+    form = form_of(hint)
     if before == after and before is not ABSENT:
         return
-    if text_of(form.kind) is not None and isinstance(before, Mapping) is not isinstance(after, Mapping):
+    if form.text is not None and isinstance(before, Mapping) is not isinstance(after, Mapping):
         before, after = (_as_group(form, each) for each in (before, after))
-    item, groups = item_of(form.kind), (group_at(form, before), group_at(form, after))
+    item, groups = form.item, (form.group_at(before), form.group_at(after))
     if isinstance(before, Mapping) and isinstance(after, Mapping) and groups[0] is groups[1] and groups[0] is not None:
         for key in keys_of(groups[0]):
             old, new = before.get(key.name, ABSENT), after.get(key.name, ABSENT)
@@ -173,14 +147,14 @@ def _differences(form: ValueForm, before: Any, after: Any, path: KeyPath) -> Ite
             yield from _key_differences(key, old, new, (*path, key.name))
     elif item is not None and isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
         for number, (old, new) in enumerate(zip(before, after, strict=True)):
-            yield from _differences(item, old, new, (*path, number))
+            yield from differences(item, old, new, (*path, number))
     else:
         yield Difference(path, before, after)
 
 
 def _as_group(form: ValueForm, data: Any) -> Any:
     """Group form of a text in its place."""
-    group = group_at(form, data)
+    group = form.group_at(data)
     return {text_key(group): data} if isinstance(data, str) and group is not None else data
 
 
@@ -191,27 +165,16 @@ def _key_differences(key: Key, before: Any, after: Any, path: KeyPath) -> Iterat
     if old == new:
         return
     if before is not ABSENT and after is not ABSENT:
-        yield from _differences(key.form, before, after, path)
+        yield from differences(key.form, before, after, path)
     else:
         yield Difference(path, before, after)
 
 
 def references(hint: Any, data: Any) -> Iterator[tuple[KeyPath, FieldSpec, str]]:
     """References to entries of the file's own lists: path, rule and name."""
-    yield from _references(form_of(hint), data, ())
-
-
-def _references(form: ValueForm, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath, FieldSpec, str]]:
-    item = item_of(form.kind)
-    if isinstance(data, Mapping) and (group := group_at(form, data)) is not None:
-        for key in keys_of(group):
-            if key.name in data:
-                yield from _references(key.form, data[key.name], (*path, key.name))
-    elif item is not None and isinstance(data, list):
-        for number, entry in enumerate(data):
-            yield from _references(item, entry, (*path, number))
-    elif form.rule.refers and isinstance(data, str):
-        yield path, form.rule, data
+    for path, form, value in leaves(hint, data):
+        if form.rule.refers and isinstance(value, str):
+            yield path, form.rule, value
 
 
 def called(hint: Any, data: Any, path: KeyPath) -> list[str]:
@@ -220,7 +183,7 @@ def called(hint: Any, data: Any, path: KeyPath) -> list[str]:
     for part in path:
         try:
             if isinstance(part, int):
-                form = item_of(form.kind) or form
+                form = form.item or form
                 labels.append(entry_name(value_at(data, (part,))) or str(part + 1))
             else:
                 key = key_of(form, data, part)
@@ -238,8 +201,3 @@ def entry_name(entry: Any) -> str:
         found = next((entry[name] for name in _NAMING_KEYS if name in entry), "")
         return str(found)
     return "" if entry is ABSENT or isinstance(entry, list) else str(entry)
-
-
-def copied(data: Any) -> Any:
-    """Deep copy of plain data."""
-    return copy.deepcopy(data)

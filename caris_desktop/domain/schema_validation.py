@@ -6,22 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from caris_desktop.domain.key_path import KeyPath, Problem, name_of
-from caris_desktop.domain.schema_fields import (
-    Group,
-    Key,
-    ValueForm,
-    choices_of,
-    form_of,
-    groups_of,
-    is_free,
-    is_group,
-    item_of,
-    keys_of,
-    matching_group,
-    scalars_of,
-    size_of,
-    text_of,
-)
+from caris_desktop.domain.schema_fields import Group, Key, ValueForm, form_of, keys_of, matching_group
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.yaml_source import LocatedData
 
@@ -45,21 +30,18 @@ def problem_lines(file_name: str, source: LocatedData, found: Iterable[Problem])
 
 def problems(hint: Any, data: Any, path: KeyPath = ()) -> Iterator[Problem]:
     """Problems of ``data``, located at ``path`` in their file."""
-    return _problems(form_of(hint), data, path)
-
-
-def _problems(form: ValueForm, data: Any, path: KeyPath) -> Iterator[Problem]:
-    if (text := text_of(form.kind)) is not None and not isinstance(data, dict):
-        yield from _problems(text, data, path)
+    form = form_of(hint)
+    if (text := form.text) is not None and not isinstance(data, dict):
+        yield from problems(text, data, path)
         return
-    groups = (form.kind,) if is_group(form.kind) else groups_of(form.kind)
-    if (groups or is_free(form.kind)) and not isinstance(data, dict):
+    groups = form.groups
+    if (groups or form.is_free) and not isinstance(data, dict):
         yield path, _wrong_kind(tr(_GROUP_WORDS), data, path, form)
     elif groups:
         yield from _group_problems(groups, data, path, form)
-    elif (item := item_of(form.kind)) is not None:
+    elif (item := form.item) is not None:
         yield from _list_problems(form, item, data, path)
-    elif not is_free(form.kind) and (sentence := _value_problem(form, data, path)):
+    elif not form.is_free and (sentence := _value_problem(form, data, path)):
         yield path, sentence
 
 
@@ -82,7 +64,7 @@ def _group_problems(
         yield path, tr(needs)
     for name, key in keys.items():
         if name in data:
-            yield from _problems(key.form, data[name], (*path, name))
+            yield from problems(key.form, data[name], (*path, name))
         if name not in misspelled:
             yield from _neighbour_problems(key, keys, data, path, misspelled)
 
@@ -125,7 +107,7 @@ def _stands(
     other, *words = condition_words
     if other not in data or not words:
         return other in data
-    return data[other] in words if data[other] in choices_of(keys[other].form.kind) else unsure
+    return data[other] in words if data[other] in keys[other].form.choices else unsure
 
 
 def condition(condition_words: tuple[str, ...]) -> str:
@@ -149,18 +131,18 @@ def _list_problems(form: ValueForm, item: ValueForm, data: Any, path: KeyPath) -
     for index, entry in enumerate(data):
         if form.rule.unique and entry in data[:index]:
             yield (*path, index), tr("{key}: duplicate entry {entry}.").format(key=name_of(path), entry=quoted(entry))
-        yield from _problems(item, entry, (*path, index))
+        yield from problems(item, entry, (*path, index))
 
 
 def _value_problem(form: ValueForm, value: Any, path: KeyPath) -> str | None:
     name, rule = name_of(path), form.rule
-    if choices := choices_of(form.kind):
+    if choices := form.choices:
         if any(value == choice and type(value) is type(choice) for choice in choices):
             return None
         noun = rule.noun or next((part for part in reversed(path) if isinstance(part, str)), "value")
         unknown = tr("unknown {noun} {value}.").format(noun=tr(noun), value=quoted(value))
         return f"{unknown} {allowed_words(str(value), [str(choice) for choice in choices])}"
-    kinds = scalars_of(form.kind)
+    kinds = form.scalars
     if not any(_is_a(kind, value) for kind in kinds):
         return _wrong_kind(either([tr(_KIND_WORDS[kind]) for kind in kinds]), value, path, form)
     if isinstance(value, str):
@@ -188,7 +170,7 @@ def _allowed(words: str) -> str:
 
 def _length_problem(form: ValueForm, data: Sequence[Any], found: str, path: KeyPath) -> str | None:
     """Problem of the length; ``found`` is a text with placeholders ``key`` and ``count``."""
-    least, most = size_of(form)
+    least, most = form.size
     if len(data) >= least and (most is None or len(data) <= most):
         return None
     found = (found if data else tr("{key} is empty.")).format(key=name_of(path), count=len(data))

@@ -5,30 +5,20 @@ tolerated: the text contains them, their messages give line and place, and only 
 """
 
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.key_path import KeyPath
-from caris_desktop.domain.schema_fields import (
-    form_of,
-    groups_of,
-    is_group,
-    item_of,
-    keys_of,
-    matching_group,
-    text_of,
-    value_from,
-)
+from caris_desktop.domain.schema_fields import form_of, keys_of, parts_of, value_from
 from caris_desktop.domain.schema_paths import (
     ABSENT,
     Difference,
     called,
-    copied,
     default_of,
     differences,
     form_at,
-    group_at,
     key_of,
     references,
     text_key,
@@ -151,7 +141,7 @@ class ScenarioDocument:
             # A text in place of a group is the value of its first key.
             above = value_at(self.data, path[:-1])
             if isinstance(above, str):
-                group = group_at(form_at(Scenario, self.data, path[:-1]), above)
+                group = form_at(Scenario, self.data, path[:-1]).group_at(above)
                 return above if group is not None and text_key(group) == path[-1] else ABSENT
         return found
 
@@ -227,7 +217,7 @@ class ScenarioDocument:
         above, place = path[:-1], path[-1]
         entries = self.value(above)
         entries = list(entries) if isinstance(entries, list) else []
-        entries.insert(int(place), copied(entry))
+        entries.insert(int(place), deepcopy(entry))
         self._persist(path, self._with(above, entries), goes_on=False)
 
     def remove(self, path: KeyPath) -> None:
@@ -267,7 +257,7 @@ class ScenarioDocument:
         if value is ABSENT:
             self.clear(path)
         else:
-            self.set(path, copied(value))
+            self.set(path, deepcopy(value))
         self.pause()
 
     def pause(self) -> None:
@@ -407,7 +397,7 @@ class ScenarioDocument:
             above = path[:number]
             present = value_at(self.data, above)
             if isinstance(part, str) and isinstance(present, dict) and part not in present:
-                group = group_at(form_at(Scenario, self.data, above), present)
+                group = form_at(Scenario, self.data, above).group_at(present)
                 names = [key.name for key in keys_of(group)] if group is not None else []
                 before = names[: names.index(part)] if part in names else names
                 entries = list(present.items())
@@ -440,7 +430,7 @@ class ScenarioDocument:
                 return above, with_value_at(self.value(above), path[number:], value)
             if isinstance(text, str) and isinstance(path[number], str):
                 form = form_at(Scenario, self.data, above)
-                group = group_at(form, text)
+                group = form.group_at(text)
                 if group is None:
                     return path, value
                 first = text_key(group)
@@ -456,9 +446,9 @@ class ScenarioDocument:
         if not above or not isinstance(group_data, Mapping) or isinstance(value_at(self.saved_data, above), Mapping):
             return None
         form = form_at(Scenario, self.data, above)
-        group = group_at(form, group_data)
+        group = form.group_at(group_data)
         left = {name: value for name, value in group_data.items() if name != path[-1]}
-        if text_of(form.kind) is None or group is None or list(left) != [text_key(group)]:
+        if form.text is None or group is None or list(left) != [text_key(group)]:
             return None
         text = left[text_key(group)]
         return text if isinstance(text, str) else None
@@ -516,20 +506,11 @@ def _out_of_shape(hint: Any, data: Any, path: KeyPath) -> tuple[KeyPath, str] | 
     anything.
     """
     form = form_of(hint)
-    if text_of(form.kind) is not None and isinstance(data, str):
+    if form.text is not None and isinstance(data, str):
         return None
-    groups = (form.kind,) if is_group(form.kind) else groups_of(form.kind)
-    item = item_of(form.kind)
-    if groups:
-        if not isinstance(data, dict):
-            return path, "a group of 'key: value' lines is expected here."
-        forms = {key.name: key.form for key in keys_of(matching_group(groups, data) or groups[0])}
-        inside = [(forms[name], value, name) for name, value in data.items() if name in forms]
-    elif item is not None:
-        if not isinstance(data, list):
-            return path, "a list is expected here."
-        inside = [(item, value, number) for number, value in enumerate(data)]
-    else:
-        return None
-    found = (_out_of_shape(form, value, (*path, part)) for form, value, part in inside)
+    if form.groups and not isinstance(data, dict):
+        return path, "a group of 'key: value' lines is expected here."
+    if form.item is not None and not isinstance(data, list):
+        return path, "a list is expected here."
+    found = (_out_of_shape(part, value, (*path, step)) for step, part, value in parts_of(form, data))
     return next((each for each in found if each is not None), None)

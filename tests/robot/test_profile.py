@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.control_definitions import CallService, PublishMessage, SendActionGoal
-from caris_desktop.domain.schema_fields import Group, is_group, item_of, keys_of
+from caris_desktop.domain.schema_fields import Group, is_group, keys_of
 from caris_desktop.robot import profile_file
 from caris_desktop.robot.profile import (
     FloorOutline,
@@ -704,7 +704,7 @@ emergency_stop: {set_service: s, clear_service: c, service_type: std_srvs/srv/Em
 def declared_keys(group: Group) -> Iterator[str]:
     for key in keys_of(group):
         yield f"{group.__name__}.{key.name}"
-        kind = (item_of(key.form.kind) or key.form).kind
+        kind = (key.form.item or key.form).kind
         if is_group(kind):
             yield from declared_keys(kind)
 
@@ -713,8 +713,8 @@ def keys_in(group: Group, data: dict[str, Any]) -> Iterator[str]:
     for key in keys_of(group):
         if key.name in data:
             yield f"{group.__name__}.{key.name}"
-            kind = (item_of(key.form.kind) or key.form).kind
-            for each in data[key.name] if item_of(key.form.kind) else [data[key.name]]:
+            kind = (key.form.item or key.form).kind
+            for each in data[key.name] if key.form.item else [data[key.name]]:
                 if is_group(kind):
                     yield from keys_in(kind, each)
 

@@ -8,7 +8,7 @@ import pytest
 
 from caris_desktop.domain.control_definitions import RobotControl
 from caris_desktop.domain.schema_docs import with_tables
-from caris_desktop.domain.schema_fields import Group, groups_of, is_group, item_of, keys_of
+from caris_desktop.domain.schema_fields import Group, keys_of
 from caris_desktop.domain.schema_validation import problems
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.yaml_source import parse_yaml
@@ -53,8 +53,7 @@ def test_editors_and_the_program_refuse_the_same() -> None:
 def groups_within(group: Group) -> Iterator[Group]:
     yield group
     for key in keys_of(group):
-        kind = (item_of(key.form.kind) or key.form).kind
-        for inner in (kind,) if is_group(kind) else groups_of(kind):
+        for inner in (key.form.item or key.form).groups:
             yield from groups_within(inner)
 
 

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.control_definitions import CallService, Reading, RobotControl
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.schema_fields import is_group, item_of, keys_of
+from caris_desktop.domain.schema_fields import is_group, keys_of
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario import scenario_model
 from caris_desktop.scenario.phrases import Gesture
@@ -406,7 +406,7 @@ def complete(tmp_path_factory: pytest.TempPathFactory) -> str:
 def keys_within(group: type) -> Iterator[str]:
     for key in keys_of(group):
         yield key.name
-        form = item_of(key.form.kind) or key.form
+        form = key.form.item or key.form
         for inner in (form.kind,) if is_group(form.kind) and form.elsewhere is None else ():
             yield from keys_within(inner)
 

@@ -10,18 +10,8 @@ import pytest
 import yaml
 
 from caris_desktop.domain.key_path import KeyPath
-from caris_desktop.domain.schema_fields import (
-    ValueForm,
-    choices_of,
-    form_of,
-    groups_of,
-    is_free,
-    is_group,
-    item_of,
-    keys_of,
-    scalars_of,
-)
-from caris_desktop.domain.schema_paths import ABSENT, blank_of, default_of, group_at, value_at
+from caris_desktop.domain.schema_fields import ValueForm, form_of, is_group, keys_of
+from caris_desktop.domain.schema_paths import ABSENT, blank_of, default_of, value_at
 from caris_desktop.domain.schema_validation import problems
 from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.scenario_model import Scenario
@@ -47,18 +37,18 @@ def leaves(hint: Any, data: Any) -> Iterator[tuple[KeyPath, ValueForm]]:
 
 
 def _leaves(form: ValueForm, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath, ValueForm]]:
-    group = group_at(form, data)
+    group = form.group_at(data)
     if group is not None:
         for key in keys_of(group):
             stands = value_at(data, (key.name,))
             if stands is ABSENT:
                 stands = default_of(key)
-            if stands is ABSENT and group_at(key.form, stands) is not None:
+            if stands is ABSENT and key.form.group_at(stands) is not None:
                 # It is either absent or complete.
                 yield (*path, key.name), key.form
             else:
                 yield from _leaves(key.form, stands, (*path, key.name))
-    elif (item := item_of(form.kind)) is not None:
+    elif (item := form.item) is not None:
         for number, entry in enumerate(data if isinstance(data, list) else ()):
             yield from _leaves(item, entry, (*path, number))
     else:
@@ -67,7 +57,7 @@ def _leaves(form: ValueForm, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath
 
 def edited_leaves(document: ScenarioDocument) -> list[tuple[KeyPath, ValueForm]]:
     """All leaves except the version, which cannot be edited."""
-    return [(path, form) for path, form in leaves(Scenario, document.data) if len(choices_of(form.kind)) != 1]
+    return [(path, form) for path, form in leaves(Scenario, document.data) if len(form.choices) != 1]
 
 
 def other_value(document: ScenarioDocument, path: KeyPath, form: ValueForm) -> Any:
@@ -92,18 +82,18 @@ def _names(document: ScenarioDocument, refers: tuple[str, ...]) -> list[str]:
 
 
 def _candidates(form: ValueForm, present: Any) -> Iterator[Any]:
-    if is_group(form.kind) or groups_of(form.kind):
+    if is_group(form.kind) or form.alternatives:
         yield blank_of(form)
         return
     if form.rule.prose:
         yield 'First paragraph.\nSecond paragraph: with "marks", and more than one line can hold.\n\nThe last one.'
-    if is_free(form.kind):
+    if form.is_free:
         yield {"data": "$value", "more": [1, True, {"deep": "text"}]}
         return
-    if choices := choices_of(form.kind):
+    if choices := form.choices:
         yield from choices
         return
-    for kind in scalars_of(form.kind):
+    for kind in form.scalars:
         if kind is bool:
             yield present is not True
         elif kind is str:
@@ -210,11 +200,11 @@ def lists_of(document: ScenarioDocument) -> list[tuple[KeyPath, ValueForm]]:
 
     def look(path: KeyPath, form: ValueForm) -> None:
         value = document.value(path) if path else document.data
-        group = group_at(form, value)
+        group = form.group_at(value)
         if group is not None:
             for key in keys_of(group):
                 look((*path, key.name), key.form)
-        elif (item := item_of(form.kind)) is not None:
+        elif (item := form.item) is not None:
             found[path] = form
             for number in range(len(value) if isinstance(value, list) else 0):
                 look((*path, number), item)

@@ -12,30 +12,9 @@ from PySide6.QtGui import QKeyEvent, QPaintEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.domain.key_path import KeyPath
-from caris_desktop.domain.schema_fields import (
-    Group,
-    Key,
-    ValueForm,
-    groups_of,
-    is_free,
-    is_group,
-    item_of,
-    keys_of,
-    scalars_of,
-    size_of,
-    text_of,
-)
+from caris_desktop.domain.schema_fields import Group, Key, ValueForm, is_group, keys_of
 from caris_desktop.domain.schema_labels import noun_of, said_of, section_of, title_of, words_of
-from caris_desktop.domain.schema_paths import (
-    ABSENT,
-    blank_group,
-    blank_of,
-    default_of,
-    entry_name,
-    group_at,
-    text_key,
-    value_at,
-)
+from caris_desktop.domain.schema_paths import ABSENT, blank_group, blank_of, default_of, entry_name, text_key, value_at
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_rows import ACTIONS
@@ -53,14 +32,14 @@ _CAP_COLUMN_PX: dict[str | int, int] = {"phrases": 34, "places": 48}
 def part_for(context: FormContext, path: KeyPath, key: Key) -> FormPart:
     """Create the form widget for a key of a group."""
     form = key.form
-    if item_of(form.kind) is not None:
+    if form.item is not None:
         return ListPart(context, path, form, key)
-    grouped = is_group(form.kind) or bool(groups_of(form.kind))
+    grouped = is_group(form.kind) or bool(form.alternatives)
     if grouped and default_of(key) is ABSENT and not key.required:
         return OptionalGroup(context, path, form, key)
     if is_group(form.kind):
         return GroupPart(context, path, form, key)
-    if groups_of(form.kind):
+    if form.alternatives:
         return OneOfGroups(context, path, form, key)
     return field_for(context, path, form, key)
 
@@ -205,7 +184,7 @@ class OneOfGroups(_Holder):
 
     def __init__(self, context: FormContext, path: KeyPath, form: ValueForm, key: Key | None = None) -> None:
         super().__init__(context, path, form, key, said_of(form) if key is not None else "")
-        self._groups = groups_of(form.kind)
+        self._groups = form.alternatives
         self._visible_group: Group | None = None
         self._kind = DropDown(context.theme, "", self.context.spoken(tr("Kind")))
         self._kind.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
@@ -217,11 +196,11 @@ class OneOfGroups(_Holder):
 
     def _on_chosen(self, index: int) -> None:
         group = self._groups[index]
-        if group is not group_at(self.form, self.value):
+        if group is not self.form.group_at(self.value):
             self.context.editing.replace(self.path, blank_group(group))
 
     def refresh(self) -> None:
-        group = group_at(self.form, self.value)
+        group = self.form.group_at(self.value)
         if group is not self._visible_group:
             self._visible_group = group
             while self.parts:
@@ -239,7 +218,7 @@ class ListPart(_Holder):
 
     def __init__(self, context: FormContext, path: KeyPath, form: ValueForm, key: Key) -> None:
         super().__init__(context, path, form, key, said_of(form))
-        item = item_of(form.kind)
+        item = form.item
         if item is None:
             raise TypeError(f"{path} is no list")
         self.item = item
@@ -249,7 +228,7 @@ class ListPart(_Holder):
         self._more_rows.timeout.connect(self.refresh)
         self._box = layouts.vbox(spacing_px=8)
         self.column.addLayout(self._box)
-        least, most = size_of(form)
+        least, most = form.size
         self.fixed = least == most
         self._most = most
         self._adders: list[ActionButton] = []
@@ -303,7 +282,7 @@ class ListPart(_Holder):
 
     def refresh(self) -> None:
         entries = self.entries
-        kinds = [group_at(self.item, entry) if not isinstance(entry, str) else str for entry in entries]
+        kinds = [self.item.group_at(entry) if not isinstance(entry, str) else str for entry in entries]
         if self._stale or len(kinds) != len(self.rows):
             self._rebuild(kinds)
         for button in self._adders:
@@ -353,9 +332,9 @@ class EntryRow(FormPart):
         self._holder = holder
         self._index = index
         self._form = holder.item
-        self._text = text_of(holder.item.kind) is not None
-        self._group = group_at(holder.item, "") if group is None and self._text else group
-        self._is_text_group = self._text and self._group is group_at(holder.item, "")
+        self._text = holder.item.text is not None
+        self._group = holder.item.group_at("") if group is None and self._text else group
+        self._is_text_group = self._text and self._group is holder.item.group_at("")
         self._in_row = self._group is None or in_one_row(self._group) or self._is_text_group
         self._folds = not self._in_row
         self._open = False
@@ -414,7 +393,7 @@ class EntryRow(FormPart):
         first, *others = keys_of(self._group)
         if not self._is_text_group:
             for key in (first, *others):
-                stretch = 0 if scalars_of(key.form.kind) in ((float,), (int,)) else 1
+                stretch = 0 if key.form.scalars in ((float,), (int,)) else 1
                 self._add_field(field_for(self.context, (*self.path, key.name), key.form, key, compact=True), stretch)
             if self._index:
                 for field in self.fields:
@@ -519,7 +498,7 @@ class EntryRow(FormPart):
         self.refresh()
 
     def _make_body(self) -> FormPart:
-        if self._group is not None and (text_of(self._form.kind) is not None or is_group(self._form.kind)):
+        if self._group is not None and (self._form.text is not None or is_group(self._form.kind)):
             return GroupPart(self.context, self.path, self._form, group=self._group)
         return OneOfGroups(self.context, self.path, self._form)
 
@@ -633,16 +612,16 @@ def in_one_row(group: Group) -> bool:
     """Whether the keys are few and short enough for one row."""
     keys = keys_of(group)
     return len(keys) <= _MOST_IN_A_ROW and all(
-        scalars_of(key.form.kind) and not key.form.rule.prose and not is_free(key.form.kind) for key in keys
+        key.form.scalars and not key.form.rule.prose and not key.form.is_free for key in keys
     )
 
 
 def kinds_of_entries(item: ValueForm) -> list[tuple[str, Callable[[], Any]]]:
     """Kinds of entries that can be added, with factories of initial values."""
-    groups = (item.kind,) if is_group(item.kind) else groups_of(item.kind)
+    groups = item.groups
     if not groups:
         return [(tr("an entry"), lambda: blank_of(item))]
-    text = text_of(item.kind)
+    text = item.text
     kinds: list[tuple[str, Callable[[], Any]]] = []
     for number, group in enumerate(groups):
         blank: Callable[[], Any] = (lambda: "") if text is not None and number == 0 else _blank_of_group(item, group)

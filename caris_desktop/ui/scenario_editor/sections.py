@@ -1,6 +1,6 @@
 """Sections of the form: which keys each has, and their order."""
 
-from caris_desktop.domain.schema_fields import Key, choices_of, keys_of
+from caris_desktop.domain.schema_fields import Key, keys_of
 from caris_desktop.domain.schema_labels import title_of
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
@@ -64,7 +64,7 @@ def sections() -> tuple[Section, ...]:
     """Sections from the schema: a key with a new or no section is put at the end."""
     found: dict[str, list[Key]] = {title: [] for title in _ORDER}
     for key in keys_of(Scenario):
-        if len(choices_of(key.form.kind)) != 1:
+        if len(key.form.choices) != 1:
             found.setdefault(key.form.rule.section or title_of(key), []).append(key)
     return tuple(
         Section(title, *_ORDER.get(title, ("sliders", "")), tuple(keys)) for title, keys in found.items() if keys

@@ -8,7 +8,7 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.key_path import KeyPath
-from caris_desktop.domain.schema_fields import Key, ValueForm, choices_of, is_free, plain_number, scalars_of
+from caris_desktop.domain.schema_fields import Key, ValueForm, plain_number
 from caris_desktop.domain.schema_labels import title_of, unit_of, word_of
 from caris_desktop.domain.schema_paths import ABSENT, default_of, value_at
 from caris_desktop.domain.translation import tr
@@ -298,7 +298,7 @@ class NumberField(TextField):
         if not text and self.may_be_left_out:
             return self._default()
         try:
-            return int(text) if int in scalars_of(self.form.kind) else plain_number(float(text.replace(",", ".")))
+            return int(text) if int in self.form.scalars else plain_number(float(text.replace(",", ".")))
         except ValueError:
             return text
 
@@ -460,10 +460,10 @@ class ChoiceField(Field):
         self.box.setCurrentIndex(offered.index(value) if value in offered else -1)
 
     def _offers(self, value: Any) -> list[Any]:
-        words: list[Any] = list(choices_of(self.form.kind)) or self._names()
+        words: list[Any] = list(self.form.choices) or self._names()
         if self.may_be_left_out and self._default() is ABSENT:
             words.insert(0, ABSENT)
-        elif self.may_be_left_out and not choices_of(self.form.kind):
+        elif self.may_be_left_out and not self.form.choices:
             words.insert(0, "")
         return words if value in words or value is ABSENT else [*words, value]
 
@@ -513,10 +513,10 @@ def field_for(
 
 
 def _kind_of_field(form: ValueForm) -> type[Field]:
-    kinds = scalars_of(form.kind)
-    if is_free(form.kind):
+    kinds = form.scalars
+    if form.is_free:
         return FreeField
-    if form.rule.refers or choices_of(form.kind):
+    if form.rule.refers or form.choices:
         return ChoiceField
     if len(kinds) > 1:
         return MixedField
