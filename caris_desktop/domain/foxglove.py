@@ -73,7 +73,7 @@ _CALIBRATION: Shape = {
 _LOG: Shape = {"timestamp": TIME, "level": int, "message": str, "name": str, "file": str, "line": int}
 
 
-class WellKnown(Value):
+class WellKnown(Value, eq=False):
     """A schema that other programs know, and how a value of ours fills it.
 
     ``fill`` is given the value and its moment in UTC. ``holds`` names the fields of ours that the filled message holds

@@ -20,7 +20,7 @@ from caris_desktop.domain.type_hints import union_members
 from caris_desktop.domain.value_class import Value
 
 
-class DerivedChannel(Value):
+class DerivedChannel(Value, eq=False):
     """Derived messages written for other programs only: our reader has their content from the values.
 
     ``make`` gives the message that follows from a value of one of the types ``of``, None if none does.
