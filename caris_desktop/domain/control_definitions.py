@@ -4,7 +4,7 @@ Plain data: ``$value`` in a template stands for the wizard's choice; nothing is 
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import astuple, field, replace
 from typing import Annotated, Any, Literal
 
 from caris_desktop.domain.control_effects import NO_NAMES, ControlClass, RobotInterfaceNames, control_class
@@ -89,14 +89,9 @@ class _EffectKeys(Value):
 
 
 def _effect_keys(effect: ControlEffect | None) -> _EffectKeys:
-    match effect:
-        case PublishMessage():
-            return _EffectKeys(publish=effect)
-        case CallService():
-            return _EffectKeys(call=effect)
-        case SendActionGoal():
-            return _EffectKeys(action=effect)
-    return _EffectKeys()
+    kinds = {"publish": PublishMessage, "call": CallService, "action": SendActionGoal}
+    given: dict[str, Any] = {key: effect for key, kind in kinds.items() if isinstance(effect, kind)}
+    return _EffectKeys(**given)
 
 
 class Reading(Value):
@@ -217,14 +212,10 @@ def decided(control: RobotControl, robot: RobotInterfaceNames) -> RobotControl:
 
 
 def _class_of(effect: ControlEffect | None, robot: RobotInterfaceNames) -> ControlClass:
-    match effect:
-        case PublishMessage(topic=name, type=type_name, message=message):
-            return control_class(name, type_name, message, robot)
-        case CallService(service=name, type=type_name, request=message):
-            return control_class(name, type_name, message, robot)
-        case SendActionGoal(action=name, type=type_name, goal=message):
-            return control_class(name, type_name, message, robot)
-    return "harmless"
+    if effect is None:
+        return "harmless"
+    name, type_name, message = astuple(effect)
+    return control_class(name, type_name, message, robot)
 
 
 def is_velocity(topic: str, type_name: str, velocity_topic: str | None) -> bool:

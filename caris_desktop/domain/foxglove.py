@@ -268,7 +268,18 @@ def _fill_people(people: sensing.People, at: Time) -> Message:
         "timestamp": at,
         "circles": [],
         "points": [_box_around(box, at) for box in people.boxes],
-        "texts": [_label_of(box, at) for box in people.boxes],
+        "texts": [
+            {
+                "timestamp": at,
+                "position": {"x": _pixel(box.left_px), "y": _pixel(box.top_px)},
+                "text": box.person_id or f"track {box.track}",
+                "font_size": _LABEL_PX,
+                "text_color": _LETTERS,
+                "background_color": _BEHIND,
+                "metadata": [],
+            }
+            for box in people.boxes
+        ],
         "metadata": [],
     }
 
@@ -284,18 +295,6 @@ def _box_around(box: sensing.PersonBox, at: Time) -> Message:
         "outline_colors": [],
         "fill_color": _NOTHING,
         "thickness": _LINE_PX,
-        "metadata": [],
-    }
-
-
-def _label_of(box: sensing.PersonBox, at: Time) -> Message:
-    return {
-        "timestamp": at,
-        "position": {"x": _pixel(box.left_px), "y": _pixel(box.top_px)},
-        "text": box.person_id or f"track {box.track}",
-        "font_size": _LABEL_PX,
-        "text_color": _LETTERS,
-        "background_color": _BEHIND,
         "metadata": [],
     }
 

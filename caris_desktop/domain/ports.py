@@ -1,5 +1,6 @@
 """Interfaces between packages, so that live robot, simulator and replay are interchangeable."""
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -29,10 +30,8 @@ class FrameWriter(Protocol):
         """Copy ``image_bgr`` (uint8, shape (height, width, 3)) into the ring; never blocks on readers."""
 
 
-class ValueSink(Protocol):
-    """Receiver of domain values. Called in the source's thread; must not block."""
-
-    def __call__(self, value: Any) -> None: ...
+ValueSink = Callable[[Any], None]
+"""Receiver of domain values. Called in the source's thread; must not block."""
 
 
 class ReportProblem(Protocol):

@@ -101,10 +101,6 @@ def json_schema(value_type: type[Any]) -> dict[str, Any]:
     return schema
 
 
-def _as_it_is(data: Any) -> Any:
-    return data
-
-
 @functools.cache
 def _builder(kind: Any) -> Callable[[Any], Any]:
     """Constructor of values of ``kind``, cached: analysing the type takes longer than building a value.
@@ -114,7 +110,7 @@ def _builder(kind: Any) -> Callable[[Any], Any]:
     kind = without_alias(kind)
     origin, arguments = get_origin(kind), get_args(kind)
     if kind is Any:
-        return _as_it_is
+        return lambda data: data
     if kind is float:
         return _number
     if kind in (int, str, bool):

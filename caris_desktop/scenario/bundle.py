@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
@@ -134,7 +134,7 @@ def read_bundle(path: Path) -> Bundle:
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError) as error:
         raise BundleError(tr("{name} is not a scenario file, or it is damaged.").format(name=path.name)) from error
     _check_version(texts.pop(_ABOUT, ""), path)
-    parts = [BundledFile(*_kind_and_name(name), text) for name, text in texts.items()]
+    parts = [_bundled(name, text) for name, text in texts.items()]
     scenarios = [part for part in parts if part.kind == "scenario"]
     if len(scenarios) != 1:
         raise BundleError(
@@ -275,10 +275,9 @@ def _check_version(about: str, path: Path) -> None:
         )
 
 
-def _kind_and_name(entry: str) -> tuple[PartKind, str]:
+def _bundled(entry: str, text: str) -> BundledFile:
     kind, _, file_name = entry.partition("/")
-    kinds: dict[str, PartKind] = {"scenario": "scenario", "robot": "robot", "face": "face"}
-    return kinds[kind], file_name.removesuffix(".yaml")
+    return BundledFile(cast(PartKind, kind), file_name.removesuffix(".yaml"), text)
 
 
 def _referring(text: str, names: Mapping[tuple[PartKind, str], str]) -> str:

@@ -230,12 +230,6 @@ def changed_text(before: str, scenario: Scenario, data: dict[str, Any], path: Pa
 
 def _read(path: Path) -> bytes:
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise ScenarioError(
-                tr("{path}: {size} bytes is too large for a scenario. Allowed: {most} bytes.").format(
-                    path=_shown(path), size=path.stat().st_size, most=MAX_FILE_BYTES
-                )
-            )
         with path.open("rb") as file:
             raw = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
@@ -301,13 +295,9 @@ def _meaning_problems(
 
 
 def _schema_comment(path: Path) -> str:
-    return f"# yaml-language-server: $schema={_schema_reference(path)}"
-
-
-def _schema_reference(path: Path) -> str:
-    if path.resolve().parent == layouts_dir().resolve():
-        return "../resources/schemas/scenario.schema.json"
-    return schema_path().as_uri()
+    is_shipped = path.resolve().parent == layouts_dir().resolve()
+    reference = "../resources/schemas/scenario.schema.json" if is_shipped else schema_path().as_uri()
+    return f"# yaml-language-server: $schema={reference}"
 
 
 def _write_or_report(path: Path, text: str) -> None:
