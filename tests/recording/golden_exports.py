@@ -1,7 +1,8 @@
 """Golden outputs of all export formats for three fixture sessions: a tour, one with every stream, one cut off.
 
 For sessions in which definitions of measures differ most easily (slow and rare commands, recognised people, suggested
-replies, two scenarios of one title) and for a rehearsal: those of the tables, tiers, texts and statistics.
+replies, two scenarios of one title) and for a rehearsal: those of the tables, tiers, texts and statistics. For a study
+of several, by two wizards of whom one had practised: the methods sheet.
 
 ``python -m tests.recording.golden_exports`` updates them; the diff of the commit shows the changes for readers of
 exports. Text files are stored completely; other files as the values that a reader gets.
@@ -31,6 +32,7 @@ from caris_desktop.domain.events import (
     PersonIdentified,
     PersonLeft,
     PlannedStep,
+    PracticeEnded,
     ProtocolOpened,
     RecordingPaused,
     ResponseTimed,
@@ -43,7 +45,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry
-from caris_desktop.recording.session_export import FORMATS, ExportContext, export_session
+from caris_desktop.recording.session_export import FORMATS, ExportContext, ExportRequest, export_all, export_session
 from caris_desktop.recording.studies.statistics import study_statistics
 from tests.recording.told_session import STEPS, at, drive, exchange, heard, said, tell, tour
 from tests.support.recorded_session import make_session
@@ -51,8 +53,9 @@ from tests.support.recorded_session import make_session
 GOLDEN = Path(__file__).parent / "golden"
 _REHEARSAL = Path(__file__).parents[2] / "examples" / "study" / "sessions" / "2026-11-27_13-20-36_P01"
 _MEASURED = ("creeping", "seldom", "people", "suggestions", "titles", "rehearsal")
+_STUDY = "study"
 _MEASURED_FORMATS = ("csv", "eaf", "textgrid", "vtt", "html", "methods")
-SESSIONS = ("tour", "whole", "killed", *_MEASURED)
+SESSIONS = ("tour", "whole", "killed", *_MEASURED, _STUDY)
 # Those of the other sessions show them.
 _NOT_MEASURED = ("methods.html", "data_dictionary.csv")
 _STYLE = re.compile(r"<style>.*?</style>", re.DOTALL)
@@ -86,6 +89,8 @@ def make(name: str, folder: Path) -> Path:
 
 def exported(name: str, work: Path) -> dict[str, str]:
     """Contents of the exports of a fixture session: file name in :data:`GOLDEN` to text."""
+    if name == _STUDY:
+        return {f"{name}.methods.txt": _methods_of_study(work / name, work / f"{name}-out")}
     session = make(name, work / name)
     warnings: list[str] = []
     found = {}
@@ -104,6 +109,28 @@ def exported(name: str, work: Path) -> dict[str, str]:
     found[f"{name}.statistics.txt"] = _sections(out)
     found[f"{name}.warnings.txt"] = "\n".join([*warnings, ""])
     return found
+
+
+def _methods_of_study(study: Path, out: Path) -> str:
+    ended = PracticeEnded(at(500.0), done=9, steps=10, minutes=8.0, score=78)
+    for number, minutes in enumerate((10.0, 5.0)):
+        practice = {"wizard": "Mia", "purpose": "practice"}
+        tell(study / f"p{number}", [ended], lasts_s=60 * minutes, trial=practice, later_s=3600.0 * number - 7200.0)
+    for number, wizard in enumerate(("Mia", "Noor", "")):
+        trial = {"wizard": wizard, "participant": f"P{number}" if wizard else "", "condition": "AB"[number % 2]}
+        tell(
+            study / f"t{number}",
+            tour(number + 4, minutes=2.0, state_hz=1.0, building=False),
+            lasts_s=120.0,
+            trial=trial,
+            later_s=7200.0 + 86400.0 * number,
+            closed=number < 2,
+        )
+    for name in ("titles", "suggestions"):
+        make(name, study / name)
+    request = ExportRequest(tuple(sorted(study.iterdir())), ("methods",), out)
+    assert not export_all(request).problems
+    return _sections(out)
 
 
 def _sections(out: Path) -> str:
