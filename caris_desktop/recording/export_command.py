@@ -5,7 +5,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
+from caris_desktop.recording.exporters.templates import OF_FORMAT, check_template
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.missing_data import missing_values, missing_words
 from caris_desktop.recording.session.session_header import SessionError, read_header, reading
@@ -46,6 +49,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ),
     )
     add_csv_arguments(parser)
+    parser.add_argument(
+        "--template",
+        type=Path,
+        metavar="FILE",
+        help=f"your own template of the text, NAME.md.j2 or NAME.html.j2, with --to {' or --to '.join(OF_FORMAT)}",
+    )
+    parser.add_argument(
+        "--print-template",
+        action=_PrintTemplate,
+        choices=tuple(OF_FORMAT),
+        help="print the program's template of a format, to start your own from, and exit",
+    )
     parser.add_argument("--verify", action="store_true", help="first verify the files against the session's checksums")
     parser.add_argument(
         "out",
@@ -57,6 +72,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Exit status: 0 if everything was exported, 1 if not (reasons on stderr), 130 if cancelled by Ctrl-C."""
     try:
+        if args.template is not None:
+            _check_template(args.template, args.to)
         sessions = sessions_in(args.session)
     except ExportError as error:
         print(error, file=sys.stderr)
@@ -66,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
     request = ExportRequest(
         sessions, args.to, args.out, args.licence,
         folder_per_session=not one, with_names=args.with_names, csv=csv_style_of(args),
+        template=args.template,
     )  # fmt: skip
     written = 0
 
@@ -92,6 +110,21 @@ def run(args: argparse.Namespace) -> int:
         together = "".join(f" and {path.name} for all" for path in finished.written if path.name in BY_FORMAT)
         print(f"Exported {exported} of {len(sessions)} sessions{together} to {args.out}")
     return 1 if damaged or finished.problems else 0
+
+
+class _PrintTemplate(argparse.Action):
+    """Prints a shipped template and ends the program."""
+
+    def __call__(self, parser: argparse.ArgumentParser, _namespace: object, values: object, *_: object) -> None:
+        print((resources_dir() / "templates" / OF_FORMAT[str(values)]).read_text("utf-8"), end="")
+        parser.exit()
+
+
+def _check_template(template: Path, formats: Sequence[str]) -> None:
+    if len(formats) != 1 or formats[0] not in OF_FORMAT:
+        alone = QT_TR_NOOP("A template is for one format: {formats}. Nothing was written; name it with --to.")
+        raise ExportError(localized(alone, formats=", ".join(OF_FORMAT)))
+    check_template(template)
 
 
 def _formats(text: str) -> tuple[str, ...]:

@@ -44,7 +44,7 @@ class ExportContext:
     ``licence`` is an SPDX identifier or an address, empty if none was chosen. ``warn`` takes a sentence on data that
     was left out of a successful export. Wizards, coders and the robot's address are pseudonymised unless
     ``with_names``: with ``pseudonyms`` if several exports share them, else with the study's. Of the tables,
-    ``parquet`` writes those of ``tables``, or all.
+    ``parquet`` writes those of ``tables``, or all. ``template`` is the researcher's own, for formats that are texts.
     """
 
     progress: Callable[[float], None] = _no_progress
@@ -54,6 +54,7 @@ class ExportContext:
     pseudonyms: Pseudonyms | None = None
     csv: CsvStyle = SHOWN
     tables: Collection[str] = ()
+    template: Path | None = None
 
 
 Exporter = Callable[[Session, Path, ExportContext], list[Path]]
@@ -142,7 +143,7 @@ class ExportRequest:
     """Sessions to export in one or several formats.
 
     Each session gets the folder ``out/NAME``, or ``out`` itself without ``folder_per_session`` (single session only);
-    with several formats, each gets a subfolder. ``with_names``: see ExportContext.
+    with several formats, each gets a subfolder. ``with_names`` and ``template``: see ExportContext.
     """
 
     sessions: tuple[Path, ...]
@@ -152,6 +153,7 @@ class ExportRequest:
     folder_per_session: bool = True
     with_names: bool = False
     csv: CsvStyle = SHOWN
+    template: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -375,7 +377,9 @@ def _export_formats(
             place = partial / fmt if len(formats) > 1 else partial
             place.mkdir(exist_ok=True)
             warnings: list[str] = []
-            context = ExportContext(progress, request.licence, warnings.append, csv=request.csv)
+            context = ExportContext(
+                progress, request.licence, warnings.append, csv=request.csv, template=request.template
+            )
             try:
                 _write(fmt, session, place, context)
             except _DiskFullError:
@@ -396,7 +400,7 @@ def _export_combined(name: str, sessions: Sequence[Session], request: ExportRequ
     """Write one format once for all sessions, into the folder of its name. Raises ExportError."""
     target = request.out.absolute() / name
     with _whole_folder(target, sessions[0].folder) as partial:
-        context = ExportContext(licence=request.licence, csv=request.csv)
+        context = ExportContext(licence=request.licence, csv=request.csv, template=request.template)
         _converting_errors(
             lambda: BY_FORMAT[name].study_exporter()(sessions, partial, context),
             f"{len(sessions)} sessions",

@@ -30,8 +30,8 @@ from caris_desktop.recording.annotation.annotation_editing import AnnotationErro
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.exporters import drawings
 from caris_desktop.recording.exporters.drawings import Curve, Item, Part, Pin, Row, Trajectory, duration_text
-from caris_desktop.recording.exporters.methods_words import MEANS_WORDS, gaps_words
-from caris_desktop.recording.exporters.templates import write_page
+from caris_desktop.recording.exporters.formatting import counted
+from caris_desktop.recording.exporters.templates import write_own_page, write_page
 from caris_desktop.recording.measures.distributions import SummaryStats, per_10_min
 from caris_desktop.recording.measures.session_measures import (
     THIS_COMPUTER,
@@ -51,7 +51,7 @@ from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
 from caris_desktop.recording.session_export import ExportContext
-from caris_desktop.recording.studies.data_quality import counted, data_quality_problems
+from caris_desktop.recording.studies.data_quality import data_quality_problems
 
 _log = logging.getLogger(__name__)
 _MAX_PHOTOS = 60
@@ -100,14 +100,20 @@ class _Legend:
 
 
 def write_html(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """Write ``report.html`` into the folder ``out``. Raises OSError, SessionError."""
+    """Write ``report.html`` into the folder ``out``, or what the researcher's template makes.
+
+    Raises OSError, SessionError, ExportError.
+    """
     facts = read_facts(session, lambda fraction: context.progress(0.7 * fraction))
     with SessionTimeline(session) as timeline:
         grid = next((value for value in timeline.state_at(session.ended_ns) if isinstance(value, OccupancyGrid)), None)
     context.progress(0.8)
     report = _report(facts, measure(facts), grid)
     context.progress(0.95)
-    path = write_page(out / "report.html", "report.html.j2", report=report)
+    if context.template is not None:
+        path = write_own_page(out, "report", context.template, report=report)
+    else:
+        path = write_page(out / "report.html", "report.html.j2", report=report)
     context.progress(1.0)
     return [path]
 
@@ -481,7 +487,7 @@ def _responses(measures: Measures) -> dict[str, Any]:
         ("Wizard reacts", SummaryStats.of([reply.delay_s for reply in measures.reactions])),
         ("Gap before the first sound", SummaryStats.of(measures.gaps_s)),
         *(
-            (f"… {MEANS_WORDS[means]}", SummaryStats.of([gap.gap_s for gap in measures.gaps if gap.means == means]))
+            (means, SummaryStats.of([gap.gap_s for gap in measures.gaps if gap.means == means]))
             for means in dict.fromkeys(gap.means for gap in measures.gaps)
         ),
     ]
@@ -493,7 +499,7 @@ def _responses(measures: Measures) -> dict[str, Any]:
         ),
         "response_fact": "" if response is None else f"median {response.median:.1f} s",
         "response_limit": f"{RESPONSE_LIMIT_S:g}",
-        "gaps_words": gaps_words(measures.gaps_s),
+        "gaps_s": measures.gaps_s,
         "response_rows": [
             {
                 "label": label,

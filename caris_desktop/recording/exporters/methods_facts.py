@@ -1,13 +1,16 @@
-"""Data of a study for the methods sheet; each session is read once."""
+"""Facts for the methods sheet: what the sessions of a study say, as plain data for its template."""
 
+import json
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from caris_desktop.domain.actor import in_words
+from caris_desktop.domain.actor import WIZARD, in_words
 from caris_desktop.domain.events import (
+    LATE_FROM_S,
     ControlUsed,
     HeadMoved,
     LlmExchange,
@@ -17,75 +20,130 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.streams import spec_of_topic
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.exporters.methods_words import distinct
+from caris_desktop.recording.measures.measure_definitions import MEASURES
 from caris_desktop.recording.measures.session_measures import Measures, ModelUse, measure, read_facts
 from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.responses import Response
 from caris_desktop.recording.session.robot_clock_mapping import ClockSummary, robot_clock
 from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
-from caris_desktop.recording.session.session_checks import Preflight, preflight_of
-from caris_desktop.recording.session.session_header import SessionError, read_header, reading
+from caris_desktop.recording.session.session_alarms import AlarmRecord
+from caris_desktop.recording.session.session_checks import Preflight, open_words, preflight_of
+from caris_desktop.recording.session.session_header import SessionError, SessionHeader, read_header, reading
 from caris_desktop.recording.session.session_protocol import StepRecord
 from caris_desktop.recording.session.session_reader import Session, open_session
-from caris_desktop.recording.studies.study_index import session_folders
+from caris_desktop.recording.session.utterances import SpokenUtterance
+from caris_desktop.recording.studies.study_index import copies_among, session_folders
 
 _log = logging.getLogger(__name__)
-PRACTICE = "practice"
+_PRACTICE = "practice"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KnownSession:
-    """Data of one session for the sheet, without the values themselves. ``utterances_by_actor`` counts robot utterances
-    by who triggered them, as text.
-    """
+class _Known:
+    """A session and what the sheet needs of it, without the high-rate values."""
 
     session: Session
+    utterances: tuple[SpokenUtterance, ...]
+    exchanges: tuple[LlmExchange, ...]
+    photos: int
     measures: Measures
     scenarios: tuple[ScenarioText, ...]
     robots: tuple[str, ...]
-    exchanges: tuple[LlmExchange, ...]
-    photos: int
     streams: frozenset[str]
     clock: ClockSummary | None
-    participant_spoke: bool
-    utterances_by_actor: dict[str, int]
-    voices: frozenset[str]
+    preflight: Preflight
     head_moves: int
     controls: int
-    preflight: Preflight
 
 
-def read_known(session: Session, progress: Callable[[float], None]) -> KnownSession:
-    facts = read_facts(session, lambda fraction: progress(0.8 * fraction))
-    opened, chosen = facts.of(ScenarioOpened), facts.of(RobotChosen)
-    head = session.header
-    robots = [event.title or event.name for event in chosen]
-    if not robots and head.robot.profile:
-        robots = [head.robot.profile]
-    scenarios = [read_scenario(event) for event in opened]
-    if not scenarios and head.scenario.title:
-        scenarios = [ScenarioText(head.scenario.title, head.scenario.file, head.scenario.sha256)]
+def methods_facts(sessions: Sequence[Session], progress: Callable[[float], None] = lambda _: None) -> dict[str, Any]:
+    """Facts on the sessions that count: copies and practice do not, unless all are practice.
+
+    ``progress`` may raise to cancel. Raises SessionError.
+    """
+    copies = copies_among({str(session.folder): (session.identity, session.losses) for session in sessions})
+    sessions = [session for session in sessions if str(session.folder) not in copies]
+    counting = [session for session in sessions if _purpose(session.trial) != _PRACTICE] or sessions
+    known = []
+    for number, session in enumerate(sorted(counting, key=_started_utc_ns)):
+        known.append(_read(session, lambda share, before=number: progress((before + share) / len(counting))))  # type: ignore[misc]
+    practice = _practice(sessions)
+    asking = [one for one in known if one.exchanges]
+    measures = [one.measures for one in known]
+    headers = [one.session.header for one in known]
+    utterances = [item for one in known for item in one.utterances]
+    robot_utterances = [item for item in utterances if item.speaker == "robot"]
+    return {
+        "name": known[0].session.folder.name if len(known) == 1 else "",
+        "sessions": [_of_session(one) for one in known],
+        "copies": len(copies),
+        **_sums(measures),
+        "wizards": Counter(_wizard(one.session) for one in known),
+        "training": _training(known, practice),
+        "practice": len(practice),
+        "participants": distinct(one.session.trial.get("participant", "") for one in known),
+        "conditions": Counter(name for one in known if (name := one.session.trial.get("condition", ""))),
+        "robots": distinct(name for one in known for name in one.robots),
+        "streams": {name for one in known for name in one.streams},
+        "voices": sorted({item.voice for item in robot_utterances if item.voice}),
+        "deciders": Counter(in_words(item.actor) for item in robot_utterances if item.said),
+        "the_wizard": in_words(WIZARD),
+        "transcribed": any(item.speaker == "participant" for item in utterances),
+        "head_moves": sum(one.head_moves for one in known),
+        "controls": sum(one.controls for one in known),
+        "photos": sum(one.photos for one in known),
+        **_scenarios([scenario for one in known for scenario in one.scenarios]),
+        "steps": _steps([step for measure_ in measures for step in measure_.steps]),
+        "responses_s": [seconds for each in measures for seconds in each.response_times_s],
+        "content_responses_s": [reply.delay_s for each in measures for reply in each.content_responses],
+        "reactions_s": [reply.delay_s for each in measures for reply in each.reactions],
+        "gaps_s": [seconds for each in measures for seconds in each.gaps_s],
+        "gaps_by_means": _by_means(known),
+        "checks": _checks([one.preflight for one in known if one.preflight.checks]),
+        "alarms": _alarms(measures),
+        "models": _merged([model for each in measures for model in each.models]),
+        "asked_utc_ns": [_started_utc_ns(one.session) for one in asking],
+        **_questions([exchange for one in asking for exchange in one.exchanges]),
+        "clocks": _clocks([one.clock for one in known if one.clock is not None]),
+        "versions": distinct(header.program_version for header in headers),
+        "software": _software(headers),
+    }
+
+
+def _of_session(one: _Known) -> dict[str, Any]:
+    session = one.session
+    return {
+        "name": session.folder.name,
+        "participant": session.trial.get("participant", ""),
+        "condition": session.trial.get("condition", ""),
+        "wizard": _wizard(session),
+        "started_utc_ns": _started_utc_ns(session),
+        "closed": session.closed_properly,
+        "losses": list(session.losses),
+        "measures": one.measures.values,
+    }
+
+
+def _read(session: Session, progress: Callable[[float], None]) -> _Known:
+    data = read_facts(session, lambda share: progress(0.8 * share))
+    robots = [event.title or event.name for event in data.of(RobotChosen)]
+    header = session.header
+    scenarios = [read_scenario(event) for event in data.of(ScenarioOpened)]
+    if not scenarios and header.scenario.title:
+        scenarios = [ScenarioText(header.scenario.title, header.scenario.file, header.scenario.sha256)]
     rare = [value for _, value in session.values("event/head_moved", "event/control_used")]
-    anchor = session.clock.anchor
-    return KnownSession(
+    return _Known(
         session=session,
-        measures=measure(facts),
+        utterances=data.utterances,
+        exchanges=tuple(data.of(LlmExchange)),
+        photos=len(data.photos),
+        measures=measure(data),
         scenarios=tuple(scenarios),
-        robots=tuple(dict.fromkeys(robots)),
-        exchanges=tuple(facts.of(LlmExchange)),
-        photos=len(facts.photos),
+        robots=tuple(distinct(robots or [header.robot.profile])),
         streams=_streams(session),
-        clock=robot_clock(session).summary(
-            utc_ns_at=anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns
-        ),
-        participant_spoke=any(item.speaker == "participant" for item in facts.utterances),
-        utterances_by_actor=Counter(
-            in_words(item.actor) for item in facts.utterances if item.speaker == "robot" and item.said
-        ),
-        voices=frozenset(item.voice for item in facts.utterances if item.speaker == "robot" and item.voice),
+        clock=robot_clock(session).summary(utc_ns_at=_started_utc_ns(session), session_ns_at=session.started_ns),
+        preflight=preflight_of(data.of(PreflightChecked)),
         head_moves=sum(isinstance(value, HeadMoved) for value in rare),
         controls=sum(isinstance(value, ControlUsed) and value.state == "requested" for value in rare),
-        preflight=preflight_of(facts.of(PreflightChecked)),
     )
 
 
@@ -96,8 +154,126 @@ def _streams(session: Session) -> frozenset[str]:
     return frozenset(spec.name for spec in specs if spec is not None)
 
 
+def _sums(measures: Sequence[Measures]) -> dict[str, Any]:
+    """Measures over all sessions: ``total`` and ``values`` of those that have it, and ``parts`` by label."""
+    names = [measure_.name for measure_ in MEASURES]
+    parts: dict[str, Counter[str]] = {name: Counter() for name in names}
+    for one in measures:
+        for name, its in one.parts.items():
+            parts.setdefault(name, Counter()).update(its)
+    return {
+        "total": {name: sum(one.values[name] or 0 for one in measures) for name in names},
+        "values": {name: [value for one in measures if (value := one.values[name]) is not None] for name in names},
+        "parts": {name: dict(its) for name, its in parts.items()},
+    }
+
+
+def _scenarios(scenarios: Sequence[ScenarioText]) -> dict[str, Any]:
+    permissions: dict[str, bool] = {}
+    for scenario in scenarios:
+        for name, allowed in scenario.permissions.items():
+            permissions[name] = permissions.get(name, False) or allowed
+    return {
+        "scenarios": list({scenario.sha256 or scenario.title: scenario for scenario in scenarios}.values()),
+        "phrases": max((len(scenario.phrases) for scenario in scenarios), default=0),
+        "allowed": [name for name, allowed in permissions.items() if allowed],
+        "forbidden": [name for name, allowed in permissions.items() if not allowed],
+        "panels": distinct(panel for scenario in scenarios for panel in scenario.panels),
+    }
+
+
+def _steps(records: Iterable[StepRecord]) -> list[dict[str, Any]]:
+    """Each protocol step over the sessions that had it, by scenario file and id."""
+    steps: dict[tuple[str, str], list[StepRecord]] = {}
+    for record in records:
+        steps.setdefault((record.scenario, record.step_id), []).append(record)
+    return [
+        {
+            "scenario": scenario,
+            "title": each[-1].title,
+            "planned_s": max(record.expected_s for record in each),
+            "times_s": [record.time_s for record in each if record.visits],
+            "sessions": len(each),
+            "skipped": sum(record.skipped > 0 for record in each),
+            "late": sum(record.late_s >= LATE_FROM_S for record in each),
+        }
+        for (scenario, _), each in steps.items()
+    ]
+
+
+def _by_means(known: Iterable[_Known]) -> dict[str, list[float]]:
+    gaps: dict[str, list[float]] = {}
+    for one in known:
+        for response in one.measures.gaps:
+            gaps.setdefault(response.means, []).append(response.gap_s)
+    return gaps
+
+
+def _checks(checked: Sequence[Preflight]) -> dict[str, Any]:
+    """Pre-session checks of the sessions that recorded any."""
+    return {
+        "sessions": len(checked),
+        "passed": sum(not one.still_open for one in checked),
+        "ticked": Counter(
+            check.title for one in checked for check in one.checks if check.manual and check.state == "passed"
+        ),
+        "not_passed": Counter(words for one in checked for words in open_words(one)),
+    }
+
+
+def _alarms(measures: Sequence[Measures]) -> dict[str, Any]:
+    alarms = [alarm for one in measures for alarm in one.alarms]
+    by_cause: dict[str, list[AlarmRecord]] = {}
+    for alarm in alarms:
+        by_cause.setdefault(alarm.cause, []).append(alarm)
+    return {
+        "count": len(alarms),
+        "sessions": sum(bool(one.alarms) for one in measures),
+        "dismissed": sum(bool(alarm.seen_to_by) for alarm in alarms),
+        "active_at_end": sum(alarm.end_ns is None for alarm in alarms),
+        "causes": [
+            {"what": group[0].what, "count": len(group), "active_s": sum(one.stood_s for one in group)}
+            for group in sorted(by_cause.values(), key=len, reverse=True)
+        ],
+    }
+
+
+def _questions(exchanges: Sequence[LlmExchange]) -> dict[str, Any]:
+    prompts: Counter[str] = Counter()
+    for exchange in exchanges:
+        prompts["\n\n".join(message.content for message in exchange.messages if message.role == "system")] += 1
+    return {
+        "questions": len(exchanges),
+        "seeded": sum(exchange.seed is not None for exchange in exchanges),
+        "settings": distinct(json.dumps(exchange.parameters, sort_keys=True) for exchange in exchanges),
+        "prompts": {text: count for text, count in prompts.items() if text},
+    }
+
+
+def _clocks(clocks: Sequence[ClockSummary]) -> dict[str, Any]:
+    """Robot clocks of the sessions in which they were measured."""
+    return {
+        "sessions": len(clocks),
+        # Adding zero turns minus zero into zero.
+        "offsets_s": [round(clock.utc_offset_s, 3) + 0.0 for clock in clocks],
+        "drift_ms_per_min": max((abs(clock.drift_ms_per_min) for clock in clocks), default=0.0),
+        "uncertainty_ms": max((clock.uncertainty_ms for clock in clocks), default=0.0),
+    }
+
+
+def _software(headers: Iterable[SessionHeader]) -> dict[str, list[str]]:
+    versions: dict[str, list[str]] = {}
+    for header in headers:
+        for name, version in header.software.items():
+            versions.setdefault(name, []).append(version)
+    return {name: distinct(its) for name, its in sorted(versions.items())}
+
+
+# Practice
+
+
 @dataclass(frozen=True, slots=True)
-class PracticeSession:
+class _Practice:
     """Practice session of a wizard. ``score`` (0..100) of the guided exercise; None without it."""
 
     wizard: str
@@ -106,9 +282,9 @@ class PracticeSession:
     score: int | None = None
 
 
-def practice_available(sessions: Sequence[Session]) -> list[PracticeSession]:
+def _practice(sessions: Sequence[Session]) -> list[_Practice]:
     """Practice sessions in the parent folders of ``sessions``."""
-    found: dict[Any, PracticeSession] = {}
+    found: dict[Any, _Practice] = {}
     for parent in sorted({session.folder.absolute().parent for session in sessions}):
         try:
             folders = session_folders(parent)
@@ -117,138 +293,70 @@ def practice_available(sessions: Sequence[Session]) -> list[PracticeSession]:
             continue
         for folder in folders:
             try:
-                if _head_purpose(folder) != PRACTICE:
+                if not _is_practice(folder):
                     continue
                 session = open_session(folder, repair=False)
+                scores = [event.score for _, event in session.values("event/practice_ended")]
             except SessionError as error:
                 _log.info("not counted as practice: %s", error)
                 continue
-            utc_ns = session.clock.anchor.utc_ns_at(session.started_ns)
             # Copies count once.
-            wizard = sessions[0].wizard_name(wizard_of(session))
-            found.setdefault(session.identity, PracticeSession(wizard, utc_ns, session.duration_s, _score(session)))
+            wizard = sessions[0].wizard_name(_wizard(session))
+            score = scores[-1] if scores else None
+            found.setdefault(session.identity, _Practice(wizard, _started_utc_ns(session), session.duration_s, score))
     return list(found.values())
 
 
-def _score(session: Session) -> int | None:
-    """Score of the last guided exercise."""
-    scores = [event.score for _, event in session.values("event/practice_ended")]
-    return scores[-1] if scores else None
+def _training(known: Sequence[_Known], practice: Sequence[_Practice]) -> dict[str, dict[str, Any]]:
+    """Each wizard's practice before the first session that counts."""
+    trained = {}
+    for name in distinct(_wizard(one.session) for one in known):
+        sessions = [one.session for one in known if _wizard(one.session).casefold() == name.casefold()]
+        first_ns = min(map(_started_utc_ns, sessions))
+        own = [one for one in practice if one.wizard.casefold() == name.casefold() and one.started_utc_ns < first_ns]
+        if own:
+            trained[name] = {
+                "sessions": len(own),
+                "duration_s": sum(one.duration_s for one in own),
+                "score": max((one.score for one in own if one.score is not None), default=None),
+            }
+    return trained
 
 
-def _head_purpose(folder: Path) -> str:
-    """Purpose from the session header alone, since there may be hundreds of sessions. Raises SessionError."""
-    return purpose_of(read_header(folder).trial)
+def _is_practice(folder: Path) -> bool:
+    """From the session header alone, since there may be hundreds of sessions. Raises SessionError."""
+    return _purpose(read_header(folder).trial) == _PRACTICE
 
 
-def purpose_of(trial: dict[str, Any]) -> str:
+def _purpose(trial: dict[str, Any]) -> str:
     return str(trial.get("purpose") or "").strip().casefold()
 
 
-def wizard_of(session: Session) -> str:
+def _wizard(session: Session) -> str:
     return session.trial.get("wizard", "").strip()
 
 
-class StudyFacts:
-    """Sessions that count, in chronological order, and their aggregates.
+def _started_utc_ns(session: Session) -> int:
+    return session.clock.anchor.utc_ns_at(session.started_ns)
 
-    ``practice`` sessions and ``copies`` of sessions do not count.
-    """
 
-    def __init__(self, known: Sequence[KnownSession], practice: Sequence[PracticeSession], copies: int = 0) -> None:
-        self.copies = copies
-        self.known = sorted(known, key=lambda one: one.session.clock.anchor.utc_ns_at(one.session.started_ns))
-        self.practice = practice
-        self.models = _merged([model for one in known for model in one.measures.models])
-
-    def wizards(self) -> list[str]:
-        return distinct(wizard_of(one.session) for one in self.known)
-
-    def training(self) -> dict[str, list[PracticeSession]]:
-        """Each wizard's practice before the first session that counts."""
-        first_ns: dict[str, int] = {}
-        for one in reversed(self.known):
-            session = one.session
-            first_ns[wizard_of(session).casefold()] = session.clock.anchor.utc_ns_at(session.started_ns)
-        practised: dict[str, list[PracticeSession]] = {}
-        for name in self.wizards():
-            own = [
-                item
-                for item in self.practice
-                if item.wizard.casefold() == name.casefold() and item.started_utc_ns < first_ns[name.casefold()]
-            ]
-            if own:
-                practised[name] = own
-        return practised
-
-    def robots(self) -> list[str]:
-        return distinct(name for one in self.known for name in one.robots)
-
-    def steps(self) -> dict[tuple[str, str], list[StepRecord]]:
-        """Each protocol step with its records in all sessions that had it, by scenario file and id."""
-        found: dict[tuple[str, str], list[StepRecord]] = {}
-        for one in self.known:
-            for step in one.measures.steps:
-                found.setdefault((step.scenario, step.step_id), []).append(step)
-        return found
-
-    def recorded_s(self) -> float:
-        return sum(one.measures["recorded_s"] for one in self.known)
-
-    def gaps(self) -> list[Response]:
-        """All answers of all sessions."""
-        return [response for one in self.known for response in one.measures.gaps]
-
-    def responses(self) -> list[float]:
-        return [seconds for one in self.known for seconds in one.measures.response_times_s]
-
-    def system_prompts(self) -> dict[str, int]:
-        """Number of requests per system prompt."""
-        prompts: Counter[str] = Counter()
-        for one in self.known:
-            for exchange in one.exchanges:
-                text = "\n\n".join(message.content for message in exchange.messages if message.role == "system")
-                if text:
-                    prompts[text] += 1
-        return dict(prompts)
-
-    def counted(self, measure: str) -> dict[str, int]:
-        """Sum of the parts of a measure over all sessions, most frequent first."""
-        totals: Counter[str] = Counter()
-        for one in self.known:
-            totals.update({label: int(count) for label, count in one.measures.of(measure).items()})
-        return dict(totals.most_common())
-
-    def total(self, measure: str) -> float:
-        """Sum of a measure over all sessions."""
-        return sum(one.measures[measure] for one in self.known)
-
-    def each(self, measure: str) -> list[float]:
-        """Values of a measure in the sessions that have it."""
-        return [value for one in self.known if (value := one.measures.values[measure]) is not None]
+def distinct(values: Iterable[str]) -> list[str]:
+    """Values without duplicates and empty ones."""
+    return list(dict.fromkeys(value for value in values if value))
 
 
 def _merged(models: Iterable[ModelUse]) -> list[ModelUse]:
+    """Uses of the same model in several sessions, added."""
     groups: dict[tuple[str, str, str, str], list[ModelUse]] = {}
     for model in models:
         groups.setdefault((model.provider, model.model, model.version, model.place), []).append(model)
+    sums = ("asked", "answered", "cancelled", "failed", "said", "edited", "dismissed", "unused")
+    lists = ("first_token_s", "answer_s", "settings")
     return [
         ModelUse(
-            provider=provider,
-            model=name,
-            version=version,
-            place=place,
-            asked=sum(one.asked for one in group),
-            answered=sum(one.answered for one in group),
-            cancelled=sum(one.cancelled for one in group),
-            failed=sum(one.failed for one in group),
-            said=sum(one.said for one in group),
-            edited=sum(one.edited for one in group),
-            dismissed=sum(one.dismissed for one in group),
-            unused=sum(one.unused for one in group),
-            first_token_s=tuple(seconds for one in group for seconds in one.first_token_s),
-            answer_s=tuple(seconds for one in group for seconds in one.answer_s),
-            settings=tuple(text for one in group for text in one.settings),
+            *key,
+            *(sum(map(attrgetter(name), group)) for name in sums),
+            *(tuple(value for one in group for value in getattr(one, name)) for name in lists),
         )
-        for (provider, name, version, place), group in groups.items()
+        for key, group in groups.items()
     ]

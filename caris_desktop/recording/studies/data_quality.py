@@ -54,11 +54,6 @@ def data_quality_problems(facts: SessionData, measures: Measures) -> tuple[str, 
     return tuple(sentences)
 
 
-def counted(count: int, one: str) -> str:
-    """``no stops``, ``1 stop``, ``3 stops``."""
-    return f"{'no' if count == 0 else count} {one}{'s' * (count != 1)}"
-
-
 def stream_words(stream: str) -> str:
     """Name of a stream's values for display."""
     return _STREAMS.get(stream, f"values of {stream.removeprefix('event/').replace('_', ' ')}")

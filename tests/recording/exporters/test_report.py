@@ -33,11 +33,11 @@ from caris_desktop.recording.annotation.annotation_store import save_coder
 from caris_desktop.recording.annotation.eaf_import import read_eaf
 from caris_desktop.recording.annotation.timeline_builder import build_overview
 from caris_desktop.recording.exporters.methods import write_methods_of_study
-from caris_desktop.recording.exporters.methods_sheet import methods_sheet
 from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session_export import ExportContext, ExportRequest, export_all, export_session
 from caris_desktop.recording.studies.statistics import study_statistics
+from tests.recording.methods_sheets import sheet_of
 from tests.recording.told_session import TRIAL, at, drive, exchange, heard, said, silenced, tell, tour
 
 _VOID = {"meta", "img", "br", "hr", "input", "link"}
@@ -227,8 +227,8 @@ def test_speakers_through_the_robot_are_all_reported(tmp_path: Path) -> None:
             for number, actor in enumerate(actors, start=1)
             for event in said(number, 3.0 * number, 3.0 * number + 0.1, 3.0 * number + 1.0, f"Sentence {number}.")
         ]
-        sheet = methods_sheet([open_session(tell(tmp_path / name, values, lasts_s=30.0))])
-        return next(item.answer for item in sheet.sections[0].items if "autonomously" in item.question)
+        sheet = sheet_of([open_session(tell(tmp_path / name, values, lasts_s=30.0))])
+        return sheet.answers["What did the robot do autonomously, and what did the wizard decide?"]
 
     # Versions 1 and 2 do not contain the actor.
     assert decided("alone", "wizard", "") == "The wizard decided what it said."
@@ -240,17 +240,17 @@ def test_speakers_through_the_robot_are_all_reported(tmp_path: Path) -> None:
 
 def paragraph(*values: Any, tmp_path: Path, lasts_s: float = 60.0, **trial: str) -> str:
     folder = tell(tmp_path / "sessions" / "s", list(values), lasts_s=lasts_s, trial={**TRIAL, **trial})
-    return methods_sheet([open_session(folder)]).paragraph
+    return sheet_of([open_session(folder)]).paragraph
 
 
 def test_the_sheet_names_where_each_answer_is_from_and_what_is_left_to_fill_in(toured: Session) -> None:
-    sheet = methods_sheet([toured])
-    answers = {item.question: item for section in sheet.sections for item in section.items}
+    sheet = sheet_of([toured])
+    answers = sheet.items
     sources = {source for item in answers.values() for source in item.sources}
     assert {source for source in sources if not source.startswith(("session.json", "events.mcap"))} <= set(BY_NAME)
-    for item in answers.values():
-        assert item.answer or item.by_hand, item.question
-        assert not item.answer or item.sources, item.question
+    for question, item in answers.items():
+        assert item.answer or item.by_hand, question
+        assert not item.answer or item.sources, question
     assert answers["Who were they?"].answer == ""
     assert answers["Where did it take place?"].by_hand
     assert "One wizard: Mia (one session)." in answers["How many wizards?"].answer
@@ -263,13 +263,13 @@ def test_the_sheet_names_where_each_answer_is_from_and_what_is_left_to_fill_in(t
         "drifted by at most 50.4 ms per minute" in answers["Which clocks were used, and how accurate were they?"].answer
     )
     assert "12 video frames were not recorded." in answers["Which data is missing?"].answer
-    (prompt,) = sheet.appendices
-    assert prompt.text == "You are a friendly robot guide.\nAnswer in one short sentence."
+    (prompt,) = sheet.prompts
+    assert prompt == "You are a friendly robot guide.\nAnswer in one short sentence."
 
 
 def test_the_paragraph_for_nothing_at_all(tmp_path: Path) -> None:
     folder = tell(tmp_path / "s", [], lasts_s=30.0, trial={}, robot={})
-    assert methods_sheet([open_session(folder)]).paragraph == (
+    assert sheet_of([open_session(folder)]).paragraph == (
         "The robot ([robot]) was controlled by [number of] wizards with CARIS Desktop (version 0.test) in one session"
         " (30.0 s recorded). [Participants: age, gender, recruitment.] [Training of the wizard.]"
         " The robot was not driven. The wizard marked no errors of their own."
@@ -313,7 +313,7 @@ def test_an_answer_that_nobody_heard_is_used_nowhere(tmp_path: Path) -> None:
     assert "its answer was not used by the wizard" in text
     assert "utterance" not in text
     session = open_session(tell(tmp_path / "told", values, lasts_s=60.0))
-    answers = {item.question: item.answer for section in methods_sheet([session]).sections for item in section.items}
+    answers = sheet_of([session]).answers
     assert (
         "accepted 0 (0%: 0 as they were, 0 edited), 0 dismissed, 1 not used"
         in (answers["How many of its answers were used?"])
@@ -395,7 +395,7 @@ def test_training_is_what_the_same_wizard_practised_before(tmp_path: Path) -> No
     for number, wizard in enumerate(("Mia", "Mia", "Noor")):
         tell(sessions_dir / f"s{number}", heard(1, 1, 2, "Hi"), lasts_s=120, later_s=7200 + 3600 * number,
              trial={"wizard": wizard, "participant": f"P{number}", "condition": "AB"[number % 2]})  # fmt: skip
-    one = methods_sheet([open_session(sessions_dir / "s1")])
+    one = sheet_of([open_session(sessions_dir / "s1")])
     assert "The wizard had practised with the program for 15 min 00 s before the first session." in one.paragraph
     out = tmp_path / "out"
     out.mkdir()

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 from caris_desktop.domain.events import AlarmChanged, RecordingPaused
-from caris_desktop.recording.exporters.methods_sheet import methods_sheet
 from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.recording.session.session_alarms import alarms_of
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import export_session
+from tests.recording.methods_sheets import sheet_of
 from tests.recording.told_session import at, tell
 
 
@@ -76,10 +76,9 @@ def test_report_tables_and_measures_have_them(sessions_dir: Path, tmp_path: Path
 
 def test_the_methods_sheet_sums_them_up(sessions_dir: Path) -> None:
     sessions = [open_session(folder) for folder in sorted(sessions_dir.iterdir())]
-    items = [item for section in methods_sheet(sessions).sections for item in section.items]
-    assert next(item.answer for item in items if item.question == QUESTION) == (
+    assert sheet_of(sessions).answers[QUESTION] == (
         "Four alarms in 2 of 3 sessions; 1 dismissed, 2 ended automatically, 1 active when a session ended."
         " The link is wrong: two alarms, 5.5 s in total. The disk is wrong: one alarm, 4.0 s in total."
         " The battery is wrong: one alarm, 10.0 s in total."
     )
-    assert QUESTION not in [item.question for section in methods_sheet(sessions[2:]).sections for item in section.items]
+    assert QUESTION not in sheet_of(sessions[2:]).answers

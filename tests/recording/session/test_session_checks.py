@@ -1,16 +1,15 @@
 """Preflight checks in recording, report and methods sheet."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from caris_desktop.domain.actor import CONSOLE, WIZARD
 from caris_desktop.domain.events import PreflightChecked
-from caris_desktop.recording.exporters.methods_sheet import MethodsSheet, methods_sheet
 from caris_desktop.recording.session.session_checks import open_words, preflight_of
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import export_session
+from tests.recording.methods_sheets import sheet_of
 from tests.recording.told_session import at, tell
 
 STOP = PreflightChecked(at(0.0), "emergency_stop", "Emergency stop is released", "major", at_start=True,
@@ -30,11 +29,6 @@ def sessions_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tell(folder / "s2", [ROBOT, FORM], lasts_s=60, later_s=3600)
     tell(folder / "s3", [], lasts_s=60, later_s=7200)
     return folder
-
-
-def answer(sheet: MethodsSheet) -> Any:
-    items = [item for section in sheet.sections for item in section.items]
-    return next((item.answer for item in items if item.question == QUESTION), None)
 
 
 def test_the_record_says_what_was_open_and_that_the_wizard_knew(sessions_dir: Path) -> None:
@@ -64,10 +58,12 @@ def test_the_report_has_it(sessions_dir: Path, tmp_path: Path) -> None:
 
 def test_the_methods_sheet_counts_it_over_the_study(sessions_dir: Path) -> None:
     everything = [open_session(folder) for folder in sorted(sessions_dir.iterdir())]
-    assert answer(methods_sheet(everything)) == (
+    assert sheet_of(everything).answers[QUESTION] == (
         "In 1 of 2 sessions, all of the program's checks passed. Ticked by the wizard: Consent form signed:"
         " 2. Not passed: Emergency stop is released (major; the wizard started anyway): 1, The way is clear (not"
         " checked; ticked later): 1."
     )
-    assert answer(methods_sheet(everything[:1])).startswith("In the session, not all of the program's checks passed.")
-    assert answer(methods_sheet(everything[2:])) is None
+    assert (
+        sheet_of(everything[:1]).answers[QUESTION].startswith("In the session, not all of the program's checks passed.")
+    )
+    assert QUESTION not in sheet_of(everything[2:]).answers

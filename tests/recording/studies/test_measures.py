@@ -29,13 +29,13 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.recording.annotation.session_tiers import session_tiers
-from caris_desktop.recording.exporters.methods_sheet import methods_sheet
 from caris_desktop.recording.measures.distributions import SummaryStats
 from caris_desktop.recording.measures.measure_definitions import MEASURES
 from caris_desktop.recording.measures.session_measures import Measures, measure, read_facts
 from caris_desktop.recording.session.session_data import SessionData
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.studies.data_quality import data_quality_problems
+from tests.recording.methods_sheets import sheet_of
 from tests.recording.told_session import at, drive, exchange, heard, said, silenced, tell
 
 
@@ -113,7 +113,7 @@ def test_suggested_replies_are_counted_by_fate(tmp_path: Path) -> None:
     measures = measure(read_facts(session))
     names = ("shown", "said", "edited", "dismissed", "superseded", "expired")
     assert [measures[f"suggestions_{name}"] for name in names] == [4, 1, 1, 0, 1, 1]
-    told = methods_sheet([session]).paragraph
+    told = sheet_of([session]).paragraph
     assert "shown four suggested replies of a language model and used one unchanged and one after editing" in told
 
 

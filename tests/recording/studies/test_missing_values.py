@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.recording.export_command import _verify
-from caris_desktop.recording.exporters.methods_sheet import methods_sheet
 from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import ExportRequest, export_all
 from caris_desktop.recording.studies.data_quality import data_quality_problems
 from caris_desktop.recording.studies.study_index import StudyIndex
+from tests.recording.methods_sheets import sheet_of
 from tests.support.recorded_session import RecordedSession
 
 _TOLD = re.compile(r"(\d+) of the (\d+) recorded values are missing from events\.mcap")
@@ -51,7 +51,7 @@ def test_missing_data_is_reported_alike_wherever_a_session_is_read(damaged: Path
     measures = measure(facts)
     assert _told(list(data_quality_problems(facts, measures))) == expected  # report
     assert measures["missing_values"] == gone  # statistics and its tables
-    answers = [item.answer for section in methods_sheet([session]).sections for item in section.items]
+    answers = list(sheet_of([session]).answers.values())
     assert _told(answers) == expected
     assert "No missing data was recorded" not in " ".join(answers)
     index = StudyIndex(damaged.parent, tmp_path / "index.sqlite")
