@@ -22,7 +22,7 @@ from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.foxglove import INFINITE, INVALID
 from caris_desktop.domain.json_encoding import DERIVED_TOPICS, schema_of
 from caris_desktop.domain.schema import to_jsonable
-from caris_desktop.domain.streams import BY_NAME, StreamSpec, spec_of_topic
+from caris_desktop.domain.streams import BY_NAME, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
@@ -410,7 +410,11 @@ def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_
     schemas |= {its.topic[1:]: its.json_schema or {} for its in channels if its.topic in DERIVED_TOPICS}
     (out / "schemas").mkdir()
     written = {"FORMAT.md": "Description of the format of events.mcap and the other files."}
-    (out / "FORMAT.md").write_text(_format_text(session, specs), encoding="utf-8")
+    write_page(
+        out / "FORMAT.md", "rocrate_format.md.j2", session=session, name=_folder_name(session), topics=specs,
+        meanings={spec.name: " ".join((spec.value_type.__doc__ or "").replace("``", "`").split()) for spec in specs},
+        mcap_url=_MCAP_URL, manifest=MANIFEST_NAME, infinite=INFINITE, invalid=INVALID,
+    )  # fmt: skip
     with (out / "data_dictionary.csv").open("w", encoding=style.encoding, newline="") as file:
         rows = style.writer(file)
         rows.writerow(("stream", "field", "type", "unit", "description"))
@@ -449,81 +453,6 @@ def _fields(schema: dict[str, Any], path: str = "") -> Iterator[tuple[str, str, 
             yield here, "grid", unit, meaning
         else:
             yield here, type_text, unit, meaning
-
-
-_OF_NUMBERS = f"""\
-- **Foxglove schemas.** `/scan`, `/map`, `/pose`, `/path`, `/people`, `/lens`, utterances and problems have the fields
-  and the name of a Foxglove schema, and additional fields of this program. `/tf` (the poses of the robot and its fixed
-  cameras) is derived from the other topics.
-- **Missing fields** have no value.
-- **Numbers that JSON cannot represent** are written as `{INFINITE}` (infinite: no return, in a scan) and `{INVALID}`
-  (invalid) in scans and paths.
-- **Maps** are in `data`: base64 of one signed byte per cell, `column_count` cells per row, the row at the origin
-  first."""
-_OF_NUMBERS_BEFORE_3 = """\
-- **null** in a list of numbers is a value that JSON cannot represent: for scans, no return (infinite).
-- **Grids** (maps) are objects: `data` is base64 of bytes compressed with zlib, `dtype` and `shape` describe them;
-  row 0 first.\
-"""
-
-
-def _of_numbers(session: Session) -> str:
-    return _OF_NUMBERS_BEFORE_3 if session.header.format_version < 3 else _OF_NUMBERS
-
-
-def _format_text(session: Session, specs: list[StreamSpec]) -> str:
-    anchor = session.clock.anchor
-    meanings = {spec.name: " ".join((spec.value_type.__doc__ or "").replace("``", "`").split()) for spec in specs}
-    rows = "\n".join(f"| `/{spec.name}{'/...' if spec.keyed_by else ''}` | {meanings[spec.name]} |" for spec in specs)
-    name = _folder_name(session)
-    return f"""# How to read this session
-
-`{name}/` is one session of CARIS Desktop, format version {session.header.format_version}, as it was
-recorded. CARIS Desktop opens it with `caris-desktop replay {name}`; to read it without the program, only this page is
-needed.
-
-## events.mcap
-An MCAP file ({_MCAP_URL}): a log of messages in topics, with readers in many languages (in Python `pip install mcap`).
-Each message is a JSON object in UTF-8. The file contains the JSON Schema of the messages of each topic. The same
-schemas are in `schemas/`, and `data_dictionary.csv` lists every field. A truncated file is readable up to the point of
-truncation.
-
-    from mcap.reader import make_reader
-    import json
-    with open("events.mcap", "rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
-            print(message.log_time, channel.topic, json.loads(message.data))
-
-- **Time.** `stamp_ns`, and every other field that ends in `_ns` except robot timestamps, counts nanoseconds of one
-  monotonic clock. UTC in nanoseconds since 1970 is `{anchor.utc_ns} + (stamp_ns - {anchor.monotonic_ns})` (also in
-  `session.json` under `clock`). The session started at {session.started_ns}. `publish_time` of a message is its
-  measurement time in UTC: the robot's timestamp if the robot's clock is known, otherwise `stamp_ns`. `log_time` is its
-  arrival time at the recording computer, in UTC. Messages are in the order of arrival.
-- **Robot timestamps.** `robot_stamp_ns` is in nanoseconds of the robot's own clock. `/event/link_quality` contains
-  measurements of the offset of that clock: robot clock minus session clock (`clock_offset_ms`), with an error bound.
-- **Units** are at the end of field names: `_s _ms _ns _m _mps _rad _radps _px _hz _bytes`. Angles are
-  counter-clockwise, x forward, y left.
-{_of_numbers(session)}
-- **Actors.** `actor` of an event is its originator: `wizard`, `wizard:NAME` (another wizard), `console` (the program
-  automatically), `model` (the language model) or `script`. It is empty for any other originator, and in sessions
-  before version 3 of the format.
-
-| topic | content |
-| --- | --- |
-{rows}
-
-## Other files
-- `video-*.mp4` (H.264): `video-*.frames.csv` has a line for each frame: `frame` (from 0), `video_s` (position in the
-  video), `stamp_ns` (arrival time at the recording computer), `robot_stamp_ns`, `utc` (of `stamp_ns`), `sequence` (as
-  in `/frame` and `/people`), `taken_ns`, `taken_utc` and `uncertainty_ms` (capture time, from the robot's timestamp and
-  clock, and its uncertainty; empty if unknown). The video shows a frame at its capture time, or at its arrival time if
-  the capture time is unknown. Its time 0 is `first_stamp_ns` of `videos` in `session.json`.
-- `audio-*`: `/audio/...` maps the samples of each file to times.
-- `annotations/CODER.json`: labels of one coder, in milliseconds since the start of the session.
-- `{MANIFEST_NAME}`: checksums; to verify them, run `sha256sum -c {MANIFEST_NAME}` in `{name}/`.
-
-People are identified by opaque ids. These files never contained their names.
-"""
 
 
 # Metadata

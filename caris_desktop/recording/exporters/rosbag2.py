@@ -37,6 +37,7 @@ from caris_desktop.domain.streams import BY_TYPE, StreamSpec
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.exporters.exported_pictures import Pace, info_of, picture_of
+from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
 from caris_desktop.recording.session.robot_clock_mapping import RobotClock, robot_clock
@@ -121,14 +122,19 @@ def write_rosbag2(
                 context.progress(min(1.0, max(0.0, (arrival_ns - session.started_ns) / duration_ns)))
         for at_utc_ns, topic, message in translator.rest_of_videos():
             bags.write(topic, at_utc_ns, message)
-        topics = bags.topics
     if bags.left_out:
         warning = QT_TR_NOOP(
             "%n message(s) were skipped: their times or numbers are out of range for ROS.", "", bags.left_out
         )
         context.warn(warning)
-    readme = out / "README.md"
-    readme.write_text(_readme(session, clock, topics, moments, image_hz), encoding="utf-8")
+    summary = clock.summary(
+        utc_ns_at=session.clock.anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns
+    )
+    topics = dict(sorted(bags.topics.items(), key=lambda item: item[0].name))
+    readme = write_page(
+        out / "README.md", "rosbag2.md.j2", session=session, robot_clock=summary, topics=topics, moments=moments,
+        image_hz=image_hz,
+    )  # fmt: skip
     return [readme, out / "session.bag", out / "ros2" / "metadata.yaml", out / "ros2" / "ros2.mcap"]
 
 
@@ -611,58 +617,3 @@ def _ros_name(camera: str) -> str:
 
 def _camera_frame(ros_name: str) -> str:
     return f"{ros_name}_optical_frame"
-
-
-def _only_in(topic: RosTopic) -> str:
-    return "" if len(topic.ros) > 1 else f" (ROS {topic.ros[0]} only)"
-
-
-def _readme(
-    session: Session, clock: RobotClock, topics: dict[RosTopic, int], moments: _Moments, image_hz: float | None
-) -> str:
-    anchor = session.clock.anchor
-    summary = clock.summary(utc_ns_at=anchor.utc_ns_at(session.started_ns), session_ns_at=session.started_ns)
-    if summary is None:
-        robot = "The robot's clock was never measured: timestamps are the arrival times at the console."
-    else:
-        robot = (
-            f"Timestamps of the robot ({moments.mapped} of {moments.mapped + moments.as_arrived} values with one) were "
-            f"mapped to UTC with {summary.estimates} measurements of its clock, which was "
-            f"{summary.utc_offset_s:+.3f} s off and drifted {summary.drift_ms_per_min:+.2f} ms/min. Each is within "
-            f"{moments.worst_uncertainty_ns / 1e6:.1f} ms of the true time."
-        )
-    pictures = "every frame" if image_hz is None else f"at most {image_hz:g} frames per second"
-    rows = "\n".join(
-        f"| `{topic.name}` | `{topic.type.replace('/msg/', '/')}`{_only_in(topic)} | {count} |"
-        for topic, count in sorted(topics.items(), key=lambda item: item[0].name)
-    )
-    return f"""# Session {session.folder.name} as ROS bags
-
-`ros2/` is a rosbag2 (MCAP, CDR, message definitions inside): `ros2 bag play ros2`. `session.bag` is the same for
-ROS 1: `rosbag play --clock session.bag`. Both contain the same messages, except for images:
-
-- ROS 2 has every frame of the camera's video, without re-encoding: H.264 in `foxglove_msgs/CompressedVideo`, with the
-  decoder parameters before each key frame. Foxglove shows it; for other nodes, the image_transport plugin
-  `foxglove_compressed_video_transport` decodes `/camera/NAME/image`.
-- ROS 1 has no such message type; it has {pictures} of each camera as JPEG.
-
-## Clocks
-- The time of a message in the bag is its arrival time at the console, in UTC from the clock of that computer.
-- `header.stamp` is the time of measurement or sending, in UTC from the same clock. {robot}
-- Timestamps in the JSON of `{VALUE_TOPICS}...` are nanoseconds of the session's monotonic clock; `{SESSION_TOPIC}`
-  contains the values that map them to UTC: utc_ns + (stamp_ns - monotonic_ns).
-
-## Frames
-REP 105: `{MAP}` -> `{ODOM}` -> `{BASE}` -> laser; `{MAP}` -> `{BASE}` if the robot sent no odometry. Metres and
-radians. Cameras: optical frames.
-
-## Topics
-`{VALUE_TOPICS}STREAM` contains values and events without a standard message type, as JSON in `std_msgs/String`, with
-the same fields as the channel of that name in the session's `events.mcap`. `{COMMAND}` contains the velocities as sent,
-in the robot's own type; `{VALUE_TOPICS}event/command_sent` also contains their source. People are identified by opaque
-ids.
-
-| topic | type | messages |
-| --- | --- | --- |
-{rows}
-"""
