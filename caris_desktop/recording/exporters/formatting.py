@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 
 from markupsafe import Markup
 
+from caris_desktop.domain.actor import in_words
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.recording.measures.distributions import SummaryStats, quantile
 from caris_desktop.recording.measures.session_measures import THIS_COMPUTER, ModelUse
@@ -133,6 +134,16 @@ def model_name(model: ModelUse, remark: str = "") -> str:
     return f"{named} ({kind}{f'; {remark}' if remark else ''})"
 
 
+def px(value: float) -> str:
+    """``12.5``: at most two decimals."""
+    return f"{value:.2f}".rstrip("0").rstrip(".")
+
+
+def compact(markup: str) -> Markup:
+    """Elements without the line breaks between them."""
+    return Markup(re.sub(r">\s+<", "><", markup.strip()))  # noqa: S704 - escaped before
+
+
 def squeeze(text: str) -> str:
     """Text on one line, with single spaces."""
     line = " ".join(text.split())
@@ -156,5 +167,6 @@ FILTERS = {
     for function in (
         number, plural, counted, times, was, join_words, counts, most_common, capitalized, percent, duration, distance,
         statistics, spread, quantile, days, moment, settings, model_name, stream_words, squeeze, fence,
+        px, compact,
     )
-} | {"clock": clock_text, "stats": SummaryStats.of}  # fmt: skip
+} | {"actor": in_words, "clock": clock_text, "stats": SummaryStats.of}  # fmt: skip

@@ -135,7 +135,7 @@ def test_templates_get_nothing_but_data(tmp_path: Path, monkeypatch: pytest.Monk
     folder = tell(tmp_path / "s", [*heard(1, 1.0, 2.0, "Hi"), *said(1, 3.0, 3.1, 4.0, "Ho")], lasts_s=9.0)
     for fmt in ("methods", "html"):
         export_session(folder, fmt, tmp_path / fmt, ExportContext(template=tmp_path / "my.md.j2"))
-    assert {"total", "report"} <= set(values)
+    assert {"total", "time_line"} <= set(values)
 
     def check(value: Any) -> None:
         if is_dataclass(value):
