@@ -35,7 +35,7 @@ from caris_desktop.domain.events import (
     UtteranceOrigin,
 )
 from caris_desktop.domain.geometry import Pose2D, Twist2D
-from caris_desktop.domain.streams import BY_NAME, BY_TYPE, Delivery, StreamSpec
+from caris_desktop.domain.streams import BY_NAME, Delivery
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation import states
@@ -50,7 +50,7 @@ from caris_desktop.recording.annotation.annotation_model import (
 from caris_desktop.recording.session.answers import unheard
 from caris_desktop.recording.session.goals import NavigationGoal
 from caris_desktop.recording.session.scenario_text import read_scenario
-from caris_desktop.recording.session.session_data import FOLDED, SessionData
+from caris_desktop.recording.session.session_data import FOLDED, SessionData, read_data
 from caris_desktop.recording.session.session_driving import commanded
 from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.recording.session.session_reader import Session
@@ -89,26 +89,21 @@ SHOWN = frozenset(
     (*FOLDED, LinkChanged, GuardChanged, EmergencyStopChanged, ScenarioOpened)
 ) - {AlarmChanged, PhotoDeleted, PhotoTaken, ResponseTimed, SuggestionChanged}  # fmt: skip
 """Types with tiers of their own."""
-_KEPT = SHOWN | frozenset(FOLDED)
 
 
-def session_tiers(session: Session, progress: Callable[[float], None] | None = None) -> AnnotationDocument:
+def session_tiers(session: Session, progress: Callable[[float], None] = lambda _: None) -> AnnotationDocument:
     """Derive read-only tiers (``coder`` is empty) from the recording; empty ones are left out.
 
     Overlapping intervals continue on a second tier with the same name and a number. ``progress`` gets 0..1. Raises
     SessionError.
     """
-    record = TimelineBuilder(session)
-    for number, (_, value) in enumerate(session.values(*streams_of_tiers())):
-        record.add(value)
-        if progress is not None and number % 2000 == 0:
-            progress(record.fraction_of(value.stamp_ns))
-    return record.tiers()
+    return tiers_of(read_data(session, types_of_tiers(), progress))
 
 
-def streams_of_tiers() -> tuple[str, ...]:
-    """Streams that :class:`TimelineBuilder` needs."""
-    return tuple(spec.name for spec in _event_streams())
+def types_of_tiers() -> tuple[type[Any], ...]:
+    """Types of the values that tiers follow from: events, also those that were declared later."""
+    events = (spec.value_type for spec in BY_NAME.values() if spec.delivery is Delivery.LOSSLESS)
+    return tuple(kind for kind in events if kind not in _NO_TIERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,250 +125,224 @@ class _Row:
     participant: str = ""
 
 
-class TimelineBuilder:
-    """Builds tiers from the values of a session, added in recording order; retains only what tiers show."""
+def tiers_of(data: SessionData) -> AnnotationDocument:
+    """Tiers of data that were read, at least those of :func:`types_of_tiers`."""
+    rows = [
+        *_speech_rows(data),
+        _protocol_row(data),
+        *_mark_rows(data),
+        *_driving_rows(data),
+        *_people_rows(data),
+        *_assistant_rows(data),
+        *_console_rows(data),
+    ]
+    for kind in types_of_tiers():
+        if kind not in SHOWN - {StepTicked}:
+            rows.append(_Row(type_in_words(kind), [_of_event(value) for value in data.of(kind)]))
+    return _document(data, rows)
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
-        self._data = SessionData(session)
-        self._others: dict[type[Any], list[_TierInterval]] = {}
 
-    def add(self, value: Any) -> None:
-        """Add a value; values of non-event streams are ignored."""
-        kind = type(value)
-        if kind in _KEPT:
-            self._data.add(value)
-        if kind not in SHOWN - {StepTicked} and kind in BY_TYPE and _is_event(BY_TYPE[kind]):
-            start_ns, end_ns = getattr(value, "start_ns", None), getattr(value, "end_ns", None)
-            if isinstance(start_ns, int) and isinstance(end_ns, int):
-                stretch = _TierInterval(start_ns, max(start_ns, end_ns), summary_of(value))
-            else:
-                stretch = _TierInterval(value.stamp_ns, None, summary_of(value))
-            self._others.setdefault(kind, []).append(stretch)
-
-    def fraction_of(self, stamp_ns: int) -> float:
-        """Position in the session, 0..1."""
-        whole_ns = max(self._session.ended_ns - self._session.started_ns, 1)
-        return min(max((stamp_ns - self._session.started_ns) / whole_ns, 0.0), 1.0)
-
-    @property
-    def data(self) -> SessionData:
-        """The values added so far."""
-        return self._data
-
-    def tiers(self) -> AnnotationDocument:
-        """Tiers of all values added so far."""
-        rows = [
-            *self._speech_rows(),
-            self._protocol_row(),
-            *self._mark_rows(),
-            *self._driving_rows(),
-            *self._people_rows(),
-            *self._assistant_rows(),
-            *self._console_rows(),
-        ]
-        for spec in _event_streams():
-            if self._others.get(spec.value_type):
-                rows.append(_Row(type_in_words(spec.value_type), self._others[spec.value_type]))
-        return self._document(rows)
-
-    def _speech_rows(self) -> Iterable[_Row]:
-        spoken = [item for item in self._data.utterances if item.said]
-        who = {"participant": self._session.trial.get("participant", ""), "robot": "Robot", "wizard": "Wizard", "": ""}
-        for speaker, participant in who.items():
-            mine = [item for item in spoken if item.speaker == speaker]
+def _speech_rows(data: SessionData) -> Iterable[_Row]:
+    spoken = [item for item in data.utterances if item.said]
+    who = {"participant": data.session.trial.get("participant", ""), "robot": "Robot", "wizard": "Wizard", "": ""}
+    for speaker, participant in who.items():
+        mine = [item for item in spoken if item.speaker == speaker]
+        yield _Row(
+            _SPEECH[speaker],
+            [_TierInterval(item.start_ns or 0, item.end_ns, item.text) for item in mine],
+            participant=participant,
+        )
+        if speaker == "robot":
             yield _Row(
-                _SPEECH[speaker],
-                [_TierInterval(item.start_ns or 0, item.end_ns, item.text) for item in mine],
-                participant=participant,
+                QT_TR_NOOP("Robot speech origin"),
+                [_TierInterval(item.start_ns or 0, item.end_ns, states.state(item.origin)) for item in mine],
+                "Speech origin",
+                participant,
             )
-            if speaker == "robot":
-                yield _Row(
-                    QT_TR_NOOP("Robot speech origin"),
-                    [_TierInterval(item.start_ns or 0, item.end_ns, states.state(item.origin)) for item in mine],
-                    "Speech origin",
-                    participant,
-                )
 
-        corrected = [item for item in spoken if item.heard_text is not None]
-        yield _Row(
-            QT_TR_NOOP("Speech before correction"),
-            [_TierInterval(item.start_ns or 0, item.end_ns, item.heard_text or "") for item in corrected],
-        )
-        tagged = [item for item in spoken if item.tags]
-        yield _Row(
-            QT_TR_NOOP("Speech tags"),
-            [_TierInterval(item.start_ns or 0, item.end_ns, ", ".join(item.tags)) for item in tagged],
-        )
+    corrected = [item for item in spoken if item.heard_text is not None]
+    yield _Row(
+        QT_TR_NOOP("Speech before correction"),
+        [_TierInterval(item.start_ns or 0, item.end_ns, item.heard_text or "") for item in corrected],
+    )
+    tagged = [item for item in spoken if item.tags]
+    yield _Row(
+        QT_TR_NOOP("Speech tags"),
+        [_TierInterval(item.start_ns or 0, item.end_ns, ", ".join(item.tags)) for item in tagged],
+    )
 
-    def _protocol_row(self) -> _Row:
-        visits = self._data.step_visits
-        stretches = [_TierInterval(visit.start_ns, visit.end_ns, states.step_words(visit)) for visit in visits]
-        return _Row(QT_TR_NOOP("Protocol"), stretches, participant="Wizard")
 
-    def _mark_rows(self) -> Iterable[_Row]:
-        marks = self._data.marks
-        labelled = [mark for mark in marks if mark.kind == "mark"]
-        errors = [mark for mark in marks if mark.kind == "wizard_error"]
-        yield _Row(MARKS_VOCABULARY, [_of_mark(mark, mark.label or UNNAMED) for mark in labelled], MARKS_VOCABULARY)
-        yield _Row(
-            ERRORS_VOCABULARY,
-            [_of_mark(mark, states.error_words(mark.label) or UNNAMED) for mark in errors],
-            ERRORS_VOCABULARY,
-            participant="Wizard",
-        )
-        notes = [(mark, mark.note or (mark.label if mark.kind == "note" else "")) for mark in marks]
-        yield _Row(QT_TR_NOOP("Notes"), [_of_mark(mark, text) for mark, text in notes if text])
+def _protocol_row(data: SessionData) -> _Row:
+    visits = data.step_visits
+    stretches = [_TierInterval(visit.start_ns, visit.end_ns, states.step_words(visit)) for visit in visits]
+    return _Row(QT_TR_NOOP("Protocol"), stretches, participant="Wizard")
 
-    def _driving_rows(self) -> Iterable[_Row]:
-        ended_ns = self._session.ended_ns
-        commands, pauses = self._data.of(CommandSent), self._data.pauses
-        driven = commanded(commands, ended_ns=ended_ns, pauses=pauses)
-        motion = _joined([_TierInterval(start_ns, end_ns, motion_of(one.twist)) for start_ns, end_ns, one in driven])
-        if commands:
-            # No command means standing: before the first one and wherever commands stopped.
-            motion = _filled(motion, "standing", self._session.started_ns, ended_ns, pauses)
-        sources = [_TierInterval(drive.start_ns, drive.end_ns, drive.source) for drive in self._data.drives]
-        yield _Row(QT_TR_NOOP("Motion"), _in_states(motion), "Motion", "Robot")
-        yield _Row(QT_TR_NOOP("Driving source"), _in_states(sources), "Driving source", "Wizard")
-        yield _Row(QT_TR_NOOP("Navigation goals"), [_of_goal(goal, ended_ns) for goal in self._data.goals], "", "Robot")
 
-    def _people_rows(self) -> Iterable[_Row]:
-        present = self._presence()
-        changes = sorted(
-            change
-            for spans in present.values()
-            for start_ns, end_ns in spans
-            for change in ((start_ns, 1), (end_ns, -1))
-        )
-        counts, here, since_ns = [], 0, 0
-        for stamp_ns, change in changes:
-            if here and stamp_ns > since_ns:
-                counts.append(_TierInterval(since_ns, stamp_ns, str(here)))
-            here, since_ns = here + change, stamp_ns
-        yield _Row(QT_TR_NOOP("People present"), counts)
-        if len(present) > MOST_PEOPLE:
-            return
-        numbers = {visit.person_id: visit.number for visit in self._data.visits if visit.number}
-        for person_id, spans in present.items():
-            there = [_TierInterval(*span, states.state("present")) for span in spans]
-            yield _Row(_person(person_id, numbers), there, "", person_id)
+def _mark_rows(data: SessionData) -> Iterable[_Row]:
+    marks = data.marks
+    labelled = [mark for mark in marks if mark.kind == "mark"]
+    errors = [mark for mark in marks if mark.kind == "wizard_error"]
+    yield _Row(MARKS_VOCABULARY, [_of_mark(mark, mark.label or UNNAMED) for mark in labelled], MARKS_VOCABULARY)
+    yield _Row(
+        ERRORS_VOCABULARY,
+        [_of_mark(mark, states.error_words(mark.label) or UNNAMED) for mark in errors],
+        ERRORS_VOCABULARY,
+        participant="Wizard",
+    )
+    notes = [(mark, mark.note or (mark.label if mark.kind == "note" else "")) for mark in marks]
+    yield _Row(QT_TR_NOOP("Notes"), [_of_mark(mark, text) for mark, text in notes if text])
 
-    def _assistant_rows(self) -> Iterable[_Row]:
-        said = {(one.turn_id, one.revision): one.text for one in self._data.suggestions if one.was_said}
-        exchanges = [
-            # One that ended when a reply of it was taken was not cancelled in vain.
-            _TierInterval(one.asked_ns, one.stamp_ns, said.get((one.turn_id, one.revision)) or states.answer_words(one))
-            for one in self._data.of(LlmExchange)
-        ]
-        yield _Row(
-            QT_TR_NOOP("LLM exchanges"),
-            exchanges,
-            participant="Assistant",
-        )
-        utterances, used = self._data.utterances, self._data.of(AnswerUsed)
-        uses = [(item, "unheard" if unheard(item, utterances) else item.use) for item in used]
-        yield _Row(
-            QT_TR_NOOP("LLM answer use"),
-            [_TierInterval(item.stamp_ns, None, states.state(use)) for item, use in uses],
-            "Answer use",
-        )
 
-    def _console_rows(self) -> Iterable[_Row]:
-        ended_ns = self._session.ended_ns
-        trouble: list[_TierInterval] = []
-        links = self._data.of(LinkChanged)
-        for link in dict.fromkeys(change.link for change in links):
-            changes = [change for change in links if change.link == link]
-            for change, end_ns in _until_next(changes, ended_ns):
-                if change.state in _TROUBLE:
-                    trouble.append(_TierInterval(change.stamp_ns, end_ns, states.link_words(change)))
-        yield _Row(QT_TR_NOOP("Link trouble"), trouble)
-        yield _Row(
-            QT_TR_NOOP("Obstacle guard"),
-            [
-                _TierInterval(change.stamp_ns, end_ns, states.state(change.state))
-                for change, end_ns in _until_next(self._data.of(GuardChanged), ended_ns)
-                if change.state not in ("absent", "clear")
-            ],
-        )
-        yield _Row(
-            QT_TR_NOOP("Emergency stop"),
-            [
-                _TierInterval(change.stamp_ns, end_ns, states.emergency_words(change))
-                for change, end_ns in _until_next(self._data.of(EmergencyStopChanged), ended_ns)
-                if change.latched
-            ],
-        )
-        yield _Row(QT_TR_NOOP("Pauses"), [_TierInterval(*span, states.state("paused")) for span in self._data.pauses])
-        yield _Row(
-            QT_TR_NOOP("Scenario"),
-            [
-                _TierInterval(opened.stamp_ns, end_ns, opened.title or opened.file_name)
-                for opened, end_ns in _until_next(self._data.of(ScenarioOpened), ended_ns)
-            ],
-        )
+def _driving_rows(data: SessionData) -> Iterable[_Row]:
+    ended_ns = data.session.ended_ns
+    commands, pauses = data.of(CommandSent), data.pauses
+    driven = commanded(commands, ended_ns=ended_ns, pauses=pauses)
+    motion = _joined([_TierInterval(start_ns, end_ns, motion_of(one.twist)) for start_ns, end_ns, one in driven])
+    if commands:
+        # No command means standing: before the first one and wherever commands stopped.
+        motion = _filled(motion, "standing", data.session.started_ns, ended_ns, pauses)
+    sources = [_TierInterval(drive.start_ns, drive.end_ns, drive.source) for drive in data.drives]
+    yield _Row(QT_TR_NOOP("Motion"), _in_states(motion), "Motion", "Robot")
+    yield _Row(QT_TR_NOOP("Driving source"), _in_states(sources), "Driving source", "Wizard")
+    yield _Row(QT_TR_NOOP("Navigation goals"), [_of_goal(goal, ended_ns) for goal in data.goals], "", "Robot")
 
-    def _presence(self) -> dict[str, list[tuple[int, int]]]:
-        """Intervals of presence per person."""
-        spans: dict[str, list[tuple[int, int]]] = {}
-        for visit in self._data.visits or seen_throughout(self._session):
-            spans.setdefault(visit.person_id, []).append((visit.start_ns, visit.end_ns))
-        # People of older recordings; the others are listed there under the ids of their visits, too.
-        known = {event.person_id for event in self._data.of_any((PersonAppeared, PersonLeft, PersonIdentified))}
-        for visit in seen_throughout(self._session):
-            if visit.person_id not in known:
-                spans.setdefault(visit.person_id, [(visit.start_ns, visit.end_ns)])
-        return spans
 
-    def _document(self, rows: list[_Row]) -> AnnotationDocument:
-        duration_ms = max(1, -(-(self._session.ended_ns - self._session.started_ns) // 1_000_000))
-        tiers: list[Tier] = []
-        annotations: list[Annotation] = []
-        for row in rows:
-            lanes = _lanes(
-                row.stretches, started_ns=self._session.started_ns, duration_ms=duration_ms, joined=not row.vocabulary
+def _people_rows(data: SessionData) -> Iterable[_Row]:
+    present = _presence(data)
+    changes = sorted(
+        change for spans in present.values() for start_ns, end_ns in spans for change in ((start_ns, 1), (end_ns, -1))
+    )
+    counts, here, since_ns = [], 0, 0
+    for stamp_ns, change in changes:
+        if here and stamp_ns > since_ns:
+            counts.append(_TierInterval(since_ns, stamp_ns, str(here)))
+        here, since_ns = here + change, stamp_ns
+    yield _Row(QT_TR_NOOP("People present"), counts)
+    if len(present) > MOST_PEOPLE:
+        return
+    numbers = {visit.person_id: visit.number for visit in data.visits if visit.number}
+    for person_id, spans in present.items():
+        there = [_TierInterval(*span, states.state("present")) for span in spans]
+        yield _Row(_person(person_id, numbers), there, "", person_id)
+
+
+def _assistant_rows(data: SessionData) -> Iterable[_Row]:
+    said = {(one.turn_id, one.revision): one.text for one in data.suggestions if one.was_said}
+    exchanges = [
+        # One that ended when a reply of it was taken was not cancelled in vain.
+        _TierInterval(one.asked_ns, one.stamp_ns, said.get((one.turn_id, one.revision)) or states.answer_words(one))
+        for one in data.of(LlmExchange)
+    ]
+    yield _Row(
+        QT_TR_NOOP("LLM exchanges"),
+        exchanges,
+        participant="Assistant",
+    )
+    utterances, used = data.utterances, data.of(AnswerUsed)
+    uses = [(item, "unheard" if unheard(item, utterances) else item.use) for item in used]
+    yield _Row(
+        QT_TR_NOOP("LLM answer use"),
+        [_TierInterval(item.stamp_ns, None, states.state(use)) for item, use in uses],
+        "Answer use",
+    )
+
+
+def _console_rows(data: SessionData) -> Iterable[_Row]:
+    ended_ns = data.session.ended_ns
+    trouble: list[_TierInterval] = []
+    links = data.of(LinkChanged)
+    for link in dict.fromkeys(change.link for change in links):
+        changes = [change for change in links if change.link == link]
+        for change, end_ns in _until_next(changes, ended_ns):
+            if change.state in _TROUBLE:
+                trouble.append(_TierInterval(change.stamp_ns, end_ns, states.link_words(change)))
+    yield _Row(QT_TR_NOOP("Link trouble"), trouble)
+    yield _Row(
+        QT_TR_NOOP("Obstacle guard"),
+        [
+            _TierInterval(change.stamp_ns, end_ns, states.state(change.state))
+            for change, end_ns in _until_next(data.of(GuardChanged), ended_ns)
+            if change.state not in ("absent", "clear")
+        ],
+    )
+    yield _Row(
+        QT_TR_NOOP("Emergency stop"),
+        [
+            _TierInterval(change.stamp_ns, end_ns, states.emergency_words(change))
+            for change, end_ns in _until_next(data.of(EmergencyStopChanged), ended_ns)
+            if change.latched
+        ],
+    )
+    yield _Row(QT_TR_NOOP("Pauses"), [_TierInterval(*span, states.state("paused")) for span in data.pauses])
+    yield _Row(
+        QT_TR_NOOP("Scenario"),
+        [
+            _TierInterval(opened.stamp_ns, end_ns, opened.title or opened.file_name)
+            for opened, end_ns in _until_next(data.of(ScenarioOpened), ended_ns)
+        ],
+    )
+
+
+def _presence(data: SessionData) -> dict[str, list[tuple[int, int]]]:
+    """Intervals of presence per person."""
+    spans: dict[str, list[tuple[int, int]]] = {}
+    for visit in data.visits or seen_throughout(data.session):
+        spans.setdefault(visit.person_id, []).append((visit.start_ns, visit.end_ns))
+    # People of older recordings; the others are listed there under the ids of their visits, too.
+    known = {event.person_id for event in data.of_any((PersonAppeared, PersonLeft, PersonIdentified))}
+    for visit in seen_throughout(data.session):
+        if visit.person_id not in known:
+            spans.setdefault(visit.person_id, [(visit.start_ns, visit.end_ns)])
+    return spans
+
+
+def _document(data: SessionData, rows: list[_Row]) -> AnnotationDocument:
+    duration_ms = max(1, -(-(data.session.ended_ns - data.session.started_ns) // 1_000_000))
+    tiers: list[Tier] = []
+    annotations: list[Annotation] = []
+    for row in rows:
+        lanes = _lanes(
+            row.stretches, started_ns=data.session.started_ns, duration_ms=duration_ms, joined=not row.vocabulary
+        )
+        for number, lane in enumerate(lanes, start=1):
+            name = row.name
+            if number > 1:
+                name = localized(QT_TR_NOOP("{tier} ({number})"), tier=localized(row.name), number=number)
+            tier_id = "record-" + re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
+            tiers.append(Tier(tier_id, name, "", row.vocabulary, plain_text(row.participant)))
+            for start_ms, end_ms, value in lane:
+                annotations.append(Annotation(f"r{len(annotations) + 1}", tier_id, start_ms, end_ms, value))
+    used: dict[str, set[str]] = {tier.vocabulary: set() for tier in tiers if tier.vocabulary}
+    vocabulary_of_tier = {tier.tier_id: tier.vocabulary for tier in tiers}
+    for annotation in annotations:
+        used.get(vocabulary_of_tier[annotation.tier_id], set()).add(annotation.value)
+    return AnnotationDocument(tuple(tiers), _vocabularies(data, used), tuple(annotations), duration_ms)
+
+
+def _vocabularies(data: SessionData, used: dict[str, set[str]]) -> tuple[Vocabulary, ...]:
+    labels = dict.fromkeys(
+        " ".join(plain_text(label).split())
+        for opened in data.of(ScenarioOpened)
+        for label in read_scenario(opened).labels
+    )
+    known: dict[str, tuple[str, dict[str, str]]] = {
+        MARKS_VOCABULARY: ("The labels of the marks, from the scenario.", dict.fromkeys(labels, "")),
+        ERRORS_VOCABULARY: ("Errors made by the wizard.", dict.fromkeys(states.WIZARD_ERRORS, "")),
+        "Motion": ("Motion that was commanded.", _MOTIONS),
+        "Driving source": ("Source of the commanded velocity.", dict.fromkeys(get_args(CommandSource), "")),
+        "Speech origin": ("Origin of the utterance.", dict.fromkeys(get_args(UtteranceOrigin), "")),
+        "Answer use": ("Use of the answer.", _ANSWER_USES),
+    }
+    vocabularies = []
+    for name, (description, entries) in known.items():
+        values = used.get(name, set())
+        if name in used or (name == MARKS_VOCABULARY and labels):
+            # Wizards also mark with labels of their own, or without one.
+            others = dict.fromkeys(sorted(values - set(entries) - {""}), "")
+            vocabularies.append(
+                Vocabulary(name, tuple(VocabularyEntry(*entry) for entry in {**entries, **others}.items()), description)
             )
-            for number, lane in enumerate(lanes, start=1):
-                name = row.name
-                if number > 1:
-                    name = localized(QT_TR_NOOP("{tier} ({number})"), tier=localized(row.name), number=number)
-                tier_id = "record-" + re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
-                tiers.append(Tier(tier_id, name, "", row.vocabulary, plain_text(row.participant)))
-                for start_ms, end_ms, value in lane:
-                    annotations.append(Annotation(f"r{len(annotations) + 1}", tier_id, start_ms, end_ms, value))
-        used: dict[str, set[str]] = {tier.vocabulary: set() for tier in tiers if tier.vocabulary}
-        vocabulary_of_tier = {tier.tier_id: tier.vocabulary for tier in tiers}
-        for annotation in annotations:
-            used.get(vocabulary_of_tier[annotation.tier_id], set()).add(annotation.value)
-        return AnnotationDocument(tuple(tiers), self._vocabularies(used), tuple(annotations), duration_ms)
-
-    def _vocabularies(self, used: dict[str, set[str]]) -> tuple[Vocabulary, ...]:
-        labels = dict.fromkeys(
-            " ".join(plain_text(label).split())
-            for opened in self._data.of(ScenarioOpened)
-            for label in read_scenario(opened).labels
-        )
-        known: dict[str, tuple[str, dict[str, str]]] = {
-            MARKS_VOCABULARY: ("The labels of the marks, from the scenario.", dict.fromkeys(labels, "")),
-            ERRORS_VOCABULARY: ("Errors made by the wizard.", dict.fromkeys(states.WIZARD_ERRORS, "")),
-            "Motion": ("Motion that was commanded.", _MOTIONS),
-            "Driving source": ("Source of the commanded velocity.", dict.fromkeys(get_args(CommandSource), "")),
-            "Speech origin": ("Origin of the utterance.", dict.fromkeys(get_args(UtteranceOrigin), "")),
-            "Answer use": ("Use of the answer.", _ANSWER_USES),
-        }
-        vocabularies = []
-        for name, (description, entries) in known.items():
-            values = used.get(name, set())
-            if name in used or (name == MARKS_VOCABULARY and labels):
-                # Wizards also mark with labels of their own, or without one.
-                others = dict.fromkeys(sorted(values - set(entries) - {""}), "")
-                vocabularies.append(
-                    Vocabulary(
-                        name, tuple(VocabularyEntry(*entry) for entry in {**entries, **others}.items()), description
-                    )
-                )
-        return tuple(vocabularies)
+    return tuple(vocabularies)
 
 
 def _person(person_id: str, numbers: dict[str, int]) -> str:
@@ -389,12 +358,11 @@ def _person(person_id: str, numbers: dict[str, int]) -> str:
     return localized(QT_TR_NOOP("Person {number} {id}"), number=number, id=person_id)
 
 
-def _is_event(spec: StreamSpec) -> bool:
-    return spec.delivery is Delivery.LOSSLESS and spec.value_type not in _NO_TIERS
-
-
-def _event_streams() -> tuple[StreamSpec, ...]:
-    return tuple(spec for spec in BY_NAME.values() if _is_event(spec))
+def _of_event(event: Any) -> _TierInterval:
+    start_ns, end_ns = getattr(event, "start_ns", None), getattr(event, "end_ns", None)
+    if isinstance(start_ns, int) and isinstance(end_ns, int):
+        return _TierInterval(start_ns, max(start_ns, end_ns), summary_of(event))
+    return _TierInterval(event.stamp_ns, None, summary_of(event))
 
 
 def motion_of(twist: Twist2D) -> str:

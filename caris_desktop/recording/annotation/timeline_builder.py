@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.sensing import AudioBlock, Odometry, RobotPose
+from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.annotation.session_tiers import TimelineBuilder, streams_of_tiers
+from caris_desktop.recording.annotation.session_tiers import tiers_of, types_of_tiers
 from caris_desktop.recording.annotation.timeline_overview import Moment, SessionOverview, Waveform
+from caris_desktop.recording.session.session_data import SessionData
 from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import SpokenUtterance
@@ -42,30 +44,32 @@ def build_overview(session: Session, progress: Callable[[float], None] | None = 
     audio file is logged and left out.
     """
     tell = progress or (lambda _fraction: None)
-    record, speed, sound = TimelineBuilder(session), _Speed(session.started_ns), _Sound(session)
-    for number, (_, value) in enumerate(session.values(*streams_of_tiers(), "odometry", "pose", "audio")):
+    data, speed, sound = SessionData(session), _Speed(session.started_ns), _Sound(session)
+    whole_ns = max(1, session.ended_ns - session.started_ns)
+    streams = [BY_TYPE[kind].name for kind in types_of_tiers()]
+    for number, (_, value) in enumerate(session.values(*streams, "odometry", "pose", "audio")):
         match value:
             case Odometry() | RobotPose():
                 speed.add(value)
             case AudioBlock():
                 sound.add(value)
             case _:
-                record.add(value)
+                data.add(value)
                 if isinstance(value, CommandSent):
                     speed.add(value)
         if number % 2000 == 0:
-            tell(0.7 * record.fraction_of(value.stamp_ns))
+            tell(0.7 * min(1.0, max(0.0, (value.stamp_ns - session.started_ns) / whole_ns)))
     waveforms = tuple(sound.waveforms(lambda fraction: tell(0.7 + 0.25 * fraction)))
-    tiers = record.tiers()
-    moments = [Moment("mark", mark.start_ns, _mark_text(mark)) for mark in record.data.marks]
+    tiers = tiers_of(data)
+    moments = [Moment("mark", mark.start_ns, _mark_text(mark)) for mark in data.marks]
     moments += [
         Moment("utterance", item.start_ns, _said(item))
-        for item in record.data.utterances
+        for item in data.utterances
         if item.said and item.start_ns is not None
     ]
     moments.sort(key=lambda moment: moment.at_ns)
     tell(1.0)
-    return SessionOverview(tiers, tuple(moments), waveforms, speed.curve(), _cameras(session), record.data.steps)
+    return SessionOverview(tiers, tuple(moments), waveforms, speed.curve(), _cameras(session), data.steps)
 
 
 def run_overview(connection: Connection, session: Session) -> None:

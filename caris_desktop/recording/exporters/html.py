@@ -27,6 +27,7 @@ from caris_desktop.recording.annotation.annotation_model import AnnotationDocume
 from caris_desktop.recording.exporters import drawings
 from caris_desktop.recording.exporters.drawings import Curve, Item, Pin, Shape, Trajectory
 from caris_desktop.recording.exporters.formatting import duration
+from caris_desktop.recording.exporters.methods_facts import by_means
 from caris_desktop.recording.exporters.templates import write_own_page, write_page
 from caris_desktop.recording.measures.session_measures import Measures, measure, read_facts
 from caris_desktop.recording.pseudonyms import coding_of
@@ -104,7 +105,7 @@ def _report(data: SessionData, measures: Measures, grid: OccupancyGrid | None) -
         "content_responses_s": [reply.delay_s for reply in measures.content_responses],
         "reactions_s": [reply.delay_s for reply in measures.reactions],
         "gaps_s": measures.gaps_s,
-        "gaps_by_means": _by_means(measures),
+        "gaps_by_means": by_means(measures.gaps),
         "response_limit_s": RESPONSE_LIMIT_S,
         "histogram": drawings.histogram(measures.response_times_s) if measures.response_times_s else None,
         "sources": _SOURCES,
@@ -142,13 +143,6 @@ def _scenarios(data: SessionData) -> str:
             titles.append(f"from {at_s // 60}:{at_s % 60:02} {opened.title}" if titles else opened.title)
         before = opened.title
     return ", ".join(titles)
-
-
-def _by_means(measures: Measures) -> dict[str, list[float]]:
-    gaps: dict[str, list[float]] = {}
-    for response in measures.gaps:
-        gaps.setdefault(response.means, []).append(response.gap_s)
-    return gaps
 
 
 def _coding(session: Session) -> AnnotationDocument:

@@ -23,6 +23,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.measures.measure_definitions import MEASURES
 from caris_desktop.recording.measures.session_measures import Measures, ModelUse, measure, read_facts
 from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session.responses import Response
 from caris_desktop.recording.session.robot_clock_mapping import ClockSummary, robot_clock
 from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
 from caris_desktop.recording.session.session_alarms import AlarmRecord
@@ -97,7 +98,7 @@ def methods_facts(sessions: Sequence[Session], progress: Callable[[float], None]
         "content_responses_s": [reply.delay_s for each in measures for reply in each.content_responses],
         "reactions_s": [reply.delay_s for each in measures for reply in each.reactions],
         "gaps_s": [seconds for each in measures for seconds in each.gaps_s],
-        "gaps_by_means": _by_means(known),
+        "gaps_by_means": by_means(response for each in measures for response in each.gaps),
         "checks": _checks([one.preflight for one in known if one.preflight.checks]),
         "alarms": _alarms(measures),
         "models": _merged([model for each in measures for model in each.models]),
@@ -201,11 +202,11 @@ def _steps(records: Iterable[StepRecord]) -> list[dict[str, Any]]:
     ]
 
 
-def _by_means(known: Iterable[_Known]) -> dict[str, list[float]]:
+def by_means(responses: Iterable[Response]) -> dict[str, list[float]]:
+    """Gaps before responses by the means of the response."""
     gaps: dict[str, list[float]] = {}
-    for one in known:
-        for response in one.measures.gaps:
-            gaps.setdefault(response.means, []).append(response.gap_s)
+    for response in responses:
+        gaps.setdefault(response.means, []).append(response.gap_s)
     return gaps
 
 

@@ -8,7 +8,7 @@ from pathlib import Path, PurePath
 
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.annotation_model import shown_names
-from caris_desktop.recording.session.session_marks import final_marks
+from caris_desktop.recording.session.session_data import SessionData, read_data
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.tables.catalog import plain_text
@@ -48,10 +48,11 @@ def write_textgrid(session: Session, out: Path, context: ExportContext) -> list[
 
     Praat shows a TextGrid below a sound if both cover the same time. Raises OSError, SessionError.
     """
-    from caris_desktop.recording.annotation.session_tiers import session_tiers
+    from caris_desktop.recording.annotation.session_tiers import tiers_of, types_of_tiers
     from caris_desktop.recording.pseudonyms import coding_of
 
-    record = session_tiers(session, lambda fraction: context.progress(0.8 * fraction))
+    data = read_data(session, types_of_tiers(), lambda fraction: context.progress(0.8 * fraction))
+    record = tiers_of(data)
     coded = coding_of(session, on_damaged=context.warn)
     names = shown_names((*record.tiers, *coded.tiers))
     tiers = _Tiers(
@@ -66,7 +67,7 @@ def write_textgrid(session: Session, out: Path, context: ExportContext) -> list[
             for document in (record, coded)
             for tier in document.tiers
         ),
-        _moments(session),
+        _moments(data),
     )
     ends_us = [interval.end_us for _, intervals in tiers.intervals for interval in intervals]
     lasted_us = -(-(session.ended_ns - session.started_ns) // 1000)
@@ -120,11 +121,12 @@ def _grid(tiers: _Tiers, span: _Span) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _moments(session: Session) -> list[tuple[int, str]]:
+def _moments(data: SessionData) -> list[tuple[int, str]]:
     """Point marks. Praat allows one point per time: those of one millisecond are merged."""
     moments: dict[int, str] = {}
+    session = data.session
     last_us = (session.ended_ns - session.started_ns) // 1000
-    for mark in final_marks(session):
+    for mark in data.marks:
         if mark.end_ns is None:
             at_us = min(max(round((mark.start_ns - session.started_ns) / 1e6) * 1000, 0), last_us)
             text = f"{mark.label} ({mark.note})" if mark.note else mark.label

@@ -43,8 +43,8 @@ from caris_desktop.recording.annotation.session_tiers import (
     EVENTS_IN_WORDS,
     SHOWN,
     session_tiers,
-    streams_of_tiers,
     type_in_words,
+    types_of_tiers,
 )
 from caris_desktop.recording.annotation.states import STATES_IN_WORDS
 from caris_desktop.recording.annotation.timeline_builder import BUCKET_NS, build_overview
@@ -388,7 +388,7 @@ def test_a_running_import_can_be_cancelled(tmp_path: Path) -> None:
 
 
 def test_the_rows_of_all_events_are_known_to_translators() -> None:
-    others = {streams.BY_NAME[name].value_type for name in streams_of_tiers()} - SHOWN | {StepTicked}
+    others = set(types_of_tiers()) - SHOWN | {StepTicked}
     assert {type_in_words(kind) for kind in others} == set(EVENTS_IN_WORDS)
 
 
