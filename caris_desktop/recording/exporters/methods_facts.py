@@ -93,7 +93,7 @@ def methods_facts(sessions: Sequence[Session], progress: Callable[[float], None]
         "controls": sum(one.controls for one in known),
         "photos": sum(one.photos for one in known),
         **_scenarios([scenario for one in known for scenario in one.scenarios]),
-        "steps": _steps([step for measure_ in measures for step in measure_.steps]),
+        "steps": _steps([step for each in measures for step in each.steps]),
         "responses_s": [seconds for each in measures for seconds in each.response_times_s],
         "content_responses_s": [reply.delay_s for each in measures for reply in each.content_responses],
         "reactions_s": [reply.delay_s for each in measures for reply in each.reactions],
@@ -157,7 +157,7 @@ def _streams(session: Session) -> frozenset[str]:
 
 def _sums(measures: Sequence[Measures]) -> dict[str, Any]:
     """Measures over all sessions: ``total`` and ``values`` of those that have it, and ``parts`` by label."""
-    names = [measure_.name for measure_ in MEASURES]
+    names = [one.name for one in MEASURES]
     parts: dict[str, Counter[str]] = {name: Counter() for name in names}
     for one in measures:
         for name, its in one.parts.items():
