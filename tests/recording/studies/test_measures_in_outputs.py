@@ -339,9 +339,9 @@ def _tier_places(document: Callable[[Made], AnnotationDocument]) -> dict[str, Pl
         ids = [tier.tier_id for tier in tiers.tiers if re.sub(r" \(\d+\)$", "", tier.name) == name]
         return [((one.end_ms - one.start_ms) / 1000.0, one.value) for tier_id in ids for one in tiers.of_tier(tier_id)]
 
-    def seconds(name: str) -> Place:
+    def seconds(name: str, matching: str = "") -> Place:
         def place(made: Made) -> float:
-            found = values(made, name)
+            found = [each for each in values(made, name) if re.search(matching, each[1])]
             shown = Shown(sum(lasts_s for lasts_s, _ in found))
             shown.within = 0.001 * len(found) + 1e-6
             return shown
@@ -370,7 +370,7 @@ def _tier_places(document: Callable[[Made], AnnotationDocument]) -> dict[str, Pl
         "steps_skipped": number("Protocol", "skipped"),
         "marks": number("Wizard marks"),
         "wizard_errors": number("Wizard errors"),
-        "link_trouble_s": seconds("Link trouble"),
+        "link_trouble_s": seconds("Link trouble", "^control: "),
     }
 
 
