@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.exporters.templates import OF_FORMAT, check_template
 from caris_desktop.recording.session.manifest import verify_manifest
@@ -123,7 +123,7 @@ class _PrintTemplate(argparse.Action):
 def _check_template(template: Path, formats: Sequence[str]) -> None:
     if len(formats) != 1 or formats[0] not in OF_FORMAT:
         alone = QT_TR_NOOP("A template is for one format: {formats}. Nothing was written; name it with --to.")
-        raise ExportError(localized(alone, formats=", ".join(OF_FORMAT)))
+        raise ExportError(alone, formats=", ".join(OF_FORMAT))
     check_template(template)
 
 

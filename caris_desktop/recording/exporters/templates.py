@@ -72,7 +72,7 @@ def suffix_of(template: Path) -> str:
         "{template}: the name of a template ends with .md.j2 or .html.j2, which says what it makes. Nothing was "
         "written; rename it."
     )
-    raise ExportError(localized(named, template=template))
+    raise ExportError(named, template=template)
 
 
 def _own(template: Path) -> Any:
@@ -142,4 +142,4 @@ def _mistake(template: Path, error: Exception) -> ExportError:
         why = f"there is no file {error.name} in the folder of the template"
     where = localized(QT_TR_NOOP("{file}, line {line}"), file=place[0] or template, line=place[1] or 1)
     wrong = QT_TR_NOOP("{where}: {why}. Nothing was written; correct the template and export again.")
-    return ExportError(localized(wrong, where=where, why=why.rstrip(".")))
+    return ExportError(wrong, where=where, why=why.rstrip("."))
