@@ -152,10 +152,10 @@ def test_every_column_of_every_table_is_described(session: Path, tmp_path: Path)
     assert {name for name, _ in columns} == {path.stem for path in out.iterdir()}, "kinds that occur, and no others"
     assert all(row["description"] for row in described)
     told = {(row["table"], row["column"]): (row["unit"], row["clock"]) for row in described}
-    assert told["event_command_sent", "twist_turn_radps"] == ("radians per second", "")
-    assert told["pose", "pose_in_map_x_m"] == ("metres", "")
-    assert told["pose", "robot_stamp_ns"] == ("nanoseconds", "robot")
-    assert told["pose", "measured_session_s"] == ("seconds", "session")
+    assert told["event_command_sent", "twist_turn_radps"] == ("rad/s", "")
+    assert told["pose", "pose_in_map_x_m"] == ("m", "")
+    assert told["pose", "robot_stamp_ns"] == ("ns", "robot")
+    assert told["pose", "measured_session_s"] == ("s", "session")
     assert told["pose", "utc"] == ("", "UTC")
 
 
@@ -167,7 +167,7 @@ def test_no_stream_has_two_columns_of_one_name_or_one_without_a_description() ->
         assert len(set(names)) == len(names), table_.name
         assert all(column.description for column in table_.columns)
     units = {(table_.name, column.name): column.unit for table_ in tables for column in table_.columns}
-    assert units["event_traffic_measured_topics", "bytes_per_s"] == "bytes per second"
+    assert units["event_traffic_measured_topics", "bytes_per_s"] == "bytes/s"
 
 
 def test_a_broken_off_session_is_exported_as_far_as_it_goes(session: Path, tmp_path: Path) -> None:

@@ -12,8 +12,9 @@ import numpy as np
 
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
-from caris_desktop.recording.tables.build import DICTIONARY_TABLE, dictionary_columns, session_batches
+from caris_desktop.recording.tables.build import session_batches
 from caris_desktop.recording.tables.catalog import Column, Table, json_text, key_columns, scalar_text
+from caris_desktop.recording.tables.dictionary import DICTIONARY_TABLE, dictionary_columns
 
 
 def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]:

@@ -11,8 +11,9 @@ from typing import Any
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.tables.arrow import array, arrow_type
-from caris_desktop.recording.tables.build import DICTIONARY_TABLE, dictionary_columns, session_batches
+from caris_desktop.recording.tables.build import session_batches
 from caris_desktop.recording.tables.catalog import Column, Table, key_columns, plain_text
+from caris_desktop.recording.tables.dictionary import DICTIONARY_TABLE, allowed_values, dictionary_columns, empty_of
 
 
 def write_parquet(session: Session, out: Path, context: ExportContext) -> list[Path]:
@@ -77,6 +78,7 @@ class _TableFile:
 def _field(column: Column) -> Any:
     import pyarrow as pa
 
-    about = {"unit": column.unit, "clock": column.clock, "description": column.description}
+    about = {"unit": column.unit, "clock": column.clock, "description": column.description, "empty": empty_of(column)}
+    about["values"] = "; ".join(allowed_values(column))
     metadata = {key: value for key, value in about.items() if value}
     return pa.field(column.name, arrow_type(column.kind), metadata=metadata)

@@ -35,6 +35,8 @@ from caris_desktop.recording.session.mcap_chunks import intact_blocks, read_inde
 from caris_desktop.recording.session.mcap_repair import copy_changed
 from caris_desktop.recording.session.session_reader import Session, SessionError
 from caris_desktop.recording.session_export import ExportContext
+from caris_desktop.recording.tables.catalog import tables_of
+from caris_desktop.recording.tables.dictionary import DICTIONARY_TABLE, dictionary_columns
 
 _PROFILE = "https://w3id.org/ro/crate/1.1"
 _HEAD, _EVENTS = "session.json", "events.mcap"
@@ -83,11 +85,6 @@ _LICENCE_PAGES = {
     "CC-BY-ND-4.0": "https://creativecommons.org/licenses/by-nd/4.0/",
     "CC-BY-NC-ND-4.0": "https://creativecommons.org/licenses/by-nc-nd/4.0/",
 }
-_UNITS = {
-    "ns": "nanoseconds", "ms": "milliseconds", "s": "seconds", "m": "metres", "mps": "metres per second",
-    "rad": "radians", "radps": "radians per second", "px": "pixels", "hz": "hertz", "bytes": "bytes",
-    "fraction": "0 to 1",
-}  # fmt: skip
 # Answers of the start dialog that belong in an archive; the wizard's name does not.
 _TOLD_OF_TRIAL = ("study", "condition", "trial", "recording", "purpose")
 _UNNAMED = re.compile(r"Person \d+|")
@@ -417,11 +414,10 @@ def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_
     )  # fmt: skip
     with (out / "data_dictionary.csv").open("w", encoding=style.encoding, newline="") as file:
         rows = style.writer(file)
-        rows.writerow(("stream", "field", "type", "unit", "description"))
-        for stream, schema in schemas.items():
-            rows.writerow((stream, "", "record", "", " ".join(str(schema.get("description", "")).split())))
-            rows.writerows((stream, *row) for row in _fields(schema))
-    written["data_dictionary.csv"] = "All fields of all streams in events.mcap: type, unit, meaning."
+        rows.writerow([column.name for column in DICTIONARY_TABLE.columns])
+        tables = [table for spec in specs for table in tables_of(spec)]
+        rows.writerows(zip(*dictionary_columns(tables), strict=True))
+    written["data_dictionary.csv"] = "Meaning, unit and values of every field of events.mcap and column of tables."
     for stream, schema in schemas.items():
         name = f"schemas/{stream.replace('/', '.')}.schema.json"
         (out / name).write_text(json.dumps(schema, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -433,26 +429,6 @@ def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_
     return packed
 
 
-def _fields(schema: dict[str, Any], path: str = "") -> Iterator[tuple[str, str, str, str]]:
-    patterns = {pattern.strip("^$"): field for pattern, field in schema.get("patternProperties", {}).items()}
-    for name, field in {**schema.get("properties", {}), **patterns}.items():
-        here = f"{path}{name}"
-        kinds = [kind for kind in field.get("anyOf", [field]) if kind.get("type") != "null"]
-        kind = kinds[0] if kinds else {}
-        type_text = str(kind.get("type", "any")) + (" or null" if len(field.get("anyOf", ())) > len(kinds) else "")
-        meaning = (
-            f"One of {', '.join(kind['enum'])}." if "enum" in kind else " ".join(kind.get("description", "").split())
-        )
-        unit = next((long for end, long in _UNITS.items() if name.endswith(f"_{end}")), "")
-        if kind.get("type") == "array" and "properties" in kind.get("items", {}):
-            yield here, "list of records", unit, meaning
-            yield from _fields(kind["items"], f"{here}[].")
-        elif kind.get("properties") and "encoding" not in kind["properties"]:
-            yield from _fields(kind, f"{here}.")
-        elif kind.get("properties"):
-            yield here, "grid", unit, meaning
-        else:
-            yield here, type_text, unit, meaning
 
 
 # Metadata

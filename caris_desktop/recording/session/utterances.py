@@ -24,7 +24,7 @@ HEARD_FROM_NS = 200_000_000
 UtteranceEvent = UtteranceChanged | UtteranceCorrected
 UTTERANCE_STREAMS = ("event/utterance_changed", "event/utterance_corrected")
 """Streams with utterances."""
-_ALL_ALONG, _ALONE = 0.8, 0.78
+PRESENT_SHARE, _ALONE = 0.8, 0.78
 """Who was alone there for that share of an utterance is taken for its speaker. They are so with a likelihood of 0.78,
 as the console reckons of somebody whose distance and gaze it does not know: somebody may speak whom no camera sees."""
 _ENDED: tuple[UtteranceState, ...] = ("finished", "interrupted", "failed")
@@ -139,7 +139,7 @@ def _attributed(utterance: SpokenUtterance, visits: Sequence[Visit]) -> SpokenUt
         return utterance
     ((person_id, together_ns),) = there.items()
     share = together_ns / (end_ns - utterance.start_ns)
-    if share < _ALL_ALONG:
+    if share < PRESENT_SHARE:
         return utterance
     return replace(
         utterance, person_id=person_id, person_by="record", person_confidence=round(min(1.0, share) * _ALONE, 3)

@@ -16,7 +16,7 @@ from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
-from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES, THRESHOLDS
+from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES
 from caris_desktop.recording.measures.session_measures import sql
 from caris_desktop.recording.pseudonyms import pseudonyms_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
@@ -28,6 +28,7 @@ from caris_desktop.recording.studies.study_index import (
     sessions_dir_of,
 )
 from caris_desktop.recording.tables.build import sql_types
+from caris_desktop.recording.tables.dictionary import measure_rows
 
 _log = logging.getLogger(__name__)
 _FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 8
@@ -279,7 +280,7 @@ def _compute(out: Path, style: CsvStyle) -> tuple[tuple[SummaryRow, ...], tuple[
         sorted(summary, key=lambda row: (row.condition is not None, row.condition or "", order[row.measure]))
     )
     _write_csv(out / "measures.csv", measures, style)
-    _write_csv(out / "codebook.csv", _codebook(), style)
+    _write_csv(out / "codebook.csv", measure_rows(), style)
     for name, found in others.items():
         _write_csv(out / f"{name}.csv", found, style)
     _write_csv(
@@ -304,16 +305,6 @@ def _compute(out: Path, style: CsvStyle) -> tuple[tuple[SummaryRow, ...], tuple[
     )
     replace_file(out / "queries.sql", queries(out).encode(), durable=False)
     return summary, tuple(measures)
-
-
-def _codebook() -> list[dict[str, Any]]:
-    """Definition of each measure, and the thresholds."""
-    names = ("kind", "name", "unit", "value", "description", "formula", "reference")
-    rows: list[tuple[Any, ...]] = [
-        ("measure", one.name, one.unit, "", one.description, one.formula, one.reference) for one in MEASURES
-    ]
-    rows += [("threshold", one.name, one.unit, one.value, one.description, "", "") for one in THRESHOLDS]
-    return [dict(zip(names, row, strict=True)) for row in rows]
 
 
 def _rows(database: Any, query: str) -> list[dict[str, Any]]:

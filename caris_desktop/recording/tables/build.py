@@ -12,7 +12,7 @@ from caris_desktop.recording.session.robot_clock_mapping import RobotClock, robo
 from caris_desktop.recording.session.session_data import FOLDED, SessionData
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.tables.arrow import array
-from caris_desktop.recording.tables.catalog import Column, Moment, RowTimes, Table, key_columns, tables_of
+from caris_desktop.recording.tables.catalog import Moment, RowTimes, Table, key_columns, tables_of
 from caris_desktop.recording.tables.derived import ANNOTATIONS, DERIVED, SESSION_TABLE, annotations, session_facts
 
 _log = logging.getLogger(__name__)
@@ -22,7 +22,7 @@ _PROGRESS_EVERY_ROWS = 500
 _BATCH_ROWS, _BATCH_BYTES = 5_000, 16 * 1024 * 1024
 _SQL_TYPES = {"integer": "BIGINT", "number": "DOUBLE", "true or false": "BOOLEAN"}
 _ARRAYS = ("cells", "depths", "points", "numbers")
-_DERIVED_TABLES = (SESSION_TABLE, *(one.table for one in DERIVED), ANNOTATIONS.table)
+DERIVED_TABLES = (SESSION_TABLE, *(one.table for one in DERIVED), ANNOTATIONS.table)
 
 
 class Batch(NamedTuple):
@@ -104,7 +104,7 @@ def session_batches(
 
 def sql_types(name: str, columns: Iterable[str]) -> dict[str, str]:
     """SQL types of the key columns and these columns of a table."""
-    found = next((table for table in _DERIVED_TABLES if table.name == name), None)
+    found = next((table for table in DERIVED_TABLES if table.name == name), None)
     table = found or tables_of(next(spec for spec in STREAMS if spec.name.replace("/", "_") == name))[0]
     kinds = {column.name: _SQL_TYPES.get(column.kind, "VARCHAR") for column in table.columns}
     keys = dict.fromkeys(("session", "participant", "condition", "trial"), "VARCHAR")
@@ -144,47 +144,3 @@ def data_tables(data: SessionData, wanted: Mapping[str, Sequence[str]]) -> dict[
 
 def _has_stamp(value: Any, session: Session) -> bool:
     return isinstance(value.stamp_ns, int) and abs(value.stamp_ns - session.started_ns) <= _FARTHEST_NS
-
-
-def dictionary_columns(tables: Iterable[Table], whose: tuple[Column, ...] = ()) -> list[list[str]]:
-    """Cells of DICTIONARY_TABLE for these tables, by column; ``whose`` are their common leading columns.
-
-    Derived tables come first.
-    """
-    number = {table.name: number for number, table in enumerate(_DERIVED_TABLES)}
-    rows: list[tuple[str, ...]] = []
-    for table in sorted(tables, key=lambda table: number.get(table.name, len(number))):
-        rows.append((table.name, "", "", "table", "", table.description))
-        for column in (*whose, *table.columns):
-            rows.append((table.name, column.name, column.unit, column.kind, column.clock, column.description))
-    return [list(cells) for cells in zip(*rows, strict=True)]
-
-
-DICTIONARY_TABLE = Table(
-    "data_dictionary",
-    "Every table and every column.",
-    tuple(
-        Column(name, "", "text", description, lambda row, _: row)
-        for name, description in (
-            ("table", "The table."),
-            ("column", "The column; empty in the row that describes the table itself."),
-            ("unit", "The unit; empty if there is none."),
-            (
-                "type",
-                (
-                    "The type of the values. In CSV files, utc is ISO 8601, texts are JSON, and numbers are "
-                    "separated by semicolons. An apostrophe precedes text that spreadsheets would read as a "
-                    "formula (not with --plain-csv)."
-                ),
-            ),
-            (
-                "clock",
-                (
-                    "The clock of a time: session (monotonic), UTC (of this computer at the start), or robot (the "
-                    "robot's own)."
-                ),
-            ),
-            ("description", "The meaning."),
-        )
-    ),
-)

@@ -22,6 +22,8 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.session.robot_clock_mapping import Measured, RobotClock
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.tables.meanings import Meaning, meaning_of, split_docstring
+from caris_desktop.recording.tables.units import unit_of
 
 Kind = Literal[
     "integer",
@@ -41,21 +43,9 @@ Kind = Literal[
 (uint16) are arrays.
 """
 ClockName = Literal["", "session", "UTC", "robot"]
+_NOT_GIVEN = "Nothing was entered."
+_NOT_IN_CSV = "Left out of CSV files, because it is large."
 
-_UNITS = {
-    "ns": "nanoseconds",
-    "ms": "milliseconds",
-    "s": "seconds",
-    "m": "metres",
-    "mm": "millimetres",
-    "mps": "metres per second",
-    "rad": "radians",
-    "radps": "radians per second",
-    "px": "pixels",
-    "hz": "hertz",
-    "bytes": "bytes",
-    "fraction": "0 to 1",
-}
 # Columns before or after those of a value's own fields, here or in one of the formats.
 _RESERVED = (
     "session",
@@ -68,48 +58,6 @@ _RESERVED = (
     "arrived_session_s",
     "number",
 )
-_MEANINGS = {
-    "actor": (
-        "Actor: wizard (of this computer), wizard:NAME (another wizard), console, model or script. Empty: "
-        "another actor, or not recorded, as before version 3."
-    ),
-    "bytes_per_s": "Bytes per second.",
-    "cut": "Why the answer is incomplete; empty if it is complete.",
-    "edit_distance": "Number of characters that the wizard changed.",
-    "expected_s": "Expected time.",
-    "fps": "Frames per second.",
-    "from_person_id": "Id of the person to whom the visit belonged before.",
-    "gap_s": "Time from the end of the participant's voice to the robot's first sound.",
-    "heard_text": "Transcript before a correction.",
-    "how": "How the step was entered.",
-    "inference_ms": "Time of the detection.",
-    "into_person_id": "Id of the person into whom the other was merged.",
-    "is_person_id": "Id of the known person.",
-    "late_s": "Time beyond the expected time.",
-    "left": "How the step was left.",
-    "left_step_id": "Id of the step that was left.",
-    "means": "How the reply was made.",
-    "number": "Number of the person or step.",
-    "on": "True: ticked off; false: unticked.",
-    "open_at_end": "The interval was not ended before the end of the session.",
-    "person_by": "Who identified the person.",
-    "rewritten": "The note was changed.",
-    "runner_up": "Confidence of the next best match.",
-    "runner_up_id": "Id of the next best match.",
-    "seen_s": "Time from the start of the visit to the last detection.",
-    "seen_to_by": "Actor who resolved the alarm.",
-    "sha256": "SHA-256 checksum of the file.",
-    "stood_s": "Time for which the alarm was active, without pauses.",
-    "tick": "Checklist items.",
-    "ticked": "Number of checklist items that were ticked off.",
-    "times": "How often the alarm was raised.",
-    "to_tick": "Number of checklist items.",
-    "told": "A problem was reported before.",
-    "took_s": "Time that the step took.",
-    "turn_over": "Probability that the turn is over.",
-    "until": "What ends the problem.",
-    "use": "What became of the answer.",
-}
 # Seconds that were computed from nanoseconds.
 _COMPUTED_S = ("duration_s", "late_s", "seen_s", "stood_s", "time_s")
 _HALVES = re.compile("[\ud800-\udfff]")
@@ -139,7 +87,8 @@ class Moment(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class Column:
     """One column. ``read`` takes the value of a row, in time columns its moment; ``clock`` is the one that a time is
-    told by.
+    told by. ``values`` are all that a text may have, ``empty`` is the meaning of an empty cell, or empty if there is
+    none. ``field`` is the field of a message in events.mcap that it shows as it is.
     """
 
     name: str
@@ -148,6 +97,9 @@ class Column:
     description: str
     read: Callable[[Any, RowTimes], Any]
     clock: ClockName = ""
+    values: tuple[str, ...] = ()
+    empty: str = ""
+    field: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,22 +139,22 @@ def key_columns(session: Session) -> tuple[Column, ...]:
     """Leading columns of every row, in formats whose files are joined across sessions."""
     trial = session.trial
     columns = (
-        ("session", "Name of the session folder.", session.folder.name),
-        ("participant", "The participant, as entered at the start.", trial.get("participant", "")),
-        ("condition", "The condition, as entered at the start.", trial.get("condition", "")),
-        ("trial", "The trial, as entered at the start.", trial.get("trial", "")),
+        ("session", "Name of the recording's folder.", session.folder.name, ""),
+        ("participant", "Code of the participant, as entered at the start.", trial.get("participant", ""), _NOT_GIVEN),
+        ("condition", "Experimental condition, as entered at the start.", trial.get("condition", ""), _NOT_GIVEN),
+        ("trial", "Number or name of the trial, as entered at the start.", trial.get("trial", ""), _NOT_GIVEN),
     )
-    return tuple(_constant(name, description, plain_text(value)) for name, description, value in columns)
+    return tuple(_constant(name, text, plain_text(value), empty) for name, text, value, empty in columns)
 
 
-def _constant(name: str, description: str, value: str) -> Column:
-    return Column(name, "", "text", description, lambda _row, _times: value)
+def _constant(name: str, description: str, value: str, empty: str) -> Column:
+    return Column(name, "", "text", description, lambda _row, _times: value, empty=empty)
 
 
 TIME_COLUMNS = (
     Column(
         "session_s",
-        "seconds",
+        "s",
         "number",
         "Time since the start of the session; negative: known before the start.",
         lambda moment, times: times.session_s(moment.stamp_ns),
@@ -218,7 +170,7 @@ TIME_COLUMNS = (
     ),
     Column(
         "stamp_ns",
-        "nanoseconds",
+        "ns",
         "integer",
         "The same time on the session's monotonic clock, for joining tables.",
         lambda moment, _times: moment.stamp_ns,
@@ -229,7 +181,7 @@ STREAM_TIME_COLUMNS = (
     *TIME_COLUMNS,
     Column(
         "arrived_session_s",
-        "seconds",
+        "s",
         "number",
         "Arrival time at the console, since the start of the session; rows are in this order.",
         lambda moment, times: times.session_s(moment.arrival_ns),
@@ -242,7 +194,12 @@ def tables_of(spec: StreamSpec) -> tuple[Table, ...]:
     """Table of one stream, and one for each of its fields that holds a list of records."""
     name = spec.name.replace("/", "_")
     columns = tuple(_columns(spec.value_type))
-    tables = [Table(name, _doc(spec.value_type), columns, time_columns=STREAM_TIME_COLUMNS)]
+    held = () if spec.well_known is None else spec.well_known.holds
+    columns = tuple(
+        dataclasses.replace(column, field="") if column.field.partition(".")[0] in held else column
+        for column in columns
+    )
+    tables = [Table(name, _doc(spec.value_type)[0], columns, time_columns=STREAM_TIME_COLUMNS)]
     for field, hint in _fields(spec.value_type):
         item_type = _record_list(hint)
         if item_type is not None:
@@ -258,20 +215,24 @@ def plain_text(text: str) -> str:
 # Columns from the fields of dataclasses
 
 
-def derived_columns(value_type: type[Any], names: str) -> tuple[Column, ...]:
-    """Columns of a derived value: ``name`` of an attribute, or ``name=path`` of one that is called otherwise there."""
+def derived_columns(value_type: type[Any], names: str, docs: dict[str, str]) -> tuple[Column, ...]:
+    """Columns of a derived value: ``name`` of an attribute, or ``name=path`` of one that is called otherwise there.
+
+    ``docs``: meanings that the docstring of ``value_type`` leaves out.
+    """
     columns: list[Column] = []
     for entry in names.split():
         name, _, path = entry.partition("=")
         hint: Any = value_type
         for part in (path or name).split("."):
-            found = getattr(hint, part, None)
+            owner, found = hint, getattr(hint, part, None)
             hints = typing.get_type_hints(found.fget if isinstance(found, property) else hint)
             hint = without_alias(hints["return" if isinstance(found, property) else part])
-        read = attrgetter(path or name)
-        computed = name in _COMPUTED_S
-        columns += _columns_of_field((name,), hint, item=False, read=_rounded(read) if computed else read)
-    return tuple(columns)
+        read: Callable[[Any], Any] = attrgetter(path or name)
+        read = _rounded(read) if name in _COMPUTED_S else read
+        meaning = meaning_of(owner.__name__, name, _doc(owner)[1] | docs) or _no_meaning(name)
+        columns += _columns_of_field((name,), hint, meaning, item=False, read=read)
+    return tuple(dataclasses.replace(column, field="") for column in columns)
 
 
 def _columns(
@@ -280,55 +241,72 @@ def _columns(
     *,
     item: bool = False,
     within: Callable[[Any], Any] | None = None,
+    outer: Meaning | None = None,
 ) -> Iterator[Column]:
     """Columns of the fields of ``value_type``, found under ``path``, or by ``within``, in the value of a row.
 
-    An ``item`` of a list also gets columns for its time and its own lists.
+    An ``item`` of a list also gets columns for its time and its own lists. ``outer``: meaning of the whole record.
     """
+    docs = _doc(value_type)[1]
     for name, hint in _fields(value_type):
         if path or item or name != "stamp_ns":
             read = None if within is None else _reader((name,), within)
-            yield from _columns_of_field((*path, name), hint, item=item, read=read)
+            meaning = meaning_of(value_type.__name__, name, docs) or _no_meaning(name)
+            if outer is not None:
+                text = f"{outer.text.removesuffix('.')}: {meaning.text.removesuffix('.')}."
+                meaning = Meaning(text, outer.empty or meaning.empty)
+            yield from _columns_of_field((*path, name), hint, meaning, item=item, read=read)
 
 
 def _columns_of_field(
-    path: tuple[str, ...], hint: Any, *, item: bool, read: Callable[[Any], Any] | None = None
+    path: tuple[str, ...], hint: Any, meaning: Meaning, *, item: bool, read: Callable[[Any], Any] | None = None
 ) -> Iterator[Column]:
-    name = "_".join(path)
+    name, field = "_".join(path), ".".join(path)
     if name in _RESERVED:
         name = f"value_{name}"
     within, read = read, read or _reader(path)
     hint, optional = _without_none(hint)
-    unit = _unit(path[-1])
-    words = _MEANINGS.get(path[-1]) or _in_words(name, unit)
-    unknown = " Empty if unknown." if optional else ""
+    unit = unit_of(name)
+    if optional and not meaning.empty:
+        meaning = Meaning(meaning.text, "Not recorded.")
+    elif not optional and hint is not str and "" not in get_args(hint) and len(path) == 1:
+        meaning = Meaning(meaning.text)
+    text, empty = meaning
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
-        yield from _columns(hint, path, item=item, within=within)
+        yield from _columns(hint, path, item=item, within=within, outer=meaning)
     elif _record_list(hint) is not None and len(path) == 1 and not item:
         yield Column(
-            f"{name}_count", "", "integer", f"Number of entries; each is a row of the table of {name}.{unknown}",
-            lambda row, _: None if (records := read(row)) is None else len(records),
+            f"{name}_count", "", "integer", f"Number of entries; each is a row of the table of {name}.",
+            lambda row, _: None if (records := read(row)) is None else len(records), empty=empty,
         )  # fmt: skip
     elif dtype := array_dtype(hint):
-        yield from _columns_of_array(name, unit, dtype, read)
+        yield from _columns_of_array(name, unit, dtype, read, field)
     elif name == "robot_stamp_ns" and not item:
         yield from _columns_of_robot_stamp(unit, read)
     else:
-        kind, description = _kind(hint)
-        clock: ClockName = "" if unit != _UNITS["ns"] else "robot" if path[-1].startswith("robot_") else "session"
+        kind, values, written = _kind(hint)
+        is_time = unit == "ns" and not name.endswith("_uncertainty_ns")
+        clock: ClockName = "" if not is_time else "robot" if path[-1].startswith("robot_") else "session"
         convert = to_jsonable if kind == "json" else _plain
         yield Column(
-            name, unit, kind, f"{words} {description}".strip() + unknown, lambda row, _: convert(read(row)), clock
-        )
+            name, unit, kind, f"{text} {written}".strip(), lambda row, _: convert(read(row)), clock, values, empty,
+            field,
+        )  # fmt: skip
         if clock == "session":
             yield Column(
                 f"{name.removesuffix('_ns')}_session_s",
-                "seconds",
+                "s",
                 "number",
-                f"{name} as time since the start of the session.{unknown}",
+                f"{text.removesuffix('.')}; since the start of the session.",
                 lambda row, times: times.session_s(read(row)),
                 clock,
+                empty=empty,
             )
+
+
+def _no_meaning(name: str) -> Meaning:
+    """Meaning of a field that nothing explains."""
+    return Meaning(_in_words(name, unit_of(name)))
 
 
 def _columns_of_robot_stamp(unit: str, read: Callable[[Any], Any]) -> Iterator[Column]:
@@ -336,50 +314,56 @@ def _columns_of_robot_stamp(unit: str, read: Callable[[Any], Any]) -> Iterator[C
         "robot_stamp_ns",
         unit,
         "integer",
-        "The robot's own timestamp, on the robot's clock; empty if it sent none.",
+        "Timestamp that the robot gave to the message, on the robot's clock.",
         lambda row, _: read(row),
         "robot",
+        empty="The robot sent none.",
+        field="robot_stamp_ns",
     )
     yield Column(
         "measured_session_s",
-        "seconds",
+        "s",
         "number",
         (
-            "Measurement time, since the start of the session: the robot's timestamp minus the offset of its "
-            "clock. Empty if the offset is unknown; session_s gives the arrival time."
+            "Measurement time, since the start of the session: the robot's timestamp minus the offset of its clock. "
+            "session_s gives the arrival time."
         ),
         lambda row, times: None if (found := times.measured(row)) is None else times.session_s(found.stamp_ns),
         "session",
+        empty="The offset is unknown.",
     )
     yield Column(
         "measured_uncertainty_s",
-        "seconds",
+        "s",
         "number",
-        "Uncertainty of measured_session_s (plus or minus).",
+        "Bound of the error of measured_session_s (plus or minus).",
         lambda row, times: None if (found := times.measured(row)) is None else round(found.uncertainty_ns / 1e9, 6),
-        "session",
+        empty="The offset is unknown.",
     )
 
 
-def _columns_of_array(name: str, unit: str, dtype: "np.dtype[Any]", read: Callable[[Any], Any]) -> Iterator[Column]:
+def _columns_of_array(
+    name: str, unit: str, dtype: "np.dtype[Any]", read: Callable[[Any], Any], field: str
+) -> Iterator[Column]:
     points = name.startswith("points_") or "_points_" in name
     plain_kind: Kind = "cells" if dtype.itemsize == 1 else "depths"
     kind: Kind = plain_kind if dtype.kind in "iu" else "points" if points else "numbers"
     yield Column(
-        f"{name}_shape", "", "integers", "Number of values; for a grid rows and columns, for points their number "
-            "and coordinates.",
+        f"{name}_shape", "", "integers", f"Number of values in {name}; for a grid rows and columns, for points their "
+            "number and coordinates.",
         lambda row, _: None if (array := read(row)) is None else list(array.shape),
     )  # fmt: skip
     yield Column(
-        f"{name}_min", unit, "number", "The smallest finite value.", lambda row, _: _smallest(read(row))
+        f"{name}_min", unit, "number", f"The smallest finite value in {name}.", lambda row, _: _smallest(read(row)),
+        empty="There is no finite value.",
     )  # fmt: skip
-    description = {
-        "cells": "The grid row by row, from its origin. Not in CSV files, because it is large.",
-        "depths": "The depths row by row, from the upper left; 0 if unknown. Not in CSV files.",
-        "points": "The points, as x and y.",
-        "numbers": "The values; inf: no return.",
+    description, empty = {
+        "cells": ("The grid row by row, from its origin: -1 unknown, 0 free to 100 occupied.", _NOT_IN_CSV),
+        "depths": ("The depths row by row, from the upper left; 0 if unknown.", _NOT_IN_CSV),
+        "points": ("The points, as x and y in metres.", "There are no points."),
+        "numbers": ("One value for each beam; inf: no return, nan: invalid.", "The device sends none."),
     }[kind]
-    yield Column(name, unit, kind, description, lambda row, _: read(row))
+    yield Column(name, unit, kind, description, lambda row, _: read(row), empty=empty, field=field)
 
 
 def _fields(value_type: type[Any]) -> list[tuple[str, Any]]:
@@ -396,20 +380,21 @@ def _record_list(hint: Any) -> type[Any] | None:
 
 def _list_table(parent: str, field: str, item_type: type[Any]) -> Table:
     """Table of a list field; its rows are (number, item)."""
-    columns = [_of_item(column) for column in _columns(item_type, item=True)]
-    index = Column("number", "", "integer", f"Position among the {field} at this time, from 1.", lambda row, _: row[0])
+    columns = [_of_item(column, f"{field}[].") for column in _columns(item_type, item=True)]
+    index = Column("number", "", "integer", f"Position among the {field} of this time, from 1.", lambda row, _: row[0])
     return Table(
         f"{parent}_{field}",
-        f"One row per entry of {field} in {parent}. {_doc(item_type)}".strip(),
+        f"One row per entry of {field} in {parent}. {_doc(item_type)[0]}".strip(),
         (index, *columns),
         lambda value: enumerate(getattr(value, field) or (), start=1),
         STREAM_TIME_COLUMNS,
     )
 
 
-def _of_item(column: Column) -> Column:
+def _of_item(column: Column, within: str) -> Column:
     read = column.read
-    return dataclasses.replace(column, read=lambda row, times: read(row[1], times))
+    field = f"{within}{column.field}" if column.field else ""
+    return dataclasses.replace(column, read=lambda row, times: read(row[1], times), field=field)
 
 
 def _without_none(hint: Any) -> tuple[Any, bool]:
@@ -443,15 +428,6 @@ def _reader(path: tuple[str, ...], within: Callable[[Any], Any] = _itself) -> Ca
     return read
 
 
-def _unit(name: str) -> str:
-    match name.split("_"):
-        case [*_, amount, "per", "s"]:
-            return f"{_UNITS[amount]} per second"
-        case [_, *_, last]:
-            return _UNITS.get(last, "")
-    return ""
-
-
 def _in_words(name: str, unit: str) -> str:
     """``pose_in_map_x_m`` as ``Pose in map, x.``"""
     words = name.rpartition("_")[0] if unit else name
@@ -462,36 +438,36 @@ def _in_words(name: str, unit: str) -> str:
     return f"{words.replace('_', ' ').capitalize()}."
 
 
-def _kind(hint: Any) -> tuple[Kind, str]:
-    """Kind of a column, and its allowed values or how to read it. Mappings and untyped values are JSON.
+def _kind(hint: Any) -> tuple[Kind, tuple[str, ...], str]:
+    """Kind of a column, its allowed values if they are listed, and how to read it. Mappings and untyped values are
+    JSON.
 
     Raises TypeError for types without a column kind.
     """
     origin = get_origin(hint)
     if origin is Literal:
-        values = [str(value) for value in get_args(hint) if value != ""]
-        return "text", f"One of: {', '.join(values)}{'; or empty' if '' in get_args(hint) else ''}."
+        return "text", tuple(str(value) for value in get_args(hint) if value != ""), ""
     if isinstance(hint, type) and issubclass(hint, Enum):
-        return "text", f"One of: {', '.join(str(member.value) for member in hint)}."
+        return "text", tuple(str(member.value) for member in hint), ""
     if members := set(union_members(hint)) - {type(None)}:
         if members == {int, float}:
-            return "number", ""
+            return "number", (), ""
         if str in members and all(get_origin(one) is Literal for one in members - {str}):
-            return "text", ""
+            return "text", (), ""
         if members <= {int, float, bool, str}:
-            return "text", "A number, true or false, or text."
+            return "text", (), "A number, true or false, or text."
     if origin in (tuple, list):
         item = without_alias(get_args(hint)[0])
         kinds: dict[Any, Kind] = {int: "integers", float: "numbers", str: "texts"}
         if item in kinds:
             written = "as JSON" if item is str else "separated by semicolons"
-            return kinds[item], f"A list; in CSV files {written}."
+            return kinds[item], (), f"A list; in CSV files {written}."
     if origin in (dict, tuple, list) or hint is Any:
-        return "json", "As JSON."
+        return "json", (), "As JSON."
     plain: dict[Any, Kind] = {int: "integer", float: "number", bool: "true or false", str: "text"}
     if hint not in plain:
         raise TypeError(f"no column type is defined for {hint}")
-    return plain[hint], ""
+    return plain[hint], (), ""
 
 
 def _plain(value: Any) -> Any:
@@ -506,8 +482,9 @@ def _smallest(array: Any) -> float | None:
     return None if finite.size == 0 else float(str(finite.min()))
 
 
-def _doc(value_type: type[Any]) -> str:
-    return " ".join((value_type.__doc__ or "").split())
+def _doc(value_type: type[Any]) -> tuple[str, dict[str, str]]:
+    """General sentences of the docstring, and those that explain a field each."""
+    return split_docstring(value_type.__doc__ or "", value_type.__annotations__)
 
 
 def scalar_text(value: Any) -> str:

@@ -12,7 +12,7 @@ from caris_desktop.recording.session.responses import Response
 from caris_desktop.recording.session.robot_clock_mapping import RobotClock
 from caris_desktop.recording.session.session_alarms import AlarmRecord
 from caris_desktop.recording.session.session_data import SessionData
-from caris_desktop.recording.session.session_driving import COMMAND_HOLDS_S, Drive
+from caris_desktop.recording.session.session_driving import Drive
 from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.recording.session.session_protocol import StepRecord, StepVisit
 from caris_desktop.recording.session.session_reader import Session
@@ -20,6 +20,7 @@ from caris_desktop.recording.session.session_suggestions import ShownReply
 from caris_desktop.recording.session.session_visits import Visit
 from caris_desktop.recording.session.utterances import SpokenUtterance
 from caris_desktop.recording.tables.catalog import TIME_COLUMNS, Column, Moment, Table, derived_columns
+from caris_desktop.recording.tables.meanings import split_docstring
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,8 @@ def _derived(
     *,
     stamp_ns: Callable[[Any, Session], int] = lambda record, _: int(record.start_ns),
 ) -> DerivedTable:
-    table = Table(name, " ".join(description.split()), derived_columns(value_type, columns), time_columns=TIME_COLUMNS)
+    general, docs = split_docstring(description, [column.partition("=")[0] for column in columns.split()])
+    table = Table(name, general, derived_columns(value_type, columns, docs), time_columns=TIME_COLUMNS)
     return DerivedTable(table, records, stamp_ns)
 
 
@@ -85,7 +87,7 @@ DERIVED: tuple[DerivedTable, ...] = (
         "utterance_id speaker text origin said state duration_s requested_ns start_ns end_ns voice detail actor"
         " person_id heard_text tags confidence language estimated person_by person_confidence",
         """One utterance with the times of its request, start and end. The time columns give its start, or its request
-        if it was never spoken. ``said``: at least a part was audible. Text, speaker and person include corrections.
+        if it was never spoken. Text, speaker and person include corrections.
         ``heard_text`` is the transcript before a correction, else empty. An empty speaker: not sure. ``estimated``:
         start or end is inexact. ``person_by`` identified the participant: a wizard, the console, or ``record``, if the
         record shows that nobody else was present. ``person_confidence`` is the likelihood, 0 to 1, empty if a wizard
@@ -97,7 +99,8 @@ DERIVED: tuple[DerivedTable, ...] = (
         "responses",
         Response,
         "turn_id reply_id means first gap_s voice_ended_ns text_ns suggested_ns asked_ns first_sound_ns person_id",
-        """One response to a turn of the participant. The time columns give the robot's first sound. ``gap_s`` is from
+        """One response to a turn of the participant, at most response_limit_s after it. The time columns give the
+        robot's first sound. ``gap_s`` is from
         the end of the participant's voice, negative if the robot spoke over it. ``first``: nothing preceded it, such
         as a filler.""",
         lambda data: data.responses,
@@ -116,9 +119,9 @@ DERIVED: tuple[DerivedTable, ...] = (
         "drives",
         Drive,
         "source end_ns duration_s",
-        f"""One interval of manual driving from one source. The time columns give its start. A velocity command counts
+        """One interval of manual driving from one source. The time columns give its start. A velocity command counts
         if any component is nonzero, however slow, until the next command, a pause or the end of the recording, at most
-        {COMMAND_HOLDS_S:g} s.""",
+        command_holds_s.""",
         lambda data: data.drives,
     ),
     _derived(
@@ -206,8 +209,16 @@ SESSION_TABLE = Table(
     "session",
     "The session as a whole: header, duration, videos, audio and the robot's clock.",
     (
-        Column("key", "", "text", "Name of the value.", lambda fact, _: fact.key),
-        Column("value", "", "text", "The value; units are in the names of the keys.", lambda fact, _: fact.value),
+        Column(
+            "key",
+            "",
+            "text",
+            "Name of a property of the session, in dotted form as in session.json.",
+            lambda fact, _: fact.key,
+        ),
+        Column(
+            "value", "", "text", "The property's value; its unit is in the name of the key.", lambda fact, _: fact.value
+        ),
     ),
 )
 

@@ -14,7 +14,9 @@ The exports `csv` and `parquet` write these tables, one file each; the command `
 are computed from. A table without rows is not written. Each export has the same list as `data_dictionary.csv`.
 
 Every row starts with the session, participant, condition and trial. Every table except `session` has columns for the
-time of the row, on the session's clock and in UTC. Column names end in their unit.
+time of the row, on the session's clock and in UTC. Column names end in their unit. Cells are never empty where the
+last column gives no meaning for it. Words such as `command_holds_s` are thresholds, and `codebook.csv` of the command
+`statistics` has their values.
 """
 
 
@@ -34,8 +36,18 @@ def _section(table: catalog.Table) -> str:
 
 
 def _columns(columns: Iterable[catalog.Column]) -> str:
-    rows = [f"| `{column.name}` | {column.kind} | {column.unit} | {_cell(column.description)} |" for column in columns]
-    return "\n".join(["| column | type | unit | meaning |", "| --- | --- | --- | --- |", *rows, ""])
+    rows = [
+        f"| `{column.name}` | {column.kind} | {column.unit} | {_meaning(column)} | {column.empty} |"
+        for column in columns
+    ]
+    return "\n".join(
+        ["| column | type | unit | meaning | an empty cell |", "| --- | --- | --- | --- | --- |", *rows, ""]
+    )
+
+
+def _meaning(column: catalog.Column) -> str:
+    values = f" One of: {', '.join(column.values)}." if column.values else ""
+    return _cell(f"{column.description}{values}")
 
 
 def _cell(text: str) -> str:

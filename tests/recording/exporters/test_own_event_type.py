@@ -90,8 +90,10 @@ def test_it_is_a_table_in_csv(folder: Path, tmp_path: Path) -> None:
         ]
     with (tmp_path / "csv" / "data_dictionary.csv").open(encoding="utf-8", newline="") as file:
         described = {(row["table"], row["column"]): row for row in csv.DictReader(file)}
-    assert described["event_questionnaire_filled", "took_s"]["unit"] == "seconds"
-    assert described["event_questionnaire_filled", "mood"]["description"] == "Mood. One of: good, bad."
+    assert described["event_questionnaire_filled", "took_s"]["unit"] == "s"
+    mood = described["event_questionnaire_filled", "mood"]
+    assert (mood["description"], mood["values"], mood["empty"]) == ("Mood.", "good; bad", "Never empty.")
+    assert described["event_questionnaire_filled_answers", "points"]["empty"] == "Not recorded."
 
 
 def test_it_is_a_typed_table_in_parquet(folder: Path, tmp_path: Path) -> None:

@@ -226,14 +226,28 @@ def test_the_record_can_be_read_by_what_lies_next_to_it(made: RecordedSession, o
             checked.add(name)
     assert checked == set(validators)
     with (out / "data_dictionary.csv").open(newline="") as file:
-        rows = {(row["stream"], row["field"]): row for row in csv.DictReader(file)}
-    assert rows["event/command_sent", "twist.turn_radps"]["unit"] == "radians per second"
-    assert rows["people", "boxes[].left_px"]["unit"] == "pixels"
-    assert rows["map", "data"]["type"] == "string"
-    assert rows["map", "origin_in_map.x_m"]["unit"] == "metres"
+        rows = {(row["table"], row["field"]): row for row in csv.DictReader(file) if row["field"]}
+    assert rows["event_command_sent", "twist.turn_radps"]["unit"] == "rad/s"
+    assert rows["people_boxes", "boxes[].left_px"]["unit"] == "px"
+    assert rows["map", "origin_in_map.x_m"]["unit"] == "m"
+    assert ("map", "cells") not in rows, "the message has them as data"
+    properties = {name: _fields(validator.schema) for name, validator in validators.items()}
+    named = {(table, field) for table, field in rows if table in properties}
+    assert {(table, field) for table, field in named if field not in properties[table]} == set()
     session = open_session(made.folder)
     text = (out / "FORMAT.md").read_text()
     assert f"{session.clock.anchor.utc_ns} + (stamp_ns - {session.clock.anchor.monotonic_ns})" in text
+
+
+def _fields(schema: Any, before: str = "") -> set[str]:
+    """Paths of the fields of a JSON schema, as the data dictionary names them."""
+    found = set()
+    for name, field in {**schema.get("properties", {}), **schema.get("patternProperties", {})}.items():
+        path = f"{before}{name.strip('^$')}"
+        found.add(path)
+        for kind in (field, *field.get("anyOf", ())):
+            found |= _fields(kind, f"{path}.") | _fields(kind.get("items", {}), f"{path}[].")
+    return found
 
 
 def test_the_page_for_people_is_escaped_and_says_what_is_there(out: Path) -> None:

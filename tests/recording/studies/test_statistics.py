@@ -123,11 +123,15 @@ def test_a_session_has_the_same_measures_alone_and_within_its_study(
     assert sum(row["responses"] or 0 for row in made.measures) > 10
 
 
+# Thresholds by which tables are made.
+_OF_TABLES = {"command_holds_s", "heard_from_s", "present_share_fraction"}
+
+
 def test_the_definitions_name_what_the_queries_compute_and_read(made: StudyStatistics) -> None:
     computed = list(made.measures[0])
     assert computed[computed.index("recorded_s") :] == [figure.name for figure in MEASURES]
     text = queries(made.out)
-    assert set(re.findall(r"getvariable\('(\w+)'\)", text)) | {"command_holds_s"} == {one.name for one in THRESHOLDS}
+    assert set(re.findall(r"getvariable\('(\w+)'\)", text)) | _OF_TABLES == {one.name for one in THRESHOLDS}
     for name in TABLES:
         assert len(re.findall(rf"\b{name}\b", text)) > 1, f"{name} is not read"
 
@@ -196,9 +200,11 @@ def test_results_are_files_to_continue_from(made: StudyStatistics) -> None:
     assert sum(int(row["n"]) for row in labels if row["kind"] == "mark") == sum(row["marks"] for row in made.measures)
     with (made.out / "codebook.csv").open(encoding="utf-8", newline="") as file:
         codebook = list(csv.DictReader(file))
-    assert [row["name"] for row in codebook if row["kind"] == "measure"] == [figure.name for figure in MEASURES]
-    (holds,) = (row for row in codebook if row["name"] == "command_holds_s")
-    assert (holds["value"], holds["unit"]) == ("0.5", "s")
+    assert [row["column"] for row in codebook if row["table"] == "measures"] == [figure.name for figure in MEASURES]
+    (holds,) = (row for row in codebook if row["column"] == "command_holds_s")
+    assert (holds["table"], holds["threshold"], holds["unit"]) == ("thresholds", "0.5", "s")
+    (late,) = (row for row in codebook if row["column"] == "steps_late")
+    assert (late["threshold"], late["empty"]) == ("late_from_s = 1 s", "There was no protocol.")
     with (made.out / "codes.csv").open(encoding="utf-8", newline="") as file:
         (code,) = csv.DictReader(file)
     assert (code["coder"], code["tier"], code["value"], code["n"], code["lasted_s"]) == (
