@@ -107,8 +107,9 @@ def run(args: argparse.Namespace) -> int:
         print(f"Exported {args.session} to {args.out}")
     elif not one:
         exported = len(set(finished.written) & set(export_folders(request)))
-        together = "".join(f" and {path.name} for all" for path in finished.written if path.name in BY_FORMAT)
-        print(f"Exported {exported} of {len(sessions)} sessions{together} to {args.out}")
+        together = [f"{path.name} for all" for path in finished.written if path.name in BY_FORMAT]
+        apart = [] if all(BY_FORMAT[name].of_study for name in args.to) else [f"{exported} of {len(sessions)} sessions"]
+        print(f"Exported {' and '.join([*apart, *together]) or 'nothing'} to {args.out}")
     return 1 if damaged or finished.problems else 0
 
 

@@ -42,14 +42,16 @@ class ExportContext:
     """Context of an exporter. ``progress`` gets 0..1 at any rate.
 
     ``licence`` is an SPDX identifier or an address, empty if none was chosen. ``warn`` takes a sentence on data that
-    was left out of a successful export. Wizards, coders and the robot's address are pseudonymised unless
-    ``with_names``: with ``pseudonyms`` if several exports share them, else with the study's. Of the tables,
-    ``parquet`` writes those of ``tables``, or all. ``template`` is the researcher's own, for formats that are texts.
+    was left out of a successful export, ``notify`` one on anything else that a reader should know. Wizards, coders and
+    the robot's address are pseudonymised unless ``with_names``: with ``pseudonyms`` if several exports share them, else
+    with the study's. Of the tables, ``parquet`` writes those of ``tables``, or all. ``template`` is the researcher's
+    own, for formats that are texts.
     """
 
     progress: Callable[[float], None] = _no_progress
     licence: str = ""
     warn: Callable[[str], None] = _log.warning
+    notify: Callable[[str], None] = _log.info
     with_names: bool = False
     pseudonyms: Pseudonyms | None = None
     csv: CsvStyle = SHOWN
@@ -98,6 +100,16 @@ FORMATS: tuple[ExportFormat, ...] = (
         QT_TR_NOOP("One tidy table for each kind of value and event, with a data dictionary."),
     ),
     _format("parquet", QT_TR_NOOP("Tables (Parquet)"), QT_TR_NOOP("The same tables, typed, for pandas, R and DuckDB.")),
+    ExportFormat(
+        "tables",
+        QT_TR_NOOP("Study tables"),
+        QT_TR_NOOP(
+            "One tidy set of tables over all sessions (CSV, Parquet, SPSS) with a codebook, an R script and a notebook."
+        ),
+        "caris_desktop.recording.studies.study_tables",
+        "write_tables",
+        of_study="write_tables_of_study",
+    ),
     _format(
         "eaf",
         QT_TR_NOOP("ELAN"),
@@ -227,13 +239,13 @@ def export_all(
     remove_partial_exports(request.out)
     targets = export_folders(request)
     weights = [_BASE_WEIGHT_BYTES + _size_bytes(folder / "events.mcap") for folder in request.sessions]
-    done_weight, total_weight = 0, sum(weights) or 1
     written: list[Path] = []
     problems: list[str] = []
     notices: list[str] = []
     sessions: list[Session] = []
     together = tuple(name for name in request.formats if BY_FORMAT[name].of_study and len(request.sessions) > 1)
     apart = replace(request, formats=tuple(name for name in request.formats if name not in together))
+    done_weight, total_weight = 0, sum(weights) * (bool(apart.formats) + len(together)) or 1
     pseudonyms = None if request.with_names else pseudonyms_of(request.sessions)
     for number, (folder, target, weight) in enumerate(zip(request.sessions, targets, weights, strict=True)):
 
@@ -261,12 +273,24 @@ def export_all(
             break
         except ExportError as error:
             problems.append(_message_for(folder.name, error))
-        done_weight += weight
+        done_weight += weight if apart.formats else 0
     for name in together if sessions else ():
         title = localized(BY_FORMAT[name].title)
-        report_progress(1.0, localized(QT_TR_NOOP("{format} of all sessions"), format=title), now=True)
+        what = localized(QT_TR_NOOP("{format} of all sessions"), format=title)
+
+        def report_combined(fraction: float, *, before: int = done_weight, what: str = what) -> None:
+            report_progress((before + sum(weights) * min(1.0, max(0.0, fraction))) / total_weight, what)
+
+        report_combined(0.0)
+        warnings: list[str] = []
+        context = ExportContext(
+            report_combined, request.licence, warnings.append, notify=notices.append, csv=request.csv,
+            template=request.template,
+        )  # fmt: skip
+        done_weight += sum(weights)
         try:
-            target = _export_combined(name, sessions, request)
+            target = _export_combined(name, sessions, request, context)
+            problems += warnings
             written.append(target)
             on_written(target)
         except ExportError as error:
@@ -396,11 +420,10 @@ def _export_formats(
     return tuple(problems)
 
 
-def _export_combined(name: str, sessions: Sequence[Session], request: ExportRequest) -> Path:
+def _export_combined(name: str, sessions: Sequence[Session], request: ExportRequest, context: ExportContext) -> Path:
     """Write one format once for all sessions, into the folder of its name. Raises ExportError."""
     target = request.out.absolute() / name
     with _whole_folder(target, sessions[0].folder) as partial:
-        context = ExportContext(licence=request.licence, csv=request.csv, template=request.template)
         _converting_errors(
             lambda: BY_FORMAT[name].study_exporter()(sessions, partial, context),
             f"{len(sessions)} sessions",

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.tables.build import session_batches
@@ -19,26 +20,43 @@ from caris_desktop.recording.tables.dictionary import DICTIONARY_TABLE, dictiona
 
 def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]:
     """Fill the empty folder ``out``. Raises OSError, SessionError."""
-    writers: dict[str, tuple[Table, Any]] = {}
     whose = key_columns(session)
-    of_this = [_cell(column, column.read(None, None)) for column in whose]  # type: ignore[arg-type] # constants
-    with ExitStack() as files:
-
-        def write(table: Table, columns: list[list[Any]]) -> None:
-            if table.name not in writers:
-                path = out / f"{table.name}.csv"
-                file = files.enter_context(path.open("w", encoding=context.csv.encoding, newline=""))
-                writers[table.name] = (table, context.csv.writer(file))
-                writers[table.name][1].writerow([column.name for column in (*whose, *table.columns)])
-            each = zip(table.columns, columns, strict=True)
-            cells = [[_cell(column, value) for value in values] for column, values in each]
-            writers[table.name][1].writerows([*of_this, *row] for row in zip(*cells, strict=True))
-
+    with CsvTables(out, context.csv, whose) as files:
         for batch in session_batches(session, context.progress, context.warn):
-            write(*batch)
-        described = [table for table, _ in writers.values()]
-        write(DICTIONARY_TABLE, dictionary_columns([*described, DICTIONARY_TABLE], whose))
-    return [out / f"{name}.csv" for name in writers]
+            files.write(*batch)
+        files.write(DICTIONARY_TABLE, dictionary_columns([*files.tables, DICTIONARY_TABLE], whose))
+    return [out / f"{table.name}.csv" for table in files.tables]
+
+
+class CsvTables:
+    """Tables being written into a folder, one file each. ``whose`` are leading columns with a constant each.
+
+    ``tables`` are those that have a file. Raises OSError.
+    """
+
+    def __init__(self, out: Path, style: CsvStyle, whose: tuple[Column, ...] = ()) -> None:
+        self.tables: list[Table] = []
+        self._out, self._style, self._whose = out, style, whose
+        self._of_all = [_cell(column, column.read(None, None)) for column in whose]  # type: ignore[arg-type] # constants
+        self._files, self._writers = ExitStack(), dict[str, Any]()
+
+    def __enter__(self) -> "CsvTables":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._files.close()
+
+    def write(self, table: Table, columns: list[list[Any]]) -> None:
+        """Add rows, given by column."""
+        if table.name not in self._writers:
+            path = self._out / f"{table.name}.csv"
+            file = self._files.enter_context(path.open("w", encoding=self._style.encoding, newline=""))
+            self._writers[table.name] = self._style.writer(file)
+            self._writers[table.name].writerow([column.name for column in (*self._whose, *table.columns)])
+            self.tables.append(table)
+        each = zip(table.columns, columns, strict=True)
+        cells = [[_cell(column, value) for value in values] for column, values in each]
+        self._writers[table.name].writerows([*self._of_all, *row] for row in zip(*cells, strict=True))
 
 
 def _cell(column: Column, value: Any) -> str:

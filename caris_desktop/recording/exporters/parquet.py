@@ -25,54 +25,53 @@ def write_parquet(session: Session, out: Path, context: ExportContext) -> list[P
         "program_version": session.header.program_version,
         "licence": context.licence,
     }
-    files: dict[str, _TableFile] = {}
-    with ExitStack() as opened:
-
-        def write(table: Table, columns: list[list[Any]]) -> None:
-            if table.name not in files:
-                file = _TableFile(out / f"{table.name}.parquet", table, whose, about)
-                opened.callback(file.close)
-                files[table.name] = file
-            files[table.name].add(columns)
-
+    with ParquetTables(out, about, whose) as files:
         for batch in session_batches(session, context.progress, context.warn, context.tables):
-            write(*batch)
-        described = [file.table for file in files.values()]
-        write(DICTIONARY_TABLE, dictionary_columns([*described, DICTIONARY_TABLE], whose))
-    return [file.path for file in files.values()]
+            files.write(*batch)
+        files.write(DICTIONARY_TABLE, dictionary_columns([*files.tables, DICTIONARY_TABLE], whose))
+    return [out / f"{table.name}.parquet" for table in files.tables]
 
 
-class _TableFile:
-    """One Parquet file being written. Raises OSError."""
+class ParquetTables:
+    """Tables being written into a folder, one file each; ``about`` is in the metadata of each. ``whose`` are leading
+    columns with a constant each.
 
-    def __init__(self, path: Path, table: Table, whose: tuple[Column, ...], about: dict[str, str]) -> None:
+    ``tables`` are those that have a file. Raises OSError.
+    """
+
+    def __init__(self, out: Path, about: dict[str, str], whose: tuple[Column, ...] = ()) -> None:
+        self.tables: list[Table] = []
+        self._out, self._about, self._whose = out, about, whose
+        self._of_all = [column.read(None, None) for column in whose]  # type: ignore[arg-type] # constants
+        self._files, self._writers = ExitStack(), dict[str, Any]()
+
+    def __enter__(self) -> "ParquetTables":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._files.close()
+
+    def write(self, table: Table, columns: list[list[Any]]) -> None:
+        """Add rows, given by column, as a row group."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        self.path = path
-        self.table = table
-        self._whose = [column.read(None, None) for column in whose]  # type: ignore[arg-type] # constants
-        self._schema = pa.schema(
-            [_field(column) for column in (*whose, *table.columns)],
-            metadata={key: plain_text(value) for key, value in {**about, "description": table.description}.items()},
-        )
-        self._writer = pq.ParquetWriter(path, self._schema, compression="zstd")
-
-    def add(self, columns: list[list[Any]]) -> None:
-        """Write rows, by column, as a row group."""
-        import pyarrow as pa
-
-        count = len(columns[0])
-        if not count:
-            return
-        constants = [pa.repeat(pa.scalar(value, pa.string()), count) for value in self._whose]
-        arrays = [
-            array(self.path.stem, column, values) for column, values in zip(self.table.columns, columns, strict=True)
-        ]
-        self._writer.write_table(pa.Table.from_arrays([*constants, *arrays], schema=self._schema), row_group_size=count)
-
-    def close(self) -> None:
-        self._writer.close()
+        if table.name not in self._writers:
+            schema = pa.schema(
+                [_field(column) for column in (*self._whose, *table.columns)],
+                metadata={
+                    key: plain_text(value) for key, value in {**self._about, "description": table.description}.items()
+                },
+            )
+            writer = pq.ParquetWriter(self._out / f"{table.name}.parquet", schema, compression="zstd")
+            self._writers[table.name] = self._files.enter_context(writer)
+            self.tables.append(table)
+        writer = self._writers[table.name]
+        if count := len(columns[0]):
+            constants = [pa.repeat(pa.scalar(value, pa.string()), count) for value in self._of_all]
+            arrays = [array(table.name, column, values) for column, values in zip(table.columns, columns, strict=True)]
+            rows = pa.Table.from_arrays([*constants, *arrays], schema=writer.schema)
+            writer.write_table(rows, row_group_size=count)
 
 
 def _field(column: Column) -> Any:

@@ -56,8 +56,9 @@ def written_thresholds(thresholds: Iterable[Threshold]) -> str:
 
 
 def column_thresholds(table: Table, column: Column) -> tuple[Threshold, ...]:
-    """Thresholds that apply to a column: named by its description, or by the table's for all columns."""
-    return thresholds_in(column.description, table.description if column in table.own_columns else "")
+    """Thresholds that apply to a column: named by its description or formula, or by the table's for all columns."""
+    formulas = (one.formula for one in MEASURES if table.name == MEASURES_TABLE and one.name == column.name)
+    return thresholds_in(column.description, *formulas, table.description if column in table.own_columns else "")
 
 
 def _row(table: Table, column: Column) -> tuple[str, ...]:

@@ -1,0 +1,387 @@
+"""Study tables: one tidy set over all sessions of a study, with codebook, R script and notebook."""
+
+import itertools
+import json
+import logging
+import re
+import shutil
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from caris_desktop import __version__
+from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
+from caris_desktop.recording.annotation.coder_agreement import UNNAMED, compare_coders
+from caris_desktop.recording.exporters.csv import CsvTables
+from caris_desktop.recording.exporters.parquet import ParquetTables
+from caris_desktop.recording.exporters.templates import write_page
+from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES, THRESHOLDS
+from caris_desktop.recording.measures.session_measures import sql
+from caris_desktop.recording.pseudonyms import coding_of
+from caris_desktop.recording.session.session_reader import Session, SessionError
+from caris_desktop.recording.session_export import ExportContext
+from caris_desktop.recording.studies import spss
+from caris_desktop.recording.studies.study_index import copies_among
+from caris_desktop.recording.tables.build import DERIVED_TABLES, session_batches, sql_types
+from caris_desktop.recording.tables.catalog import Column, Kind, Table, key_columns
+from caris_desktop.recording.tables.dictionary import (
+    DICTIONARY_TABLE,
+    MEASURES_TABLE,
+    dictionary_columns,
+    measure_rows,
+)
+from caris_desktop.recording.tables.units import unit_of
+
+_log = logging.getLogger(__name__)
+_ROWS_AT_ONCE = 5_000
+_FORMAT, _FORMAT_VERSION = "caris-desktop study tables", 1
+
+
+def write_tables(session: Session, out: Path, context: ExportContext) -> list[Path]:
+    """Fill the empty folder ``out``. Raises OSError, SessionError."""
+    return write_tables_of_study([session], out, context)
+
+
+def write_tables_of_study(sessions: Sequence[Session], out: Path, context: ExportContext) -> list[Path]:
+    """Fill the empty folder ``out``. ``context.warn`` gets a sentence on each session that was left out.
+
+    Raises
+    ------
+    OSError
+    SessionError
+        If no session could be read.
+    """
+    sessions = _without_copies(sessions, context)
+    added: list[Session] = []
+    with _StudyTables(out, context) as study:
+        for number, session in enumerate(sessions):
+            try:
+                study.add(session, _share_of(context.progress, number, len(sessions)))
+            except OSError:
+                raise
+            except Exception as error:
+                _log.info("tables of %s", session.folder, exc_info=True)
+                context.warn(
+                    localized(
+                        QT_TR_NOOP("{session} is left out of the study tables: {why}"),
+                        session=session.folder.name,
+                        why=error,
+                    )
+                )
+            else:
+                added.append(session)
+    if not added:
+        raise SessionError(QT_TR_NOOP("No session could be read, so there are no study tables."))
+    return study.finish(added)
+
+
+def _share_of(progress: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:
+    return lambda share: progress((number + share) / count)
+
+
+def _without_copies(sessions: Sequence[Session], context: ExportContext) -> list[Session]:
+    copies = copies_among({one.folder.name: (one.identity, one.losses) for one in sessions})
+    for name, original in copies.items():
+        context.notify(
+            localized(
+                QT_TR_NOOP("{session} is a copy of {original} and is not counted again."),
+                session=name,
+                original=original,
+            )
+        )
+    return [one for one in sessions if one.folder.name not in copies]
+
+
+class _StudyTables:
+    """Tables being written, session by session: each is first written apart, so that one that fails leaves no rows.
+
+    Raises OSError.
+    """
+
+    def __init__(self, out: Path, context: ExportContext) -> None:
+        self._csv, self._parquet, self._part = out / "csv", out / "parquet", out / ".part"
+        for folder in (self._csv, self._parquet):
+            folder.mkdir()
+        self._out, self._context = out, context
+        self._about = {"program_version": __version__, "licence": context.licence}
+        self._tables: dict[str, Table] = {}
+        self._rows: dict[str, int] = {}
+        self._writers: dict[str, Any] = {}
+        self._open = ExitStack()
+
+    def __enter__(self) -> "_StudyTables":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+        shutil.rmtree(self._part, ignore_errors=True)
+
+    def add(self, session: Session, progress: Callable[[float], None]) -> None:
+        """Add the rows of a session. Raises SessionError, and then adds none."""
+        shutil.rmtree(self._part, ignore_errors=True)
+        for folder in (self._csv, self._parquet):
+            (self._part / folder.name).mkdir(parents=True)
+        whose = key_columns(session)
+        with (
+            CsvTables(self._part / "csv", self._context.csv, whose) as of_csv,
+            ParquetTables(self._part / "parquet", self._about, whose) as of_parquet,
+        ):
+            for batch in session_batches(session, progress, self._context.warn):
+                of_csv.write(*batch)
+                of_parquet.write(*batch)
+        for table in of_csv.tables:
+            self._tables.setdefault(table.name, Table(table.name, table.description, (*whose, *table.columns)))
+            _append(self._part / "csv" / f"{table.name}.csv", self._csv / f"{table.name}.csv")
+            self._append_parquet(table.name)
+
+    def _append_parquet(self, name: str) -> None:
+        import pyarrow.parquet as pq
+
+        with pq.ParquetFile(self._part / "parquet" / f"{name}.parquet") as part:
+            if name not in self._writers:
+                path = self._parquet / f"{name}.parquet"
+                self._writers[name] = self._open.enter_context(
+                    pq.ParquetWriter(path, part.schema_arrow, compression="zstd")
+                )
+            for rows in part.iter_batches(_ROWS_AT_ONCE):
+                self._writers[name].write_batch(rows)
+            self._rows[name] = self._rows.get(name, 0) + part.metadata.num_rows
+
+    def finish(self, sessions: Sequence[Session]) -> list[Path]:
+        """Write what is computed from all sessions, and the descriptions; return all files."""
+        documents = [(session, coding_of(session, on_damaged=_log.info)) for session in sessions]
+        coded = [(session, document) for session, document in documents if document.annotations]
+        computed = [_measures(self._parquet), *(() if not coded else (_by_coder(coded), _agreement(coded)))]
+        with CsvTables(self._csv, self._context.csv) as of_csv, ParquetTables(self._parquet, self._about) as of_parquet:
+            for table, rows in computed:
+                columns = [list(cells) for cells in zip(*rows, strict=True)] or [[] for _ in table.columns]
+                of_csv.write(table, columns)
+                of_parquet.write(table, columns)
+                self._tables[table.name], self._rows[table.name] = table, len(rows)
+            dictionary = dictionary_columns([*self._tables.values(), DICTIONARY_TABLE])
+            of_csv.write(DICTIONARY_TABLE, dictionary)
+            of_parquet.write(DICTIONARY_TABLE, dictionary)
+        of_events = [
+            table
+            for table in self._tables.values()
+            if table.name.startswith("event_") or table in (one for one, _ in computed) or table.name in _DERIVED
+        ]
+        in_spss = spss.write_tables(self._parquet, self._out / "spss", of_events, self._context.notify)
+        codebook = self._codebook(sessions, in_spss)
+        (self._out / "codebook.json").write_text(json.dumps(codebook, indent=1, ensure_ascii=False), encoding="utf-8")
+        plain = self._context.csv.plain
+        write_page(self._out / "codebook.md", "codebook.md.j2", **codebook, plain=plain)
+        write_page(self._out / "load_tables.R", "load_tables.R.j2", plain=plain)
+        shutil.copyfile(resources_dir() / "templates" / "load_tables.ipynb", self._out / "load_tables.ipynb")
+        return sorted(path for path in self._out.rglob("*") if path.is_file())
+
+    def _codebook(self, sessions: Sequence[Session], in_spss: bool) -> dict[str, Any]:
+        described = list(zip(*dictionary_columns(self._tables.values()), strict=True))
+        names = [column.name for column in DICTIONARY_TABLE.columns]
+        of_measures = {row["column"]: row for row in measure_rows() if row["table"] == MEASURES_TABLE}
+        tables: list[dict[str, Any]] = []
+        for table in self._tables.values():
+            columns = []
+            for column, row in zip(
+                table.columns, (row for row in described if row[0] == table.name and row[1]), strict=True
+            ):
+                entry: dict[str, Any] = {"name": column.name, **dict(zip(names[2:], row[2:], strict=True))}
+                measure = of_measures.get(column.name, {}) if table.name == MEASURES_TABLE else {}
+                entry |= {name: measure.get(name, "") for name in ("formula", "reference")}
+                entry["values"] = list(column.values)
+                if in_spss:
+                    entry["spss"] = spss.about(column)
+                columns.append(entry)
+            tables.append(
+                {
+                    "name": table.name,
+                    "description": table.description,
+                    "rows": self._rows[table.name],
+                    "in_spss": in_spss and (self._out / "spss" / f"{table.name}.sav").exists(),
+                    "columns": columns,
+                }
+            )
+        thresholds = [
+            {"name": one.name, "value": one.value, "unit": one.unit, "description": one.description}
+            for one in THRESHOLDS
+        ]
+        first = [MEASURES_TABLE, "annotations_by_coder", "agreement", *(table.name for table in DERIVED_TABLES)]
+        order = {name: number for number, name in enumerate(first)}
+        named = sorted(tables, key=lambda table: order.get(table["name"], len(order) + (table["name"][:6] != "event_")))
+        return {
+            "format": _FORMAT,
+            "format_version": _FORMAT_VERSION,
+            "program_version": __version__,
+            "licence": self._context.licence,
+            "sessions": [session.folder.name for session in sessions],
+            "tables": named,
+            "thresholds": thresholds,
+        }
+
+
+_DERIVED = frozenset(table.name for table in DERIVED_TABLES)
+
+
+def _append(part: Path, whole: Path) -> None:
+    """Append the rows of a CSV file, or all of it if it is the first."""
+    first = not whole.exists()
+    with part.open("rb") as source, whole.open("ab") as target:
+        if not first:
+            source.readline()
+        shutil.copyfileobj(source, target)
+
+
+# Tables that are computed from all sessions
+
+Coded = Sequence[tuple[Session, AnnotationDocument]]
+_Computed = tuple[Table, list[tuple[Any, ...]]]
+
+
+def _column(name: str, kind: Kind, description: str, empty: str = "") -> Column:
+    return Column(name, unit_of(name), kind, description, lambda row, _: row, empty=empty)
+
+
+def _keys_of(session: Session) -> tuple[str, ...]:
+    return tuple(column.read(None, None) for column in key_columns(session))  # type: ignore[arg-type] # constants
+
+
+def _measures(parquet: Path) -> _Computed:
+    import duckdb
+
+    with duckdb.connect(":memory:") as database:
+        for name, columns in TABLES.items():
+            path = parquet / f"{name}.parquet"
+            if path.exists():
+                database.read_parquet(str(path)).create_view(name)
+            else:
+                empty = [f'NULL::{kind} AS "{one}"' for one, kind in sql_types(name, columns).items()]
+                database.execute(f"CREATE VIEW {name} AS SELECT {', '.join(empty)} LIMIT 0")
+        database.execute(sql())
+        names = [f'"{column.name}"' for column in (*_ABOUT_SESSION, *MEASURES)]
+        rows = database.execute(f"SELECT {', '.join(names)} FROM measures ORDER BY session").fetchall()  # noqa: S608
+    described = {row["column"]: row for row in measure_rows()}
+    of_measures = [
+        Column(
+            one.name,
+            one.unit,
+            "number" if one.unit else "integer",
+            one.description,
+            lambda row, _: row,
+            empty=described[one.name]["empty"],
+        )
+        for one in MEASURES
+    ]
+    table = Table(
+        MEASURES_TABLE,
+        "One row for each session, practice sessions included (purpose), with all measures.",
+        (*_ABOUT_SESSION, *of_measures),
+    )
+    return table, rows
+
+
+_KEYS = 4
+_ABOUT_SESSION = (
+    _column("session", "text", "Name of the recording's folder."),
+    _column("participant", "text", "Code of the participant, as entered at the start.", "Nothing was entered."),
+    _column("condition", "text", "Experimental condition, as entered at the start.", "Nothing was entered."),
+    _column("trial", "text", "Number or name of the trial, as entered at the start.", "Nothing was entered."),
+    _column("wizard", "text", "Wizard of the session, as a pseudonym in exports.", "Nothing was entered."),
+    _column("purpose", "text", "What the session was for, such as practice.", "Nothing was entered."),
+    _column("scenario", "text", "Heading of the scenario file.", "Not recorded."),
+)
+
+
+def _by_coder(coded: Coded) -> _Computed:
+    """Annotations of all coders side by side: a row for each stretch of time in which no coder's code changes."""
+    coders = sorted({tier.coder for _, document in coded for tier in document.tiers})
+    rows = []
+    for session, document in coded:
+        keys = _keys_of(session)
+        for tier in dict.fromkeys(tier.name for tier in document.tiers):
+            of_coder = {one.coder: document.of_tier(one.tier_id) for one in document.tiers if one.name == tier}
+            bounds_ms = sorted(
+                {at for items in of_coder.values() for one in items for at in (one.start_ms, one.end_ms)}
+            )
+            for start_ms, end_ms in itertools.pairwise(bounds_ms):
+                codes = {
+                    coder: one.value or UNNAMED
+                    for coder, items in of_coder.items()
+                    for one in items
+                    if one.start_ms <= start_ms < one.end_ms
+                }
+                if codes:
+                    times_s = (start_ms / 1000, end_ms / 1000, (end_ms - start_ms) / 1000)
+                    rows.append((*keys, tier, "; ".join(of_coder), *times_s, *(codes.get(one) for one in coders)))
+    columns = [
+        _column("tier", "text", "Layer of the annotations, by its name; the same for all coders."),
+        _column("coders", "text", "Coders who have this tier, separated by semicolons."),
+        _column("start_session_s", "number", "Start of the stretch of time, since the start of the session."),
+        _column("end_session_s", "number", "End of the stretch of time, since the start of the session."),
+        _column("duration_s", "number", "Length of the stretch of time."),
+    ]
+    names = _column_names(coders)
+    columns += [
+        _column(name, "text", f"Code that {coder} gave to this time.", "Nothing, or the coder has no such tier.")
+        for name, coder in zip(names, coders, strict=True)
+    ]
+    description = (
+        "The annotations side by side, with a column for each coder. One row is a stretch of time in which no code "
+        "changes; times that nobody annotated have none. The table annotations has one row for each annotation."
+    )
+    return Table("annotations_by_coder", description, (*_ABOUT_SESSION[:_KEYS], *columns)), rows
+
+
+def _column_names(coders: Sequence[str]) -> list[str]:
+    names: list[str] = []
+    for coder in coders:
+        name = plain = "coder_" + re.sub(r"\W+", "_", coder)
+        while name.casefold() in (other.casefold() for other in names):
+            name = f"{plain}_{len(names) + 1}"
+        names.append(name)
+    return names
+
+
+def _agreement(coded: Coded) -> _Computed:
+    """Agreement of each pair of coders on each tier."""
+    rows: list[tuple[Any, ...]] = []
+    for session, document in coded:
+        try:
+            results = compare_coders(document)
+        except AnnotationError as error:
+            _log.info("%s: %s", session.folder.name, error)
+            continue
+        for result in results:
+            for pair in result.pairs:
+                items, units, offsets = pair.per_annotation, pair.per_unit, pair.offsets
+                rows.append((
+                    *_keys_of(session), pair.tier, *pair.coders, len(result.coders), result.alpha, pair.unit_ms,
+                    units.count, units.kappa, units.observed, pair.tolerance_ms, items.count,
+                    0 if offsets is None else offsets.matched, items.kappa, items.observed,
+                    *((None, None) if offsets is None else (offsets.start_mean_ms, offsets.end_mean_ms)),
+                ))  # fmt: skip
+    undefined = "Undefined: the same code throughout, or no codes."
+    columns = (
+        _column("tier", "text", "Layer of the annotations, by its name; the same for both coders."),
+        _column("coder_1", "text", "One coder of the pair, as a pseudonym in exports."),
+        _column("coder_2", "text", "The other coder of the pair."),
+        _column("coders", "integer", "How many coders have this tier."),
+        _column("alpha", "number", "Krippendorff's alpha (nominal) of all these coders per unit of time.", undefined),
+        _column("unit_ms", "integer", "Length of a unit of time."),
+        _column("units", "integer", "Compared units of time, those without an annotation included."),
+        _column("kappa_per_unit", "number", "Cohen's kappa of the pair per unit of time.", undefined),
+        _column("equal_units_fraction", "number", "Share of units with the same code.", "There are no units."),
+        _column("tolerance_ms", "integer", "Greatest distance between boundaries of matching annotations."),
+        _column("compared_annotations", "integer", "Annotations that were matched, or have no counterpart."),
+        _column("matched_annotations", "integer", "Annotations of both coders that belong together."),
+        _column("kappa_per_annotation", "number", "Cohen's kappa of the pair per annotation.", undefined),
+        _column("equal_annotations_fraction", "number", "Share of annotations with the same code.", "There are none."),
+        _column("start_offset_ms", "number", "Mean start by coder_2 minus that by coder_1.", "None were matched."),
+        _column("end_offset_ms", "number", "Mean end by coder_2 minus that by coder_1.", "None were matched."),
+    )
+    return Table(
+        "agreement", "Agreement of two coders on a tier of a session.", (*_ABOUT_SESSION[:_KEYS], *columns)
+    ), rows
