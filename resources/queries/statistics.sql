@@ -205,7 +205,13 @@ llm AS (
     SELECT
         session, count(*) AS n,
         count(*) FILTER (use IN ('said', 'edited')) / nullif(count(*) FILTER (outcome = 'answered'), 0) AS accepted
-    FROM answers GROUP BY session
+    FROM answers WHERE purpose = 'question' GROUP BY session
+),
+reply AS (
+    SELECT
+        session, count(*) AS n,
+        count(*) FILTER (use IN ('said', 'edited')) / nullif(count(*) FILTER (shown > 0), 0) AS used
+    FROM answers WHERE purpose = 'replies' GROUP BY session
 ),
 silent AS (
     SELECT
@@ -221,7 +227,9 @@ suggested AS (
         count(*) FILTER (fate = 'edited') AS edited,
         count(*) FILTER (fate = 'dismissed') AS dismissed,
         count(*) FILTER (fate = 'superseded') AS superseded,
-        count(*) FILTER (fate = 'expired') AS expired
+        count(*) FILTER (fate = 'expired') AS expired,
+        median(latency_ms) AS latency_ms,
+        avg(edit_distance) FILTER (fate = 'edited') AS edit_distance
     FROM suggestions GROUP BY session
 ),
 driven AS (SELECT session, sum(duration_s) AS seconds FROM drives GROUP BY session),
@@ -313,6 +321,10 @@ SELECT
     coalesce(suggested.dismissed, 0) AS suggestions_dismissed,
     coalesce(suggested.superseded, 0) AS suggestions_superseded,
     coalesce(suggested.expired, 0) AS suggestions_expired,
+    suggested.latency_ms AS suggestion_latency_ms,
+    suggested.edit_distance AS suggestion_edit_distance,
+    coalesce(reply.n, 0) AS reply_exchanges,
+    reply.used AS reply_used_fraction,
     ways.distance_m AS distance_m,
     coalesce(driven.seconds, 0) AS driving_s,
     coalesce(navigated.seconds, 0) AS navigating_s,
@@ -352,6 +364,7 @@ LEFT JOIN talk USING (session)
 LEFT JOIN silent USING (session)
 LEFT JOIN llm USING (session)
 LEFT JOIN suggested USING (session)
+LEFT JOIN reply USING (session)
 LEFT JOIN ways USING (session)
 LEFT JOIN driven USING (session)
 LEFT JOIN navigated USING (session)
@@ -422,6 +435,7 @@ SELECT
     list(parameters ORDER BY stamp_ns) AS settings
 FROM answers JOIN (SELECT session, exchange_id, server, parameters FROM event_llm_exchange)
     USING (session, exchange_id)
+WHERE purpose = 'question'
 GROUP BY ALL
 ORDER BY min(stamp_ns);
 
@@ -551,3 +565,21 @@ SELECT
 FROM event_llm_exchange
 GROUP BY ALL
 ORDER BY session, provider, model, model_version, server;
+
+-- What became of the texts of each language model, by function: questions of the wizard, or suggested replies.
+CREATE VIEW model_functions AS
+SELECT
+    session, any_value(condition) AS condition, provider, model, model_version, purpose,
+    count(*) AS asked,
+    count(*) FILTER (use = 'said') AS said,
+    count(*) FILTER (use = 'edited') AS edited,
+    count(*) FILTER (use = 'dismissed') AS dismissed,
+    count(*) FILTER (use = 'superseded') AS superseded,
+    count(*) FILTER (use = 'expired') AS expired,
+    count(*) FILTER (use = 'unused') AS unused,
+    median(latency_ms) AS latency_ms,
+    avg(edit_distance ORDER BY edit_distance) FILTER (use = 'edited') AS edit_distance,
+    median((first_token_ns - asked_ns) / 1e9) AS first_token_s
+FROM answers
+GROUP BY session, provider, model, model_version, purpose
+ORDER BY session, provider, model, model_version, purpose;

@@ -171,6 +171,25 @@ MEASURES = (
     Measure("suggestions_superseded", "Suggested replies that others replaced."),
     Measure("suggestions_expired", "Suggested replies that were not used in time."),
     Measure(
+        "suggestion_latency_ms",
+        "Median time from the end of a participant's voice until a suggested reply was shown.",
+        "Median of latency_ms over the shown replies.",
+        empty="No reply was shown, or its latency was not recorded.",
+    ),
+    Measure(
+        "suggestion_edit_distance",
+        "Mean number of characters that the wizard changed in the replies that were edited and said.",
+        "Mean of edit_distance over the replies with the fate edited.",
+        empty="No reply was edited.",
+    ),
+    Measure("reply_exchanges", "Number of times that a language model was asked for suggested replies."),
+    Measure(
+        "reply_used_fraction",
+        "Fraction of the exchanges with shown replies of which one was said, edited or not.",
+        "Exchanges for replies with the use said or edited, divided by those of which a reply was shown.",
+        empty="No reply was shown.",
+    ),
+    Measure(
         "distance_m",
         "Distance that the robot drove, from its odometry; empty if it reported none.",
         (
@@ -264,7 +283,7 @@ TABLES: dict[str, tuple[str, ...]] = {
         "utterance_id", "speaker", "origin", "said", "state", "requested_ns", "start_ns", "end_ns", "text", "stamp_ns",
     ),
     "responses": ("means", "first", "gap_s"),
-    "suggestions": ("fate",),
+    "suggestions": ("fate", "latency_ms", "edit_distance"),
     "annotations": ("coder", "tier", "value", "duration_s"),
     "marks": ("stamp_ns", "label", "kind", "duration_s"),
     "odometry": ("stamp_ns", "pose_in_odom_x_m", "pose_in_odom_y_m", "twist_forward_mps", "twist_left_mps"),
@@ -275,6 +294,7 @@ TABLES: dict[str, tuple[str, ...]] = {
     ),
     "answers": (
         "stamp_ns", "exchange_id", "provider", "model", "model_version", "outcome", "use", "asked_ns", "first_token_ns",
+        "purpose", "shown", "latency_ms", "edit_distance",
     ),
     "drives": ("stamp_ns", "source", "duration_s"),
     "event_drive_ended": ("stamp_ns", "reason"),

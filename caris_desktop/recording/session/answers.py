@@ -1,22 +1,34 @@
-"""Use of language model answers in a session. Answers that were never audible count as unused."""
+"""Use of a language model's texts in a session. Those that were never audible count as unused."""
 
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
 from caris_desktop.domain.events import AnswerUsed, LlmExchange
 from caris_desktop.domain.value_class import dataclass
+from caris_desktop.recording.session.session_suggestions import Fate, ShownReply
 from caris_desktop.recording.session.utterances import SpokenUtterance
 
-LlmUse = Literal["", "said", "edited", "dismissed", "unused"]
+LlmUse = Literal["", "said", "edited", "dismissed", "superseded", "expired", "unused"]
+_USE_OF_FATE: dict[Fate, LlmUse] = {
+    "taken": "said", "edited": "edited", "dismissed": "dismissed", "superseded": "superseded", "expired": "expired",
+}  # fmt: skip
+"""The use of an exchange is that of its suggestion which comes first here."""
 _SAID_WITHIN_NS = 5_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class LlmAnswer:
-    """Question to a language model, and the use of its answer: empty if it gave none."""
+    """Exchange with a language model, and the use of its answer: empty if it gave none.
+
+    Of an exchange for suggested replies, ``shown`` counts those that the wizard saw, ``latency_ms`` is that of the
+    first one, and ``edit_distance`` of the one that was used; None for other exchanges, and without such a suggestion.
+    """
 
     exchange: LlmExchange
     use: LlmUse
+    shown: int | None = None
+    latency_ms: float | None = None
+    edit_distance: int | None = None
 
 
 def answers_of(
@@ -26,6 +38,42 @@ def answers_of(
     questions = questions_of(exchanges)
     became = answer_uses(questions, uses, utterances)
     return tuple(LlmAnswer(one, became[one.exchange_id] if one.outcome == "answered" else "") for one in questions)
+
+
+def reply_answers_of(
+    exchanges: Iterable[LlmExchange], replies: Iterable[ShownReply], utterances: Sequence[SpokenUtterance]
+) -> tuple[LlmAnswer, ...]:
+    """Exchanges for suggested replies, in recording order. Their outcome does not tell the use: replies are shown while
+    the model writes, and a newer turn cancels it.
+    """
+    asked = [exchange for exchange in exchanges if exchange.purpose == "replies"]
+    of_exchange: dict[str, list[ShownReply]] = {}
+    for reply in replies:
+        # Older recordings have no revision.
+        possible = [
+            exchange
+            for exchange in asked
+            if exchange.turn_id == reply.turn_id
+            and exchange.revision in (0, reply.revision)
+            and exchange.asked_ns <= reply.shown_ns
+        ]
+        if possible:
+            newest = max(possible, key=lambda exchange: exchange.asked_ns)
+            of_exchange.setdefault(newest.exchange_id, []).append(reply)
+    unheard_ids = {utterance.utterance_id for utterance in utterances if not utterance.said}
+    return tuple(_of_replies(exchange, of_exchange.get(exchange.exchange_id, []), unheard_ids) for exchange in asked)
+
+
+def _of_replies(exchange: LlmExchange, replies: list[ShownReply], unheard_ids: set[str]) -> LlmAnswer:
+    if not replies:
+        return LlmAnswer(exchange, "unused" if exchange.outcome == "answered" else "", 0)
+    used = min(replies, key=lambda reply: [*_USE_OF_FATE].index(reply.fate))
+    unheard = used.was_said and used.utterance_id in unheard_ids
+    latencies_ms = [reply.latency_ms for reply in replies if reply.latency_ms is not None]
+    return LlmAnswer(
+        exchange, "unused" if unheard else _USE_OF_FATE[used.fate], len(replies), min(latencies_ms, default=None),
+        used.edit_distance,
+    )  # fmt: skip
 
 
 def questions_of(exchanges: Iterable[LlmExchange]) -> tuple[LlmExchange, ...]:

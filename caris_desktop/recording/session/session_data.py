@@ -20,7 +20,7 @@ from caris_desktop.domain.events import (
     UtteranceCorrected,
 )
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.recording.session.answers import LlmAnswer, answers_of
+from caris_desktop.recording.session.answers import LlmAnswer, answers_of, reply_answers_of
 from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
 from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.responses import Response, responses_of
@@ -121,6 +121,12 @@ class SessionData:
     @cached_property
     def answers(self) -> tuple[LlmAnswer, ...]:
         return answers_of(self.of(LlmExchange), self.of(AnswerUsed), self.utterances)
+
+    @cached_property
+    def exchanges(self) -> list[LlmAnswer]:
+        """The answers, and the exchanges for suggested replies with their use, in order of their end."""
+        replies = reply_answers_of(self.of(LlmExchange), self.suggestions, self.utterances)
+        return sorted((*self.answers, *replies), key=lambda answer: answer.exchange.stamp_ns)
 
     @cached_property
     def suggestions(self) -> tuple[ShownReply, ...]:

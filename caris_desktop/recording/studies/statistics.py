@@ -31,12 +31,12 @@ from caris_desktop.recording.tables.build import sql_types
 from caris_desktop.recording.tables.dictionary import measure_rows
 
 _log = logging.getLogger(__name__)
-_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 8
+_FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 9
 _MARKER = "statistics.json"
 _MAX_MARKER_BYTES = 64 * 1024 * 1024
 _OTHER_VIEWS = {
-    "labels": "labels", "codes": "codes", "models": "models", "gaps": "gaps_by_means", "steps": "steps",
-    "alarms": "alarm_causes",
+    "labels": "labels", "codes": "codes", "models": "models", "model_functions": "model_functions",
+    "gaps": "gaps_by_means", "steps": "steps", "alarms": "alarm_causes",
 }  # fmt: skip
 """The file of each view that has one, except measures and summary."""
 

@@ -46,8 +46,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"{title}\n{as_table(rows)}\n")
     print(
         f"{made.sessions} sessions, {made.exported} of them newly read. Results in {made.out}: summary.csv,"
-        " measures.csv, labels.csv, codes.csv, models.csv; meanings in codebook.csv, the SQL in queries.sql. Practice"
-        " sessions are in measures.csv only."
+        " measures.csv, labels.csv, codes.csv, models.csv, model_functions.csv; meanings in codebook.csv, the SQL in"
+        " queries.sql. Practice sessions are in measures.csv only."
     )
     return 1 if made.problems else 0
 

@@ -147,11 +147,13 @@ DERIVED: tuple[DerivedTable, ...] = (
         LlmAnswer,
         "exchange_id=exchange.exchange_id provider=exchange.provider model=exchange.model"
         " model_version=exchange.model_version outcome=exchange.outcome use cut=exchange.cut asked_ns=exchange.asked_ns"
-        " first_token_ns=exchange.first_token_ns actor=exchange.actor",
-        """Use of the answer to one question to a language model. The time columns give the end of the exchange.
-        ``use`` is said, edited (and said), dismissed or unused; an answer silenced before it was audible is unused.
-        ``cut``: the answer is incomplete: length limit, or the server's filter.""",
-        lambda data: data.answers,
+        " first_token_ns=exchange.first_token_ns actor=exchange.actor purpose=exchange.purpose turn_id=exchange.turn_id"
+        " shown latency_ms edit_distance",
+        """Use of what a language model wrote: the answer to a question of the wizard, or suggested replies to a turn
+        (``purpose``). The time columns give the end of the exchange. An answer or reply silenced before it was audible
+        is unused. An exchange for replies may be cancelled after some were shown. The table suggestions has each of
+        them.""",
+        lambda data: data.exchanges,
         stamp_ns=lambda answer, _: int(answer.exchange.stamp_ns),
     ),
     _derived(

@@ -297,6 +297,15 @@ _MEANINGS = {
     "NavigationGoal.end_ns": "When the goal was reached, cancelled or failed; empty if it was still active.",
     "UtteranceCorrected.tags": "Corrected words that categorise the utterance; empty if unchanged.",
     "FinalMark.marked_ns": "When the wizard pressed the mark, later than the moment meant if it was moved back.",
+    "LlmAnswer.use": (
+        "What became of the text: said unchanged, edited and said, dismissed, superseded by newer replies, expired, or "
+        "unused; empty if there was none."
+    ),
+    "LlmAnswer.edit_distance": "Number of characters that the wizard changed in the reply; empty if none was edited.",
+    "LlmAnswer.latency_ms": (
+        "From the end of the participant's voice until the first reply was shown; empty for questions, or if none was."
+    ),
+    "LlmAnswer.shown": "How many suggested replies of the exchange the wizard saw; empty for questions.",
     "ShownReply.text": "Text of the suggestion as shown.",
     "SpokenUtterance.text": "What was said or heard, with corrections; empty if nothing was understood.",
     "SpokenUtterance.person_confidence": (

@@ -25,6 +25,8 @@ def unit_of(name: str) -> str:
     match name.split("_"):
         case [*_, "per", "10", "min"]:
             return "1/10 min"
+        case [*_, "edit", "distance"]:
+            return "characters"
         case [*_, amount, "per", "s"]:
             return f"{_UNITS[amount]}/s"
         case [_, *_, last]:

@@ -363,6 +363,7 @@ def test_an_empty_session_has_measures_too(tmp_path: Path) -> None:
         "max_speed_mps", "wizard_errors_per_10_min", "responses", "participant_talk_s", "participant_utterances",
         "gaps", "gap_s", "gap_lower_quartile_s", "gap_upper_quartile_s", "gaps_under_1_s_fraction", "overlaps",
         "protocol_steps", "steps_visited", "steps_skipped", "steps_late", "steps_late_s",
+        "suggestion_latency_ms", "suggestion_edit_distance", "reply_used_fraction",
     }  # fmt: skip
     assert {value for value in values.values() if value is not None} == {0}
     assert len(values) == len(MEASURES)
