@@ -127,6 +127,14 @@ FORMATS: tuple[ExportFormat, ...] = (
         QT_TR_NOOP("Training data"),
         QT_TR_NOOP("Driving for LeRobot, images with boxes for YOLO and MOT, dialogue as JSONL."),
     ),
+    ExportFormat(
+        "lerobot",
+        QT_TR_NOOP("Training data of a study"),
+        QT_TR_NOOP("One LeRobot dataset of the driving in all sessions, and their dialogue as JSONL."),
+        "caris_desktop.recording.exporters.frames",
+        "write_dataset",
+        of_study="write_dataset_of_study",
+    ),
     _format(
         "rocrate",
         QT_TR_NOOP("Archive (RO-Crate)"),
@@ -468,6 +476,19 @@ def _converting_errors(write: Callable[[], list[Path]], what: str, fmt: str, out
             kind=type(error).__name__,
             error=error,
         ) from error
+
+
+def attempt(session: Session, read: Callable[[Session], object], warn: Callable[[str], None]) -> bool:
+    """Whether one session of several could be read; otherwise it is reported, and the rest goes on. Raises OSError."""
+    try:
+        read(session)
+    except OSError:
+        raise
+    except Exception as error:
+        _log.info("%s is left out", session.folder, exc_info=True)
+        warn(localized(QT_TR_NOOP("{session} is left out: {why}"), session=session.folder.name, why=error))
+        return False
+    return True
 
 
 @contextlib.contextmanager

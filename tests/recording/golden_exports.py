@@ -94,7 +94,11 @@ def exported(name: str, work: Path) -> dict[str, str]:
     session = make(name, work / name)
     warnings: list[str] = []
     found = {}
-    for fmt in _MEASURED_FORMATS if name in _MEASURED else [fmt.name for fmt in FORMATS if fmt.name != "tables"]:
+    for fmt in (
+        _MEASURED_FORMATS
+        if name in _MEASURED
+        else [fmt.name for fmt in FORMATS if fmt.name not in ("tables", "lerobot")]
+    ):
         out = work / f"{name}-{fmt}"
         export_session(session, fmt, out, ExportContext(warn=warnings.append))
         for path in map(out.joinpath, _NOT_MEASURED if name in _MEASURED else ()):

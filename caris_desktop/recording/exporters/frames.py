@@ -1,6 +1,7 @@
 """Training data export: driving for LeRobot, images with person boxes (YOLO, MOT), and dialogue turns."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,14 @@ from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.robot_clock_mapping import robot_clock
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session_export import ExportContext
+from caris_desktop.recording.session_export import ExportContext, attempt
 
 YOLO_HZ, MOT_HZ = 2.0, 5.0
 """Images per second of each camera at most."""
 _JPEG_QUALITY = 92
 _TRAIN_SHARE = 0.8
 _PICTURES_SHARE, _DRIVING_SHARE = 0.4, 0.55
+_DATASET_SHARE = 0.95
 _BOX_COLUMNS = (
     "image", "camera", "session_s", "utc", "stamp_ns", "frame_sequence", "box", "track", "person_id", "confidence",
     "left_px", "top_px", "width_px", "height_px",
@@ -61,7 +63,7 @@ def write_frames(session: Session, out: Path, context: ExportContext) -> list[Pa
     for sequence, images in mot.items():
         paths += _write_sequence(sequence, images, session.clock, context.csv)
     driving = lerobot.write_lerobot(
-        session, out / "lerobot", lambda share: context.progress(_PICTURES_SHARE + _DRIVING_SHARE * share)
+        [session], out / "lerobot", lambda share: context.progress(_PICTURES_SHARE + _DRIVING_SHARE * share)
     )
     turns_path = out / "dialogue" / "turns.jsonl"
     turns_path.parent.mkdir()
@@ -74,6 +76,37 @@ def write_frames(session: Session, out: Path, context: ExportContext) -> list[Pa
         mot_hz=MOT_HZ, missing=missing, driving=driving, lerobot=lerobot, turns=turns, turns_before=TURNS_BEFORE,
     )  # fmt: skip
     return [readme, *paths, *driving.paths, turns_path]
+
+
+def write_dataset(session: Session, out: Path, context: ExportContext) -> list[Path]:
+    """Fill the empty folder ``out``. Raises OSError, SessionError."""
+    return write_dataset_of_study([session], out, context)
+
+
+def write_dataset_of_study(sessions: Sequence[Session], out: Path, context: ExportContext) -> list[Path]:
+    """Fill the empty folder ``out`` with one dataset of all sessions, and their dialogue turns.
+
+    Raises OSError, SessionError.
+    """
+    driving = lerobot.write_lerobot(
+        sessions, out / "dataset", lambda share: context.progress(_DATASET_SHARE * share), context.warn
+    )
+    path = out / "dialogue" / "turns.jsonl"
+    path.parent.mkdir()
+    turns = 0
+    with path.open("wb") as whole:
+        for session in sessions:
+            part = path.with_name(f"{session.folder.name}.part")
+            if attempt(session, partial(write_dialogue, path=part), context.warn):
+                lines = part.read_bytes()
+                turns += lines.count(b"\n")
+                whole.write(lines)
+            part.unlink(missing_ok=True)
+    readme = write_page(
+        out / "README.md", "training_study.md.j2", sessions=sessions, driving=driving, lerobot=lerobot, turns=turns,
+        turns_before=TURNS_BEFORE,
+    )  # fmt: skip
+    return [readme, *driving.paths, path]
 
 
 def _write_images(

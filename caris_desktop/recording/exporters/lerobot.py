@@ -4,9 +4,10 @@ The format: https://huggingface.co/docs/lerobot/lerobot-dataset-v3
 """
 
 import json
+import logging
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import astuple
 from fractions import Fraction
@@ -21,6 +22,7 @@ from caris_desktop.domain.geometry import Twist2D
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import HeadState, LaserScan, Odometry, People, PeopleInMap, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.exporters.dialogue import session_columns
 from caris_desktop.recording.exporters.exported_pictures import camera_file_name
@@ -30,9 +32,11 @@ from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoRead
 from caris_desktop.recording.session.robot_clock_mapping import robot_clock
 from caris_desktop.recording.session.session_data import SessionData, read_data
 from caris_desktop.recording.session.session_driving import COMMAND_HOLDS_S
-from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.session_reader import Session, SessionError
+from caris_desktop.recording.session_export import attempt
 from caris_desktop.recording.tables.catalog import plain_text
 
+_log = logging.getLogger(__name__)
 MAX_AGE_S = 1.0
 """A frame has no value that arrived longer before it."""
 FPS_WITHOUT_CAMERA = 10
@@ -49,6 +53,7 @@ _DATA, _EPISODES = (
 )
 _VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 _FIRST = {"chunk_index": 0, "file_index": 0}
+_CHUNK_FILES = 1000
 _POSE, _TWIST, _HEAD = ("x_m", "y_m", "heading_rad"), ("forward_mps", "left_mps", "turn_radps"), ("pan_rad", "tilt_rad")
 _STATE: dict[str, tuple[type[Any], tuple[str, ...], Callable[[Any], tuple[float, ...]]]] = {
     "odometry": (Odometry, (*_POSE, *_TWIST), lambda value: (*astuple(value.pose_in_odom), *astuple(value.twist))),
@@ -78,28 +83,97 @@ class Dataset:
     fps: int
 
 
-def write_lerobot(session: Session, out: Path, progress: Callable[[float], None]) -> Dataset:
-    """Write the dataset of one session into the new folder ``out``; nothing if it has no frames.
-
-    Raises OSError, SessionError.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Layout:
+    """What all sessions of a dataset share: the rate, the sizes of the videos by the keys of their features, and the
+    beams that all scans are given in. ``frames`` is about how many there are.
     """
-    with VideoReader(session) as videos, ExitStack() as files:
-        times_ns = {camera: np.array(videos.frame_times_ns(camera), np.int64) for camera in videos.cameras}
-        rates_hz = [1e9 / max(1.0, np.median(np.diff(stamps))) for stamps in times_ns.values() if len(stamps) > 1]
-        fps = max(1, round(max(rates_hz, default=FPS_WITHOUT_CAMERA)))
-        data = read_data(session)
-        episodes = list(_episodes(data, fps))
-        cameras: dict[str, _Video] = {}
-        for camera in videos.cameras if episodes else ():
+
+    fps: int
+    sizes_px: dict[str, tuple[int, int]]
+    scan: LaserScan | None
+    frames: int
+
+
+def write_lerobot(
+    sessions: Sequence[Session],
+    out: Path,
+    progress: Callable[[float], None],
+    warn: Callable[[str], None] = _log.warning,
+) -> Dataset:
+    """Write one dataset of these sessions into the new folder ``out``; nothing if they have no frames.
+
+    Cameras, scans and the rate are those of all sessions: a camera that a session lacks is black and not observed, and
+    scans are given in the beams of the first. ``warn`` gets a sentence on each session that was left out.
+
+    Raises
+    ------
+    OSError
+    SessionError
+        If no session could be read.
+    """
+    if len(sessions) == 1:
+        dataset = _Writer(out, _layout_of(sessions[0]))
+        dataset.add(sessions[0], progress)
+        return dataset.finish()
+    layouts: list[_Layout] = []
+    readable = [one for one in sessions if attempt(one, lambda each: layouts.append(_layout_of(each)), warn)]
+    dataset = _Writer(out, _shared(layouts))
+    added = 0
+    for number, session in enumerate(readable):
+
+        def add(one: Session, number: int = number) -> bool:
+            dataset.add(one, lambda fraction: progress((number + fraction) / len(readable)))
+            return True
+
+        added += attempt(session, add, warn)
+    if not added:
+        raise SessionError(QT_TR_NOOP("No session could be read, so there is no dataset."))
+    return dataset.finish()
+
+
+def _layout_of(session: Session) -> _Layout:
+    """Layout of a dataset of this session alone. Raises SessionError."""
+    rates_hz: list[float] = []
+    sizes_px: dict[str, tuple[int, int]] = {}
+    with VideoReader(session) as videos:
+        for key, camera in _keys_of(videos.cameras).items():
+            stamps_ns = np.array(videos.frame_times_ns(camera), np.int64)
+            if len(stamps_ns) > 1:
+                rates_hz.append(1e9 / max(1.0, float(np.median(np.diff(stamps_ns)))))
             # Not all of them: a damaged video has no frame that can be decoded.
-            pictures = (videos.frame(camera, number) for number in range(len(times_ns[camera]))[:50])
-            first = next((picture for picture in pictures if picture is not None), None)
-            if first is not None:
-                key = f"observation.images.{camera_file_name(camera)}"
-                key += f"-{len(cameras) + 1}" if key in cameras else ""
-                path = out / _VIDEO.format(video_key=key, **_FIRST)
-                cameras[key] = files.enter_context(_Video(videos, camera, path, first.image_bgr, fps))
-        return _Writer(data, out, fps, cameras).write(episodes, progress) if episodes else Dataset((), 0, 0, fps)
+            pictures = (videos.frame(camera, number) for number in range(len(stamps_ns))[:50])
+            if (first := next((picture for picture in pictures if picture is not None), None)) is not None:
+                sizes_px[key] = _size_px(first.image_bgr)
+    fps = max(1, round(max(rates_hz, default=FPS_WITHOUT_CAMERA)))
+    scan = next((scan for _, scan in session.values("scan") if len(scan.ranges_m)), None)
+    return _Layout(fps, sizes_px, scan, round(session.duration_s * fps))
+
+
+def _shared(layouts: Sequence[_Layout]) -> _Layout:
+    """Layout of all sessions: the highest rate, all cameras, and the beams and sizes of the first that has them."""
+    fps = max((layout.fps for layout in layouts), default=FPS_WITHOUT_CAMERA)
+    sizes_px: dict[str, tuple[int, int]] = {}
+    for layout in layouts:
+        sizes_px = {**layout.sizes_px, **sizes_px}
+    scan = next((layout.scan for layout in layouts if layout.scan is not None), None)
+    return _Layout(fps, sizes_px, scan, round(sum(layout.frames / layout.fps for layout in layouts) * fps))
+
+
+def _keys_of(cameras: Iterable[str]) -> dict[str, str]:
+    """Key of the feature of each camera."""
+    keys: dict[str, str] = {}
+    for camera in cameras:
+        key = f"observation.images.{camera_file_name(camera)}"
+        keys[f"{key}-{len(keys) + 1}" if key in keys else key] = camera
+    return keys
+
+
+def _size_px(image_bgr: NDArray[np.uint8]) -> tuple[int, int]:
+    """Width and height of a video: even, and no wider than PICTURE_WIDTH_PX."""
+    height_px, width_px = image_bgr.shape[:2]
+    scale = min(1.0, PICTURE_WIDTH_PX / width_px)
+    return max(2, round(width_px * scale) // 2 * 2), max(2, round(height_px * scale) // 2 * 2)
 
 
 def _episodes(data: SessionData, fps: int) -> Iterator[tuple[int, int]]:
@@ -121,19 +195,17 @@ def _episodes(data: SessionData, fps: int) -> Iterator[tuple[int, int]]:
 
 
 class _Video:
-    """Video of one camera at the rate of the dataset; black where there is no frame."""
+    """Video of one camera at the rate of the dataset; black where there is no frame, and without a ``camera``."""
 
-    def __init__(self, videos: VideoReader, camera: str, path: Path, like_bgr: NDArray[np.uint8], fps: int) -> None:
+    def __init__(self, videos: VideoReader, camera: str | None, path: Path, size_px: tuple[int, int], fps: int) -> None:
         import av
 
-        height_px, width_px = like_bgr.shape[:2]
-        scale = min(1.0, PICTURE_WIDTH_PX / width_px)
         self.path = path
-        self.size_px = (max(2, round(width_px * scale) // 2 * 2), max(2, round(height_px * scale) // 2 * 2))
+        self.size_px = size_px
         self._videos, self._camera, self._fps = videos, camera, fps
         self._black = np.zeros((*self.size_px[::-1], 3), np.uint8)
         self._image_bgr, self._number, self._frames = self._black, -1, 0
-        path.parent.mkdir(parents=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         self._container = av.open(str(path), "w", options={"movflags": "faststart"})
         encoder = x264("veryfast")
         options = {**dict(encoder.options), "g": str(max(1, round(KEY_FRAME_EVERY_S * fps)))}
@@ -154,8 +226,8 @@ class _Video:
         import av
         import cv2
 
-        found = self._videos.info_at(self._camera, at_ns)
-        if found is None or at_ns - found.stamp_ns > MAX_AGE_S * 1e9:
+        found = None if self._camera is None else self._videos.info_at(self._camera, at_ns)
+        if self._camera is None or found is None or at_ns - found.stamp_ns > MAX_AGE_S * 1e9:
             self._image_bgr, self._number = self._black, -1
         elif found.number != self._number:
             self._image_bgr, self._number = self._black, found.number
@@ -174,17 +246,13 @@ class _Video:
         every = max(1, self.size_px[0] // _SAMPLE_WIDTH_PX)
         return self._image_bgr[::every, ::every, ::-1].reshape(-1, 3)
 
-    def feature(self) -> dict[str, Any]:
-        width_px, height_px = self.size_px
-        video = {"height": height_px, "width": width_px, "codec": "h264", "pix_fmt": "yuv420p", "is_depth_map": False}
-        video |= {"fps": self._fps, "channels": 3}
-        info = {**{f"video.{name}": value for name, value in video.items()}, "has_audio": False}
-        return {
-            "dtype": "video",
-            "shape": [height_px, width_px, 3],
-            "names": ["height", "width", "channels"],
-            "info": info,
-        }
+
+def _video_feature(size_px: tuple[int, int], fps: int) -> dict[str, Any]:
+    width_px, height_px = size_px
+    video = {"height": height_px, "width": width_px, "codec": "h264", "pix_fmt": "yuv420p", "is_depth_map": False}
+    video |= {"fps": fps, "channels": 3}
+    info = {**{f"video.{name}": value for name, value in video.items()}, "has_audio": False}
+    return {"dtype": "video", "shape": [height_px, width_px, 3], "names": ["height", "width", "channels"], "info": info}
 
 
 class _Situation:
@@ -223,141 +291,124 @@ class _Situation:
 
 
 class _Writer:
-    """Writes the dataset in one pass over the session. ``cameras`` by the keys of their features."""
+    """Writes a dataset, session by session: each has files of its own, so that one that fails leaves none.
 
-    def __init__(self, data: SessionData, out: Path, fps: int, cameras: dict[str, _Video]) -> None:
-        session = data.session
-        self._session, self._out, self._fps, self._cameras = session, out, fps, cameras
-        self._situation = _Situation(session)
-        # All scans are given in the beams of the first.
-        self._layout: LaserScan | None = next((scan for _, scan in session.values("scan") if len(scan.ranges_m)), None)
-        self._steps = data.step_visits
-        said = [each for each in data.utterances if each.said and each.speaker == "participant" and each.text]
-        self._heard = sorted((each.end_ns, each.text) for each in said if each.end_ns is not None)
-        self._tasks: dict[str, int] = {}
-        self._features = self._described()
+    Raises OSError.
+    """
+
+    def __init__(self, out: Path, layout: _Layout) -> None:
+        import pyarrow
+
+        self._out, self._layout = out, layout
+        self._features = _features(layout)
         self._stored = {key: feature for key, feature in self._features.items() if feature["dtype"] != "video"}
-        self._paths = [video.path for video in cameras.values()]
+        types = {key: pyarrow.type_for_alias(feature["dtype"]) for key, feature in self._stored.items()}
+        sizes = {key: feature["shape"][0] for key, feature in self._stored.items()}
+        self._schema = pyarrow.schema(
+            {key: one if sizes[key] == 1 else pyarrow.list_(one, sizes[key]) for key, one in types.items()}
+        )
+        self._files, self._paths, self._robots = 0, list[Path](), dict[str, None]()
+        self._tasks: dict[str, int] = {}
+        self._records: list[dict[str, Any]] = []
+        self._samples: _Samples = {}
 
-    def write(self, episodes: Sequence[tuple[int, int]], progress: Callable[[float], None]) -> Dataset:
+    def add(self, session: Session, progress: Callable[[float], None]) -> int:
+        """Add the episodes of a session; return their number. Raises SessionError, and then adds none."""
+        data, fps = read_data(session), self._layout.fps
+        episodes = list(_episodes(data, fps))
+        if not episodes:
+            progress(1.0)
+            return 0
+        place = {"chunk_index": self._files // _CHUNK_FILES, "file_index": self._files % _CHUNK_FILES}
+        videos_of = {key: self._out / _VIDEO.format(video_key=key, **place) for key in self._layout.sizes_px}
+        paths, tasks = [*videos_of.values(), self._out / _DATA.format(**place)], dict(self._tasks)
+        paths[-1].parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with VideoReader(session) as videos, ExitStack() as files:
+                cameras = _keys_of(videos.cameras)
+                written = {
+                    key: files.enter_context(_Video(videos, cameras.get(key), path, self._layout.sizes_px[key], fps))
+                    for key, path in videos_of.items()
+                }
+                source = _Frames(data, self._layout, written, tasks)
+                records, samples = self._write(source, place, episodes, progress)
+        except BaseException:
+            for path in paths:
+                path.unlink(missing_ok=True)
+            raise
+        self._robots[session.header.robot.profile] = None
+        self._files, self._tasks = self._files + 1, tasks
+        self._paths += paths
+        self._records += records
+        for key, values in samples.items():
+            self._samples.setdefault(key, []).extend(values)
+        return len(episodes)
+
+    def _write(
+        self,
+        source: "_Frames",
+        place: dict[str, int],
+        episodes: Sequence[tuple[int, int]],
+        progress: Callable[[float], None],
+    ) -> tuple[list[dict[str, Any]], _Samples]:
+        """Write the frames of a session; return what is known of its episodes, and samples."""
         import pyarrow
         from pyarrow.parquet import ParquetWriter
 
-        types = {key: pyarrow.type_for_alias(feature["dtype"]) for key, feature in self._stored.items()}
-        sizes = {key: feature["shape"][0] for key, feature in self._stored.items()}
-        schema = pyarrow.schema(
-            {key: one if sizes[key] == 1 else pyarrow.list_(one, sizes[key]) for key, one in types.items()}
-        )
-        total, index = sum(frames for _, frames in episodes), 0
+        fps, total = self._layout.fps, sum(frames for _, frames in episodes)
+        first = index = self._records[-1]["dataset_to_index"] if self._records else 0
         records: list[dict[str, Any]] = []
         samples_of_all: _Samples = {}
-        with ParquetWriter(self._new(_DATA), schema) as file:
-            for number, (start_ns, frames) in enumerate(episodes):
+        with ParquetWriter(self._out / _DATA.format(**place), self._schema) as file:
+            for number, (start_ns, frames) in enumerate(episodes, start=len(self._records)):
                 samples: _Samples = {}
                 rows: list[dict[str, Any]] = []
                 tasks: dict[int, None] = {}
                 for at in range(frames):
-                    row = self._values(start_ns, at)
-                    row |= {"timestamp": at / self._fps, "frame_index": at, "episode_index": number, "index": index}
+                    row = source.values(start_ns, at)
+                    row |= {"timestamp": at / fps, "frame_index": at, "episode_index": number, "index": index}
                     rows.append(row)
                     tasks[row["task_index"]] = None
                     index += 1
-                    self._sample(row, samples, total)
+                    self._sample(row, samples, source.cameras)
                     if len(rows) == _ROWS_PER_WRITE or at == frames - 1:
-                        file.write_table(pyarrow.Table.from_pylist(rows, schema))
+                        file.write_table(pyarrow.Table.from_pylist(rows, self._schema))
                         rows.clear()
-                        progress(index / total)
-                record = {"episode_index": number, "tasks": [[*self._tasks][task] for task in tasks], "length": frames}
-                records.append(record | self._about_episode(start_ns, index - frames, index, _statistics(samples)))
+                        progress((index - first) / total)
+                record = {"episode_index": number, "tasks": [[*source.tasks][task] for task in tasks], "length": frames}
+                record |= {"dataset_from_index": index - frames, "dataset_to_index": index}
+                record |= {f"data/{name}": value for name, value in place.items()}
+                record |= {f"meta/episodes/{name}": value for name, value in _FIRST.items()}
+                times_s = {"from_timestamp": (index - frames - first) / fps, "to_timestamp": (index - first) / fps}
+                for key in source.cameras:
+                    record |= {f"videos/{key}/{name}": value for name, value in {**place, **times_s}.items()}
+                record |= {
+                    f"stats/{key}/{name}": value
+                    for key, its in _statistics(samples).items()
+                    for name, value in its.items()
+                }
+                records.append(record | source.about_episode(start_ns))
                 for key, values in samples.items():
                     samples_of_all.setdefault(key, []).extend(values)
-        self._write_metadata(records, _statistics(samples_of_all))
-        return Dataset(tuple(self._paths), len(records), index, self._fps)
+        return records, samples_of_all
 
-    def _described(self) -> dict[str, Any]:
-        state = [f"{part}.{name}" for part, (_, names, _) in _STATE.items() for name in names]
-        streams = [*(key.removeprefix("observation.") for key in self._cameras), *_STATE]
-        features = {key: video.feature() for key, video in self._cameras.items()}
-        features["observation.state"] = _feature("float32", state)
-        if (scan := self._layout) is not None:
-            streams.append("scan")
-            names = [f"range_m at {angle_rad:.4f} rad" for angle_rad in _angles_rad(scan)]
-            info = {"no_return_m": _no_return_m(scan), "robot_from_laser": to_jsonable(scan.robot_from_laser)}
-            features["observation.environment_state"] = {**_feature("float32", names), "info": info}
-        return {
-            **features,
-            "action": _feature("float32", [*_TWIST, *(f"head.{name}" for name in _HEAD)]),
-            "observed": _feature("bool", streams),
-            "age_s": _feature("float32", streams),
-            "session_s": _feature("float64"),
-            **{name: _feature("string") for name in ("command_source", "people_in_map", "people_in_view")},
-            "timestamp": _feature("float32"),
-            **{name: _feature("int64") for name in ("frame_index", "episode_index", "index", "task_index")},
-        }
-
-    def _values(self, start_ns: int, at: int) -> dict[str, Any]:
-        """Values of a frame: the situation at its time, and the action in effect at its end."""
-        at_ns, end_ns = (start_ns + number * 1_000_000_000 // self._fps for number in (at, at + 1))
-        situation = self._situation
-        situation.advance(at_ns)
-        ages_s: list[float | None] = []
-        for video in self._cameras.values():
-            frame = video.write(at_ns)
-            ages_s.append(None if frame is None else situation.age_s(frame.robot_stamp_ns, frame.stamp_ns, at_ns))
-        state: list[float] = []
-        for kind, names, numbers_of in _STATE.values():
-            value, age_s = situation.newest(kind, at_ns, math.inf if kind is GoalChanged else MAX_AGE_S)
-            numbers = () if value is None else numbers_of(value)
-            state += numbers or [0.0] * len(names)
-            ages_s.append(age_s if numbers else None)
-        values: dict[str, Any] = {"observation.state": np.array(state, np.float32)}
-        if self._layout is not None:
-            scan, age_s = situation.newest(LaserScan, at_ns)
-            values["observation.environment_state"] = _ranges_m(scan, self._layout)
-            ages_s.append(age_s)
-        values |= {
-            "observed": np.array([age_s is not None for age_s in ages_s]),
-            "age_s": np.array([age_s or 0.0 for age_s in ages_s], np.float32),
-            "session_s": self._session.clock.session_s(at_ns),
-            "people_in_map": situation.json_of(PeopleInMap, at_ns),
-            "people_in_view": situation.json_of(People, at_ns),
-            "task_index": self._tasks.setdefault(self._task(at_ns), len(self._tasks)),
-        }
-        situation.advance(end_ns)
-        command, _ = situation.newest(CommandSent, end_ns, COMMAND_HOLDS_S)
-        head = situation.newest(HeadMoved, end_ns, math.inf)[0] or situation.newest(HeadState, end_ns)[0]
-        angles_rad = (0.0, 0.0) if head is None else (head.pan_rad, head.tilt_rad)
-        twist = Twist2D() if command is None else command.twist
-        values["action"] = np.array([*astuple(twist), *angles_rad], np.float32)
-        return values | {"command_source": "none" if command is None else command.source}
-
-    def _task(self, at_ns: int) -> str:
-        """Title of the step, else what a participant said last, else nothing."""
-        said = bisect_right(self._heard, at_ns, key=lambda each: each[0])
-        heard = self._heard[said - 1][1] if said else ""
-        return plain_text(next((step.title for step in self._steps if step.start_ns <= at_ns < step.end_ns), heard))
-
-    def _sample(self, row: dict[str, Any], samples: _Samples, total: int) -> None:
-        """Add the frame, one of ``total``, to the samples if it is its turn."""
-        if not row["frame_index"] % max(1, total // _SAMPLES):
+    def _sample(self, row: dict[str, Any], samples: _Samples, cameras: dict[str, _Video]) -> None:
+        """Add the frame to the samples if it is its turn."""
+        if not row["frame_index"] % max(1, self._layout.frames // _SAMPLES):
             for key, feature in self._stored.items():
                 if feature["dtype"] != "string":
                     samples.setdefault(key, []).append(np.atleast_1d(row[key]))
-        if not row["frame_index"] % max(1, total // _IMAGE_SAMPLES):
-            for key, video in self._cameras.items():
+        if not row["frame_index"] % max(1, self._layout.frames // _IMAGE_SAMPLES):
+            for key, video in cameras.items():
                 samples.setdefault(key, []).append(video.pixels())
 
-    def _about_episode(self, start_ns: int, begin: int, end: int, statistics: dict[str, Any]) -> dict[str, Any]:
-        """Where the frames from ``begin`` to before ``end`` are, their statistics, and the session."""
-        clock = self._session.clock
-        about: dict[str, Any] = {"dataset_from_index": begin, "dataset_to_index": end}
-        about |= {f"{place}/{name}": value for place in ("data", "meta/episodes") for name, value in _FIRST.items()}
-        times_s = {"from_timestamp": begin / self._fps, "to_timestamp": end / self._fps}
-        for key in self._cameras:
-            about |= {f"videos/{key}/{name}": value for name, value in {**_FIRST, **times_s}.items()}
-        about |= {f"stats/{key}/{name}": value for key, its in statistics.items() for name, value in its.items()}
-        about |= session_columns(self._session)
-        return about | {"start_s": clock.session_s(start_ns), "start_utc": clock.utc(start_ns)}
+    def finish(self) -> Dataset:
+        """Write what describes the dataset."""
+        if not self._records:
+            return Dataset((), 0, 0, self._layout.fps)
+        self._write_metadata(self._records, _statistics(self._samples))
+        frames = self._records[-1]["dataset_to_index"]
+        return Dataset(tuple(self._paths), len(self._records), frames, self._layout.fps)
 
     def _write_metadata(self, records: list[dict[str, Any]], statistics: dict[str, Any]) -> None:
         import pyarrow
@@ -374,17 +425,17 @@ class _Writer:
         write_table(tasks.replace_schema_metadata({"pandas": of_pandas}), self._new("meta/tasks.parquet"))
         info = {
             "codebase_version": "v3.0",
-            "robot_type": self._session.header.robot.profile,
+            "robot_type": ", ".join(self._robots),
             "total_episodes": len(records),
             "total_frames": records[-1]["dataset_to_index"],
             "total_tasks": len(self._tasks),
-            "chunks_size": 1000,
+            "chunks_size": _CHUNK_FILES,
             "data_files_size_in_mb": 100,
             "video_files_size_in_mb": 200,
-            "fps": self._fps,
+            "fps": self._layout.fps,
             "splits": {"train": f"0:{len(records)}"},
             "data_path": _DATA,
-            "video_path": _VIDEO if self._cameras else None,
+            "video_path": _VIDEO if self._layout.sizes_px else None,
             "features": self._features,
         }
         for name, content in (("info", info), ("stats", statistics)):
@@ -396,6 +447,91 @@ class _Writer:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._paths.append(path)
         return path
+
+
+class _Frames:
+    """Frames of one session: the situation at a time, and the action in effect then. Times ascend.
+
+    ``cameras`` by the keys of their features; ``tasks`` grows with new ones.
+    """
+
+    def __init__(self, data: SessionData, layout: _Layout, cameras: dict[str, _Video], tasks: dict[str, int]) -> None:
+        self.cameras, self.tasks = cameras, tasks
+        self._session, self._layout = data.session, layout
+        self._situation = _Situation(data.session)
+        self._steps = data.step_visits
+        said = [each for each in data.utterances if each.said and each.speaker == "participant" and each.text]
+        self._heard = sorted((each.end_ns, each.text) for each in said if each.end_ns is not None)
+
+    def values(self, start_ns: int, at: int) -> dict[str, Any]:
+        """Values of a frame: the situation at its time, and the action in effect at its end."""
+        at_ns, end_ns = (start_ns + number * 1_000_000_000 // self._layout.fps for number in (at, at + 1))
+        situation = self._situation
+        situation.advance(at_ns)
+        ages_s: list[float | None] = []
+        for video in self.cameras.values():
+            frame = video.write(at_ns)
+            ages_s.append(None if frame is None else situation.age_s(frame.robot_stamp_ns, frame.stamp_ns, at_ns))
+        state: list[float] = []
+        for kind, names, numbers_of in _STATE.values():
+            value, age_s = situation.newest(kind, at_ns, math.inf if kind is GoalChanged else MAX_AGE_S)
+            numbers = () if value is None else numbers_of(value)
+            state += numbers or [0.0] * len(names)
+            ages_s.append(age_s if numbers else None)
+        values: dict[str, Any] = {"observation.state": np.array(state, np.float32)}
+        if self._layout.scan is not None:
+            scan, age_s = situation.newest(LaserScan, at_ns)
+            values["observation.environment_state"] = _ranges_m(scan, self._layout.scan)
+            ages_s.append(age_s)
+        values |= {
+            "observed": np.array([age_s is not None for age_s in ages_s]),
+            "age_s": np.array([age_s or 0.0 for age_s in ages_s], np.float32),
+            "session_s": self._session.clock.session_s(at_ns),
+            "people_in_map": situation.json_of(PeopleInMap, at_ns),
+            "people_in_view": situation.json_of(People, at_ns),
+            "task_index": self.tasks.setdefault(self._task(at_ns), len(self.tasks)),
+        }
+        situation.advance(end_ns)
+        command, _ = situation.newest(CommandSent, end_ns, COMMAND_HOLDS_S)
+        head = situation.newest(HeadMoved, end_ns, math.inf)[0] or situation.newest(HeadState, end_ns)[0]
+        angles_rad = (0.0, 0.0) if head is None else (head.pan_rad, head.tilt_rad)
+        twist = Twist2D() if command is None else command.twist
+        values["action"] = np.array([*astuple(twist), *angles_rad], np.float32)
+        return values | {"command_source": "none" if command is None else command.source}
+
+    def _task(self, at_ns: int) -> str:
+        """Title of the step, else what a participant said last, else nothing."""
+        said = bisect_right(self._heard, at_ns, key=lambda each: each[0])
+        heard = self._heard[said - 1][1] if said else ""
+        return plain_text(next((step.title for step in self._steps if step.start_ns <= at_ns < step.end_ns), heard))
+
+    def about_episode(self, start_ns: int) -> dict[str, Any]:
+        clock = self._session.clock
+        about: dict[str, Any] = dict(session_columns(self._session))
+        return about | {"start_s": clock.session_s(start_ns), "start_utc": clock.utc(start_ns)}
+
+
+def _features(layout: _Layout) -> dict[str, Any]:
+    """Features of the dataset; the order of ``observed`` and ``age_s`` is that of the cameras, states and scan."""
+    state = [f"{part}.{name}" for part, (_, names, _) in _STATE.items() for name in names]
+    streams = [*(key.removeprefix("observation.") for key in layout.sizes_px), *_STATE]
+    features = {key: _video_feature(size_px, layout.fps) for key, size_px in layout.sizes_px.items()}
+    features["observation.state"] = _feature("float32", state)
+    if (scan := layout.scan) is not None:
+        streams.append("scan")
+        names = [f"range_m at {angle_rad:.4f} rad" for angle_rad in _angles_rad(scan)]
+        info = {"no_return_m": _no_return_m(scan), "robot_from_laser": to_jsonable(scan.robot_from_laser)}
+        features["observation.environment_state"] = {**_feature("float32", names), "info": info}
+    return {
+        **features,
+        "action": _feature("float32", [*_TWIST, *(f"head.{name}" for name in _HEAD)]),
+        "observed": _feature("bool", streams),
+        "age_s": _feature("float32", streams),
+        "session_s": _feature("float64"),
+        **{name: _feature("string") for name in ("command_source", "people_in_map", "people_in_view")},
+        "timestamp": _feature("float32"),
+        **{name: _feature("int64") for name in ("frame_index", "episode_index", "index", "task_index")},
+    }
 
 
 def _feature(dtype: str, names: Sequence[str] | None = None) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLE
 from caris_desktop.recording.measures.session_measures import sql
 from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.session.session_reader import Session, SessionError
-from caris_desktop.recording.session_export import ExportContext
+from caris_desktop.recording.session_export import ExportContext, attempt
 from caris_desktop.recording.studies import spss
 from caris_desktop.recording.studies.study_index import copies_among
 from caris_desktop.recording.tables.build import DERIVED_TABLES, session_batches, sql_types
@@ -56,31 +56,16 @@ def write_tables_of_study(sessions: Sequence[Session], out: Path, context: Expor
         If no session could be read.
     """
     sessions = _without_copies(sessions, context)
-    added: list[Session] = []
     with _StudyTables(out, context) as study:
-        for number, session in enumerate(sessions):
-            try:
-                study.add(session, _share_of(context.progress, number, len(sessions)))
-            except OSError:
-                raise
-            except Exception as error:
-                _log.info("tables of %s", session.folder, exc_info=True)
-                context.warn(
-                    localized(
-                        QT_TR_NOOP("{session} is left out of the study tables: {why}"),
-                        session=session.folder.name,
-                        why=error,
-                    )
-                )
-            else:
-                added.append(session)
+
+        def add(session: Session) -> None:
+            number = sessions.index(session)
+            study.add(session, lambda share: context.progress((number + share) / len(sessions)))
+
+        added = [session for session in sessions if attempt(session, add, context.warn)]
     if not added:
         raise SessionError(QT_TR_NOOP("No session could be read, so there are no study tables."))
     return study.finish(added)
-
-
-def _share_of(progress: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:
-    return lambda share: progress((number + share) / count)
 
 
 def _without_copies(sessions: Sequence[Session], context: ExportContext) -> list[Session]:

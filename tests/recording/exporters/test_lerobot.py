@@ -25,10 +25,13 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
 )
 from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan, Odometry, PeopleInMap
+from caris_desktop.recording.exporters import lerobot
 from caris_desktop.recording.exporters.lerobot import write_lerobot
 from caris_desktop.recording.recorder.video_encoders import FASTEST
 from caris_desktop.recording.recorder.video_writer import VideoFileWriter
-from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session.session_reader import SessionError, open_session
+from caris_desktop.recording.session_export import ExportRequest, export_all
+from tests.recording.told_session import TRIAL, drive, heard, said, tell
 from tests.support.recorded_session import RecordedSession, make_session, number_in, picture_of, rerecorded
 
 SECOND_NS = 1_000_000_000
@@ -44,6 +47,9 @@ DEFAULT_FEATURES = {
 TOLERANCE_S = 1e-4
 
 
+File = tuple[tuple[str, int], ...]
+
+
 class Read:
     """A dataset as ``LeRobotDataset`` reads it: paths from the metadata, frames of a video by their time."""
 
@@ -57,12 +63,23 @@ class Read:
         tasks = pandas.read_parquet(root / "meta/tasks.parquet")
         assert sorted(tasks["task_index"]) == list(range(len(tasks))) == list(range(self.info["total_tasks"]))
         self.tasks = {int(number): str(text) for text, number in tasks["task_index"].items()}
-        self.table = parquet.read_table(root / self.info["data_path"].format(chunk_index=0, file_index=0))
+        # Of each session, in order.
+        self.files = list(dict.fromkeys(self.file_of(episode, "data") for episode in self.episodes))
+        self.table = pyarrow.concat_tables(
+            [parquet.read_table(root / self.info["data_path"].format(**dict(file))) for file in self.files]
+        )
         self.frames: list[dict[str, Any]] = self.table.to_pylist()
-        self.videos = {key: self._decoded(key) for key in self.video_keys}
+        self.videos = {(key, file): self._decoded(key, file) for key in self.video_keys for file in self.files}
 
-    def _decoded(self, key: str) -> tuple[NDArray[np.float64], list[NDArray[np.uint8]]]:
-        path = self.info["video_path"].format(video_key=key, chunk_index=0, file_index=0)
+    def file_of(self, episode: dict[str, Any], place: str) -> File:
+        return tuple((name, episode[f"{place}/{name}"]) for name in ("chunk_index", "file_index"))
+
+    def images(self, key: str) -> list[NDArray[np.uint8]]:
+        """Images of a camera in the order of the frames."""
+        return [image for file in self.files for image in self.videos[key, file][1]]
+
+    def _decoded(self, key: str, file: File) -> tuple[NDArray[np.float64], list[NDArray[np.uint8]]]:
+        path = self.info["video_path"].format(video_key=key, **dict(file))
         with av.open(str(self.root / path)) as container:
             stream = container.streams.video[0]
             assert stream.average_rate == self.info["fps"]
@@ -70,8 +87,9 @@ class Read:
         return np.array([at_s for at_s, _ in frames]), [frame.to_ndarray(format="bgr24") for _, frame in frames]
 
     def image(self, key: str, row: dict[str, Any]) -> NDArray[np.uint8]:
-        begin_s = self.episodes[row["episode_index"]][f"videos/{key}/from_timestamp"]
-        times_s, images = self.videos[key]
+        episode = self.episodes[row["episode_index"]]
+        begin_s = episode[f"videos/{key}/from_timestamp"]
+        times_s, images = self.videos[key, self.file_of(episode, f"videos/{key}")]
         nearest = int(np.argmin(np.abs(times_s - (begin_s + row["timestamp"]))))
         assert abs(times_s[nearest] - (begin_s + row["timestamp"])) < TOLERANCE_S
         return images[nearest]
@@ -107,11 +125,13 @@ def checked(root: Path) -> Read:
         np.testing.assert_allclose([row["timestamp"] for row in rows], np.arange(len(rows)) / fps, atol=TOLERANCE_S)
         assert set(episode["tasks"]) == {read.tasks[row["task_index"]] for row in rows}
         assert len(set(episode["tasks"])) == len(episode["tasks"])
-        places = ("data", "meta/episodes", *(f"videos/{key}" for key in read.video_keys))
-        assert all(episode[f"{place}/{name}"] == 0 for place in places for name in ("chunk_index", "file_index"))
+        file = read.file_of(episode, "data")
+        assert read.file_of(episode, "meta/episodes") == (("chunk_index", 0), ("file_index", 0))
+        first = next(one["dataset_from_index"] for one in read.episodes if read.file_of(one, "data") == file)
         for key in read.video_keys:
-            assert episode[f"videos/{key}/from_timestamp"] == pytest.approx(begin / fps)
-            assert episode[f"videos/{key}/to_timestamp"] == pytest.approx(end / fps)
+            assert read.file_of(episode, f"videos/{key}") == file
+            assert episode[f"videos/{key}/from_timestamp"] == pytest.approx((begin - first) / fps)
+            assert episode[f"videos/{key}/to_timestamp"] == pytest.approx((end - first) / fps)
         _check_statistics(read, begin, end, {
             key: {name: episode[f"stats/{key}/{name}"] for name in ("min", "max", "mean", "std", "count", *QUANTILES)}
             for key in read.stats
@@ -129,9 +149,11 @@ def _check_features(read: Read) -> None:
         assert "/" not in key
         assert set(feature) >= {"dtype", "shape", "names"}
         if feature["dtype"] == "video":
-            times_s, images = read.videos[key]
-            np.testing.assert_allclose(times_s, np.arange(len(read.frames)) / read.info["fps"], atol=TOLERANCE_S)
-            assert {image.shape for image in images} == {tuple(feature["shape"])}
+            for file in read.files:
+                times_s, images = read.videos[key, file]
+                np.testing.assert_allclose(times_s, np.arange(len(images)) / read.info["fps"], atol=TOLERANCE_S)
+            assert {image.shape for image in read.images(key)} == {tuple(feature["shape"])}
+            assert len(read.images(key)) == len(read.frames)
             assert feature["names"] == ["height", "width", "channels"]
             continue
         (size,) = feature["shape"]
@@ -147,7 +169,7 @@ def _check_statistics(read: Read, begin: int, end: int, stats: dict[str, Any]) -
     assert set(stats) == {key for key, feature in read.features.items() if feature["dtype"] != "string"}
     for key, its in stats.items():
         if key in read.video_keys:
-            images = np.stack(read.videos[key][1][begin:end])[..., ::-1] / 255.0
+            images = np.stack(read.images(key)[begin:end])[..., ::-1] / 255.0
             assert np.shape(its["mean"]) == np.shape(its["q50"]) == (3, 1, 1)
             # From some pixels of each image, before they were compressed.
             np.testing.assert_allclose(np.ravel(its["mean"]), images.mean((0, 1, 2)), atol=0.02)
@@ -180,7 +202,7 @@ def add_camera(made: RecordedSession, camera: str, stamps_ns: list[int]) -> None
 
 def exported(made: RecordedSession, out: Path) -> Read:
     fractions: list[float] = []
-    written = write_lerobot(open_session(made.folder), out, fractions.append)
+    written = write_lerobot([open_session(made.folder)], out, fractions.append)
     assert {path for path in out.rglob("*") if path.is_file()} == set(written.paths)
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1.0
@@ -386,5 +408,98 @@ def test_large_images_are_reduced_and_cameras_without_video_left_out(tmp_path: P
 
 def test_sessions_shorter_than_a_frame_have_no_dataset(tmp_path: Path) -> None:
     made = make_session(tmp_path / "s", seconds=0.05, cameras=(), audio=())
-    assert write_lerobot(open_session(made.folder), tmp_path / "out", lambda _: None).paths == ()
+    assert write_lerobot([open_session(made.folder)], tmp_path / "out", lambda _: None).paths == ()
     assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> list[RecordedSession]:
+    """A session with a front camera and 24 beams, one with a front and a rear camera of other sizes and rates and 36
+    beams, and one without cameras and scans.
+    """
+    sessions = tmp_path_factory.mktemp("study") / "sessions"
+    audio: Any = {"audio": (), "keep": True}
+    return [
+        make_session(sessions / "a", seconds=3.0, cameras=("front",), fps=5.0, beams=24, **audio),
+        make_session(
+            sessions / "b", seconds=2.0, cameras=("front", "rear"), fps=10.0, beams=36, size_px=(320, 180), **audio
+        ),
+        make_session(sessions / "c", seconds=2.0, cameras=(), scans_hz=0.0, **audio),
+    ]
+
+
+def test_the_sessions_of_a_study_are_one_dataset(study: list[RecordedSession], tmp_path: Path) -> None:
+    fractions: list[float] = []
+    sessions = [open_session(made.folder) for made in study]
+    written = write_lerobot(sessions, tmp_path / "out", fractions.append)
+    assert {path for path in (tmp_path / "out").rglob("*") if path.is_file()} == set(written.paths)
+    assert fractions == sorted(fractions)
+    read = checked(tmp_path / "out")
+    assert [(one["session"], one["length"]) for one in read.episodes] == [("a", 30), ("b", 20), ("c", 20)]
+    assert (read.info["fps"], written.episodes, written.frames) == (10, 3, 70)
+    assert [dict(file)["file_index"] for file in read.files] == [0, 1, 2]
+    # Cameras, sizes and beams are those of the first session that has them.
+    front = [2 * (study[0].plan.size_px[1] // 2), 2 * (study[0].plan.size_px[0] // 2), 3]
+    assert {key: read.features[key]["shape"] for key in read.video_keys} == {FRONT: front, REAR: [180, 320, 3]}
+    assert read.features["observation.environment_state"]["shape"] == [24]
+    for key, there in ((FRONT, {"a", "b"}), (REAR, {"b"})):
+        name = key.removeprefix("observation.")
+        observed = {
+            read.episodes[row["episode_index"]]["session"] for row in read.frames if read.number(row, "observed", name)
+        }
+        assert observed == there
+    last = read.frames[-1]
+    assert not read.number(last, "observed", "scan")
+    assert read.image(REAR, last).mean() < 2
+    for made, session in zip(study[:2], sessions, strict=False):
+        rows = [row for row in read.frames if read.episodes[row["episode_index"]]["session"] == made.folder.name]
+        for row in rows:
+            at_ns = session.started_ns + round(row["session_s"] * SECOND_NS)
+            odometry = newest(made, Odometry, at_ns)
+            if odometry is not None:
+                assert row["observation.state"][0] == pytest.approx(odometry.pose_in_odom.x_m)
+
+
+@pytest.mark.logs(r"session_export: ")
+def test_a_session_that_fails_leaves_nothing_in_the_dataset(
+    study: list[RecordedSession], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sessions = [open_session(made.folder) for made in study]
+    fractions, warnings = list[float](), list[str]()
+
+    def failing(self: Any, start_ns: int, at: int) -> dict[str, Any]:
+        if self._session.folder.name == "a" and at == 7:
+            raise SessionError("it ends here")
+        return original(self, start_ns, at)
+
+    original = lerobot._Frames.values
+    monkeypatch.setattr(lerobot._Frames, "values", failing)
+    written = write_lerobot(sessions, tmp_path / "out", fractions.append, warnings.append)
+    assert warnings == ["a is left out: it ends here"]
+    assert {path for path in (tmp_path / "out").rglob("*") if path.is_file()} == set(written.paths)
+    read = checked(tmp_path / "out")
+    assert [one["session"] for one in read.episodes] == ["b", "c"]
+
+
+def test_the_command_writes_one_dataset_and_the_dialogue_of_all(tmp_path: Path) -> None:
+    folders = tuple(
+        tell(
+            tmp_path / "sessions" / name,
+            [*heard(1, 0.2, 0.6, "Hello."), *said(1, 0.8, 1.0, 1.5, "Good day."), *drive(0.5, 1.5, 0.3)],
+            lasts_s=2.0,
+            trial={**TRIAL, "participant": name},
+        )
+        for name in ("P1", "P2")
+    )
+    finished = export_all(ExportRequest(folders, ("lerobot",), tmp_path / "out"))
+    assert finished.problems == ()
+    (out,) = finished.written
+    read = checked(out / "dataset")
+    assert [one["participant"] for one in read.episodes] == ["P1", "P2"]
+    assert set(read.tasks.values()) == {"", "Hello."}
+    lines = [json.loads(line) for line in (out / "dialogue" / "turns.jsonl").read_text("utf-8").splitlines()]
+    assert [(line["participant"], line["action"]["text"]) for line in lines] == [
+        ("P1", "Good day."),
+        ("P2", "Good day."),
+    ]
+    assert "(2 turns)" in (out / "README.md").read_text("utf-8")

@@ -114,7 +114,7 @@ def test_a_session_that_fails_leaves_no_rows(study: Path, tmp_path: Path, monkey
 
     monkeypatch.setattr(study_tables, "session_batches", failing)
     finished = _export(study, tmp_path / "out")
-    assert [sentence for sentence in finished.problems if "one is left out" in sentence and "ends here" in sentence]
+    assert [sentence for sentence in finished.problems if "one is left out:" in sentence and "ends here" in sentence]
     tables = [path.stem for path in (tmp_path / "out" / "tables" / "parquet").iterdir()]
     found = {row["session"] for name in tables if name != "data_dictionary" for row in _rows(finished.written[0], name)}
     assert found == {"two"}
