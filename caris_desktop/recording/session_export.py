@@ -106,7 +106,7 @@ FORMATS: tuple[ExportFormat, ...] = (
         QT_TR_NOOP(
             "One tidy set of tables over all sessions (CSV, Parquet, SPSS) with a codebook, an R script and a notebook."
         ),
-        "caris_desktop.recording.studies.study_tables",
+        "caris_desktop.recording.exporters.study_tables",
         "write_tables",
         of_study="write_tables_of_study",
     ),

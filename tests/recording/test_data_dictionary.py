@@ -6,12 +6,12 @@ import typing
 from pathlib import Path
 
 from caris_desktop.domain.streams import STREAMS
+from caris_desktop.recording.data_dictionary import measure_rows
 from caris_desktop.recording.measures.measure_definitions import MEASURES, THRESHOLDS
 from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.tables.catalog import tables_of
 from caris_desktop.recording.tables.derived import ANNOTATIONS, DERIVED, SESSION_TABLE
-from caris_desktop.recording.tables.dictionary import measure_rows
 from tests.recording.told_session import tell
 
 TABLES = (

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from caris_desktop.recording.csv_cells import CsvStyle
+from caris_desktop.recording.data_dictionary import DICTIONARY_TABLE, dictionary_columns
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.tables.build import session_batches
 from caris_desktop.recording.tables.catalog import Column, Table, json_text, key_columns, scalar_text
-from caris_desktop.recording.tables.dictionary import DICTIONARY_TABLE, dictionary_columns
 
 
 def write_csv(session: Session, out: Path, context: ExportContext) -> list[Path]:

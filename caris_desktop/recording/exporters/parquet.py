@@ -8,12 +8,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from caris_desktop.recording.data_dictionary import DICTIONARY_TABLE, allowed_values, dictionary_columns, empty_of
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.tables.arrow import array, arrow_type
 from caris_desktop.recording.tables.build import session_batches
 from caris_desktop.recording.tables.catalog import Column, Table, key_columns, plain_text
-from caris_desktop.recording.tables.dictionary import DICTIONARY_TABLE, allowed_values, dictionary_columns, empty_of
 
 
 def write_parquet(session: Session, out: Path, context: ExportContext) -> list[Path]:

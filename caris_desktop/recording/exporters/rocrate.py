@@ -28,6 +28,7 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.annotation_store import coding_jsonable, load_coding
 from caris_desktop.recording.csv_cells import CsvStyle
+from caris_desktop.recording.data_dictionary import DICTIONARY_TABLE, dictionary_columns
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files
@@ -36,7 +37,6 @@ from caris_desktop.recording.session.mcap_repair import copy_changed
 from caris_desktop.recording.session.session_reader import Session, SessionError
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.tables.catalog import tables_of
-from caris_desktop.recording.tables.dictionary import DICTIONARY_TABLE, dictionary_columns
 
 _PROFILE = "https://w3id.org/ro/crate/1.1"
 _HEAD, _EVENTS = "session.json", "events.mcap"

@@ -16,6 +16,7 @@ from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
+from caris_desktop.recording.data_dictionary import measure_rows
 from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES
 from caris_desktop.recording.measures.session_measures import sql
 from caris_desktop.recording.pseudonyms import pseudonyms_of
@@ -28,7 +29,6 @@ from caris_desktop.recording.studies.study_index import (
     sessions_dir_of,
 )
 from caris_desktop.recording.tables.build import sql_types
-from caris_desktop.recording.tables.dictionary import measure_rows
 
 _log = logging.getLogger(__name__)
 _FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 9

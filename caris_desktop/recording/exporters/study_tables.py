@@ -16,6 +16,13 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.coder_agreement import UNNAMED, compare_coders
+from caris_desktop.recording.data_dictionary import (
+    DICTIONARY_TABLE,
+    MEASURES_TABLE,
+    dictionary_columns,
+    measure_rows,
+)
+from caris_desktop.recording.exporters import spss
 from caris_desktop.recording.exporters.csv import CsvTables
 from caris_desktop.recording.exporters.parquet import ParquetTables
 from caris_desktop.recording.exporters.templates import write_page
@@ -24,16 +31,9 @@ from caris_desktop.recording.measures.session_measures import sql
 from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.session.session_reader import Session, SessionError
 from caris_desktop.recording.session_export import ExportContext, attempt
-from caris_desktop.recording.studies import spss
 from caris_desktop.recording.studies.study_index import copies_among
 from caris_desktop.recording.tables.build import DERIVED_TABLES, session_batches, sql_types
 from caris_desktop.recording.tables.catalog import Column, Kind, Table, key_columns
-from caris_desktop.recording.tables.dictionary import (
-    DICTIONARY_TABLE,
-    MEASURES_TABLE,
-    dictionary_columns,
-    measure_rows,
-)
 from caris_desktop.recording.tables.units import unit_of
 
 _log = logging.getLogger(__name__)

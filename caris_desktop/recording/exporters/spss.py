@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.recording.data_dictionary import allowed_values
 from caris_desktop.recording.tables.catalog import Column, Table
-from caris_desktop.recording.tables.dictionary import allowed_values
 
 _MOST_TEXT_BYTES = 4_000
 """Longer texts are cut off: all cells of a column have the width of its longest one."""
