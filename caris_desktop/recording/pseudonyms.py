@@ -4,6 +4,7 @@ The assignment is stored in the study's own folder, next to the database with pa
 Speech and notes of a session are data and stay as they are.
 """
 
+import hashlib
 import json
 import logging
 import re
@@ -91,7 +92,8 @@ def pseudonymised(session: Session, of: Pseudonyms) -> Session:
     header = header_of(content, session.folder / HEADER_NAME)
     if header.trial.get("wizard"):
         header = replace(header, trial={**header.trial, "wizard": of.wizard(header.trial["wizard"])})
-    return replace(session, header=header, scrub=scrub, coder_name=of.coder, wizard_name=of.wizard)
+    names = hashlib.sha256(json.dumps([of.wizards, of.coders], sort_keys=True).encode()).hexdigest()
+    return replace(session, header=header, scrub=scrub, coder_name=of.coder, wizard_name=of.wizard, names=names)
 
 
 def coding_of(session: Session, *, on_damaged: Callable[[str], None]) -> AnnotationDocument:

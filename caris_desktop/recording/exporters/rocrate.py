@@ -429,8 +429,6 @@ def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_
     return packed
 
 
-
-
 # Metadata
 
 

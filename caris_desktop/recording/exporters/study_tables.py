@@ -24,7 +24,6 @@ from caris_desktop.recording.data_dictionary import (
 )
 from caris_desktop.recording.exporters import spss
 from caris_desktop.recording.exporters.csv import CsvTables
-from caris_desktop.recording.exporters.parquet import ParquetTables
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES, THRESHOLDS
 from caris_desktop.recording.measures.session_measures import sql
@@ -32,6 +31,7 @@ from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.session.session_reader import Session, SessionError
 from caris_desktop.recording.session_export import ExportContext, attempt
 from caris_desktop.recording.studies.study_index import copies_among
+from caris_desktop.recording.table_files import ParquetTables
 from caris_desktop.recording.tables.build import DERIVED_TABLES, session_batches, sql_types
 from caris_desktop.recording.tables.catalog import Column, Kind, Table, key_columns
 from caris_desktop.recording.tables.units import unit_of

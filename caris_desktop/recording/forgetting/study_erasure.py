@@ -49,6 +49,7 @@ from caris_desktop.recording.session.session_clock import clock_text
 from caris_desktop.recording.session.session_header import SessionError, read_raw_header
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.studies.study_index import DATABASE_NAME
+from caris_desktop.recording.table_files import delete_tables
 
 _log = logging.getLogger(__name__)
 RECEIPT = "RECEIPT.json"
@@ -314,6 +315,7 @@ class _Forgetting:
         if begun is None:
             begun = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
             self._journal.note(person_id=self._request.person_ids[0], begun=begun)
+        delete_tables(files_of(self._study).sessions)
         for path in (*files_of(self._study).files, *self._request.own_files.files()):
             if any(path.match(pattern) for pattern in _PARTS):
                 path.unlink()
@@ -368,6 +370,7 @@ class _Forgetting:
         # The search index is rebuilt from the sessions on the next search.
         for suffix in ("", "-wal", "-shm", "-journal"):
             (self._study / f"{DATABASE_NAME}{suffix}").unlink(missing_ok=True)
+        delete_tables(listed.sessions)  # another program may have made them meanwhile
         self._rename_files(self._study.rglob("*"))
         self._rename_files(self._request.own_files.files())
         self._notify(0.85, QT_TR_NOOP("Searching all files again, byte by byte"))

@@ -38,8 +38,8 @@ class Session:
     and ``ended_ns`` is the time of the last saved value. ``notices`` are user texts on repairs at opening or their
     failure; ``losses`` describe missing data, and ``lost`` counts missing values per stream.
 
-    For pseudonymisation (``recording.names``), ``scrub`` is applied to the JSON of each value; ``wizard_name`` and
-    ``coder_name`` map names.
+    For pseudonymisation, ``scrub`` is applied to the JSON of each value; ``wizard_name`` and ``coder_name`` map names,
+    and ``names`` is a digest of that assignment, empty without one.
     """
 
     folder: Path
@@ -54,6 +54,7 @@ class Session:
     scrub: Callable[[bytes], bytes] = field(default=_as_it_is, compare=False)
     wizard_name: Callable[[str], str] = field(default=_as_it_is, compare=False)
     coder_name: Callable[[str], str] = field(default=_as_it_is, compare=False)
+    names: str = ""
 
     @property
     def started_ns(self) -> int:
@@ -93,7 +94,7 @@ class Session:
 
     @property
     def pseudonymised(self) -> bool:
-        return self.scrub is not _as_it_is
+        return bool(self.names)
 
 
 def open_session(folder: Path, *, repair: bool = True) -> Session:

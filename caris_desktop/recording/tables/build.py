@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from caris_desktop.domain.events import LinkQuality
 from caris_desktop.domain.streams import STREAMS
 from caris_desktop.recording.session.robot_clock_mapping import RobotClock, robot_clock
 from caris_desktop.recording.session.session_data import FOLDED, SessionData
@@ -18,8 +19,11 @@ from caris_desktop.recording.tables.derived import ANNOTATIONS, DERIVED, SESSION
 _log = logging.getLogger(__name__)
 # Damaged stamps: nothing is recorded a century away from its session, and calendars have limits.
 _FARTHEST_NS = 100 * 365 * 86_400 * 1_000_000_000
-_PROGRESS_EVERY_ROWS = 500
-_BATCH_ROWS, _BATCH_BYTES = 5_000, 16 * 1024 * 1024
+_PROGRESS_EVERY_VALUES = 500
+_BATCH_ROWS = 5_000
+# Rows wait for the robot's clock, which the end of the recording determines: some 150 MB, or 20 minutes. In a longer
+# recording the clock is read ahead, in a pass of its own.
+_ROWS_AT_ONCE, _BYTES_AT_ONCE = 100_000, 64 * 1024 * 1024
 _SQL_TYPES = {"integer": "BIGINT", "number": "DOUBLE", "true or false": "BOOLEAN"}
 _ARRAYS = ("cells", "depths", "points", "numbers")
 DERIVED_TABLES = (SESSION_TABLE, *(one.table for one in DERIVED), ANNOTATIONS.table)
@@ -36,23 +40,26 @@ class _Waiting:
     """Rows of a table that are not yet in a batch."""
 
     def __init__(self, table: Table) -> None:
-        self.table = table
+        self._table = table
         self._has_arrays = any(column.kind in _ARRAYS for column in table.own_columns)
         self.clear()
 
+    def __len__(self) -> int:
+        return len(self._rows)
+
     def add(self, moment: Moment, item: Any) -> None:
-        self.rows.append((moment, item))
+        self._rows.append((moment, item))
         if self._has_arrays and dataclasses.is_dataclass(item):
             arrays = (getattr(item, field.name) for field in dataclasses.fields(item))
-            self._bytes += sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
+            self.bytes += sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
+
+    def batches(self, times: RowTimes) -> Iterator[Batch]:
+        for start in range(0, len(self._rows), _BATCH_ROWS):
+            yield Batch(self._table, self._table.cells(self._rows[start : start + _BATCH_ROWS], times))
 
     def clear(self) -> None:
-        self.rows: list[tuple[Moment, Any]] = []
-        self._bytes = 0
-
-    @property
-    def is_full(self) -> bool:
-        return len(self.rows) >= _BATCH_ROWS or self._bytes >= _BATCH_BYTES
+        self._rows: list[tuple[Moment, Any]] = []
+        self.bytes = 0
 
 
 def session_batches(
@@ -66,15 +73,22 @@ def session_batches(
     Tables without rows do not occur. ``on_damaged`` gets a sentence on each coder's file that was left out. Raises
     SessionError, OSError.
     """
-    times = RowTimes(session.clock, robot_clock(session))
     data, folded = SessionData(session), frozenset(FOLDED)
     waiting: dict[str, _Waiting] = {}
     tables: dict[str, tuple[Table, ...]] = {}
+    qualities: list[LinkQuality] = []
+    times: RowTimes | None = None
     whole_ns = max(1, session.ended_ns - session.started_ns)
-    needed = [spec.name for spec in STREAMS if spec.value_type in folded or spec.name.replace("/", "_") in only]
+    needed = [
+        spec.name
+        for spec in STREAMS
+        if spec.value_type in folded or spec.value_type is LinkQuality or spec.name.replace("/", "_") in only
+    ]
     for number, (arrival_ns, spec, value) in enumerate(session.arrivals(*(needed if only else ()))):
         if type(value) in folded:
             data.add(value)
+        if type(value) is LinkQuality:
+            qualities.append(value)
         if not _has_stamp(value, session):
             _log.warning("a value of %s has no usable stamp and is left out", spec.name)
             continue
@@ -86,18 +100,26 @@ def session_batches(
                 if table.name not in waiting:
                     waiting[table.name] = _Waiting(table)
                     yield Batch(table, [[] for _ in table.columns])
-                of_table = waiting[table.name]
-                of_table.add(moment, item)
-                if of_table.is_full:
-                    yield Batch(table, table.cells(of_table.rows, times))
-                    of_table.clear()
-        if number % _PROGRESS_EVERY_ROWS == 0:
+                waiting[table.name].add(moment, item)
+        if number % _PROGRESS_EVERY_VALUES == 0:
             progress(min(0.99, max(0.0, (value.stamp_ns - session.started_ns) / whole_ns)))
+            if (
+                sum(map(len, waiting.values())) >= _ROWS_AT_ONCE
+                or sum(one.bytes for one in waiting.values()) >= _BYTES_AT_ONCE
+            ):
+                times = times or RowTimes(session.clock, robot_clock(session))
+                for of_table in waiting.values():
+                    yield from of_table.batches(times)
+                    of_table.clear()
+    times = times or RowTimes(session.clock, RobotClock(qualities))
+    for of_table in waiting.values():
+        yield from of_table.batches(times)
+    derived: list[tuple[Table, list[tuple[Moment, Any]]]]
     derived = [(SESSION_TABLE, [(Moment(0), fact) for fact in session_facts(session, times.robot)])]
     derived += [(one.table, one.rows(data)) for one in DERIVED]
     coded = [(Moment(one.start_ns), one) for one in annotations(session, on_damaged)]
-    rest = [(of_table.table, of_table.rows) for of_table in waiting.values()]
-    for table, rows in (*rest, *derived, (ANNOTATIONS.table, coded)):
+    derived.append((ANNOTATIONS.table, coded))
+    for table, rows in derived:
         if rows and (not only or table.name in only):
             yield Batch(table, table.cells(rows, times))
 

@@ -15,11 +15,14 @@ import numpy as np
 import pytest
 
 from caris_desktop.domain.events import ScenarioOpened
+from caris_desktop.recording.forgetting.byte_search import ByteSearch
 from caris_desktop.recording.forgetting.own_files import OwnFiles
 from caris_desktop.recording.forgetting.person_tracks import messages_of
 from caris_desktop.recording.forgetting.review import read_review
+from caris_desktop.recording.forgetting.search_terms import all_of
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session_export import export_session
 from tests.recording.forgetting.named_study import NAME, make_study
 from tests.recording.forgetting.test_study_erasure import forget, hits_in, receipt_of, sessions_of
 from tests.support import recorded_session
@@ -260,3 +263,20 @@ def test_texts_of_the_users_own_wait_like_those_of_the_study(study: Path) -> Non
     assert "tour.yaml" in outcome.review.read_text(encoding="utf-8")
     assert decide(study, outcome.review, "redact", otherwise="", own_files=own).complete
     assert NAME not in note.read_text(encoding="utf-8")
+
+
+def test_tables_that_were_derived_are_erased(study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    one, two = sessions_of(study)
+    (two / "derived").touch()
+    for folder in (one, two):
+        export_session(folder, "parquet", tmp_path / folder.name)
+    (two / "derived").unlink()
+    stored = [*(one / "derived").rglob("utterances.parquet"), *(tmp_path / "cache").rglob("utterances.parquet")]
+    assert len(stored) == 2
+    assert all(ByteSearch(all_of((NAME,), ())).file(path).hits for path in stored)
+    forgotten = forget(study, own_files=OwnFiles(others=(tmp_path / "cache",)))
+    assert forgotten.complete, forgotten
+    assert not list((one / "derived").rglob("*.parquet"))
+    assert not list((tmp_path / "cache").rglob("*.parquet"))
+    assert not hits_in(study)
