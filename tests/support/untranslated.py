@@ -48,6 +48,7 @@ EXEMPT: dict[str, dict[str, str]] = {
         "keyboard, gamepad or on-screen stick; each command states its source": _RECORD,
         "not permitted": _RECORD,
     },
+    "app/export_command.py": {"*": _TERMINAL},
     "app/forget_command.py": {"*": _TERMINAL},
     "app/lost_screen.py": {
         "The X11 connection broke": "message of Qt",
@@ -58,6 +59,7 @@ EXEMPT: dict[str, dict[str, str]] = {
     },
     "app/perceive_again_command.py": {"*": _TERMINAL},
     "app/progress_bar.py": {"*": _TERMINAL},
+    "app/statistics_command.py": {"*": _TERMINAL},
     "app/read_back.py": {"*": _PLAYED},
     "app/rehearsal.py": {"*": _PLAYED},
     "app/rehearse_command.py": {"the window was closed": _PLAYED},

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.recording.export_command import _verify
+from caris_desktop.app.export_command import _verify
 from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.session_reader import open_session

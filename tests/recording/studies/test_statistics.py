@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from caris_desktop.app import statistics_command
 from caris_desktop.domain.events import (
     AlarmChanged,
     AnswerUsed,
@@ -31,7 +32,6 @@ from caris_desktop.recording.annotation.annotation_store import save_coder
 from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES, THRESHOLDS
 from caris_desktop.recording.measures.session_measures import Measures, measure, read_facts
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.studies import statistics_command
 from caris_desktop.recording.studies.statistics import StatisticsError, StudyStatistics, queries, study_statistics
 from tests.recording.told_session import TRIAL, at, exchange, silenced, stepped, tell, tour
 

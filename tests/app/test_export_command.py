@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.recording import export_command, session_export
+from caris_desktop.app import export_command, statistics_command
+from caris_desktop.recording import session_export
 from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.manifest import write_manifest
 from caris_desktop.recording.session_export import (
@@ -27,7 +28,7 @@ from caris_desktop.recording.session_export import (
     remove_partial_exports,
     run_exports,
 )
-from caris_desktop.recording.studies import sessions_command, statistics_command
+from caris_desktop.recording.studies import sessions_command
 from tests.recording.minute import everything, make_session
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -169,7 +170,7 @@ _INTERRUPTED = """
 import signal
 import sys
 from caris_desktop.recording.terminal import ProgressLine
-from tests.recording.test_export_command import run
+from tests.app.test_export_command import run
 
 def interrupt(_line, _fraction, what):
     if what.startswith("three: "):
