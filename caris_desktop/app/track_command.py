@@ -7,7 +7,6 @@ import sys
 import time
 from pathlib import Path
 
-from caris_desktop.app.progress_bar import ProgressBar
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.inference_messages import DetectionRequest
@@ -16,6 +15,7 @@ from caris_desktop.perception.perceiver import open_perceiver
 from caris_desktop.perception.recorded_video import VideoFile, VideoFileError
 from caris_desktop.perception.tracker import TrackedBox
 from caris_desktop.perception.weights import WeightsError
+from caris_desktop.recording.terminal import ProgressLine
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,7 +74,7 @@ def _check(path: Path, video: Path, threads: int) -> None:
 
 
 def _track(arguments: argparse.Namespace) -> dict[str, object]:
-    with VideoFile(arguments.video) as video:
+    with VideoFile(arguments.video) as video, ProgressLine() as line:
         began_s = time.perf_counter()
         perceiver = open_perceiver(
             arguments.model,
@@ -85,11 +85,12 @@ def _track(arguments: argparse.Namespace) -> dict[str, object]:
         if perceiver.trouble:
             print(perceiver.trouble, file=sys.stderr)
         loaded_s = time.perf_counter()
-        progress = ProgressBar(video.pictures_about)
         rows: list[str] = []
         people: set[int] = set()
         frames, detector_s, tracker_s = 0, 0.0, 0.0
         for frames, (stamp_s, image_bgr) in enumerate(video.pictures(), start=1):
+            fps = frames / max(1e-9, time.perf_counter() - loaded_s)
+            line.show(min(1.0, frames / max(frames, video.pictures_about)), f"{frames} frames, {fps:.1f} per second")
             height_px, width_px = image_bgr.shape[:2]
             number = frames + video.torn
             ref = FrameRef(round(stamp_s * 1e9), None, "video", "", 0, number, width_px, height_px)
@@ -97,9 +98,7 @@ def _track(arguments: argparse.Namespace) -> dict[str, object]:
             rows += [mot_row(number, box) for box in perceived.boxes]
             people |= {box.track for box in perceived.boxes}
             detector_s, tracker_s = detector_s + perceived.detector_s, tracker_s + perceived.tracker_s
-            progress.update(frames)
         seconds = time.perf_counter() - loaded_s
-        progress.end(frames)
         if video.torn:
             print(f"Damaged frames in {arguments.video.name}, skipped: {video.torn}.", file=sys.stderr)
     _write(arguments.out, rows)
