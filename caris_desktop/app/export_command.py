@@ -3,10 +3,12 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import QT_TR_NOOP
+from caris_desktop.live.study_jobs import WorkersError, add_worker_arguments, run_jobs, workers_of
 from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.exporters.templates import OF_FORMAT, check_template
 from caris_desktop.recording.session.manifest import verify_manifest
@@ -21,6 +23,7 @@ from caris_desktop.recording.session_export import (
     export_all,
     export_folders,
     sessions_in,
+    written_in,
 )
 from caris_desktop.recording.terminal import ProgressLine
 
@@ -61,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=tuple(OF_FORMAT),
         help="print the program's template of a format, to start your own from, and exit",
     )
+    add_worker_arguments(parser)
     parser.add_argument("--verify", action="store_true", help="first verify the files against the session's checksums")
     parser.add_argument(
         "out",
@@ -85,17 +89,19 @@ def run(args: argparse.Namespace) -> int:
         folder_per_session=not one, with_names=args.with_names, csv=csv_style_of(args),
         template=args.template,
     )  # fmt: skip
-    written = 0
-
-    def count(_folder: Path) -> None:
-        nonlocal written
-        written += 1
-
+    targets = export_folders(request)
+    before = len(written_in(targets))
     with ProgressLine() as line:
         try:
-            finished = export_all(request, line.show, on_written=count)
+            run = partial(run_jobs, workers=workers_of(args))
+            finished = export_all(request, line.show, run=run)
+        except WorkersError as error:
+            line.clear()
+            print(error, file=sys.stderr)
+            return 1
         except KeyboardInterrupt:
             line.clear()
+            written = len(written_in(targets)) - before
             print(
                 f"Cancelled. {written} of {len(sessions)} exports are complete; nothing else was saved.",
                 file=sys.stderr,
@@ -106,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
     if one and finished.written:
         print(f"Exported {args.session} to {args.out}")
     elif not one:
-        exported = len(set(finished.written) & set(export_folders(request)))
+        exported = len(set(finished.written) & set(targets))
         together = [f"{path.name} for all" for path in finished.written if path.name in BY_FORMAT]
         apart = [] if all(BY_FORMAT[name].of_study for name in args.to) else [f"{exported} of {len(sessions)} sessions"]
         print(f"Exported {' and '.join([*apart, *together]) or 'nothing'} to {args.out}")

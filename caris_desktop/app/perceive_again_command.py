@@ -91,7 +91,9 @@ def run(arguments: argparse.Namespace) -> int:
     failed = 0
     try:
         with ProgressLine() as line:
-            for folder, result in run_jobs(partial(_perceive_or_explain, arguments), folders, workers, line.show):
+            for folder, result in run_jobs(
+                partial(_perceive_or_explain, arguments), folders, line.show, workers=workers
+            ):
                 line.clear()
                 if isinstance(result, JobError):
                     print(f"{folder.name}: {result}", file=sys.stderr)

@@ -3,8 +3,10 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
+from caris_desktop.live.study_jobs import WorkersError, add_worker_arguments, run_jobs, workers_of
 from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.studies.statistics import StatisticsError, SummaryRow, study_statistics
 from caris_desktop.recording.studies.study_index import study_dir_of
@@ -21,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder for tables and results (default: statistics in the study folder); created or updated",
     )
     add_csv_arguments(parser)
+    add_worker_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -28,8 +31,10 @@ def run(args: argparse.Namespace) -> int:
     line = ProgressLine()
     try:
         out = args.out or study_dir_of(args.study) / "statistics"
-        made = study_statistics(args.study, out, line.show, csv=csv_style_of(args))
-    except StatisticsError as error:
+        made = study_statistics(
+            args.study, out, line.show, csv=csv_style_of(args), run=partial(run_jobs, workers=workers_of(args))
+        )
+    except (StatisticsError, WorkersError) as error:
         print(error, file=sys.stderr)
         return 1
     except KeyboardInterrupt:

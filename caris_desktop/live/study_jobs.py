@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
@@ -79,8 +79,8 @@ def _positive(text: str) -> int:
 
 
 def run_jobs(
-    job: Job[R], folders: Sequence[Path], workers: Workers, progress: Progress = lambda _fraction, _what: None
-) -> Iterator[tuple[Path, R | JobError]]:
+    job: Job[R], folders: Sequence[Path], progress: Progress = lambda _fraction, _what: None, *, workers: Workers
+) -> Generator[tuple[Path, R | JobError]]:
     """Run ``job`` on each folder; yield each result as soon as it is there, or why there is none.
 
     A process that dies costs only the session of which it dies. Ctrl+C, an exception of ``progress`` and closing the

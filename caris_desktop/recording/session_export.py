@@ -10,10 +10,12 @@ import secrets
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import psutil
 
@@ -29,8 +31,30 @@ from caris_desktop.recording.session.session_reader import Session, SessionError
 _log = logging.getLogger(__name__)
 _PARTIAL_SUFFIX = ".exporting"
 _PROGRESS_EVERY_S = 0.1
-# Fixed cost of a session in progress weights: opening, and formats that do not depend on the log's size.
-_BASE_WEIGHT_BYTES = 1_000_000
+
+
+R = TypeVar("R")
+Progress = Callable[[float, str], None]
+
+
+class Runner(Protocol):
+    """Runs a job on each of these folders and yields each result, or why there is none, as soon as it is there."""
+
+    def __call__(
+        self, job: Callable[[Path, Progress], R], folders: Sequence[Path], progress: Progress, /
+    ) -> Generator[tuple[Path, R | Exception]]: ...
+
+
+def run_here(
+    job: Callable[[Path, Progress], R], folders: Sequence[Path], progress: Progress
+) -> Generator[tuple[Path, R | Exception]]:
+    """Runner in this process."""
+    for number, folder in enumerate(folders):
+        yield folder, job(folder, partial(_report, progress, number, len(folders)))
+
+
+def _report(progress: Progress, number: int, count: int, fraction: float, what: str) -> None:
+    progress((number + min(1.0, max(0.0, fraction))) / count, what)
 
 
 def _no_progress(_fraction: float) -> None:
@@ -229,81 +253,58 @@ def run_exports(connection: Connection, request: ExportRequest) -> None:
 
 def export_all(
     request: ExportRequest,
-    progress: Callable[[float, str], None] = lambda _fraction, _what: None,
+    progress: Progress = lambda _fraction, _what: None,
     *,
-    on_written: Callable[[Path], None] = lambda _: None,
+    run: Runner = run_here,
 ) -> ExportFinished:
     """Write everything in ``request``. Failures go into the result and do not stop the rest.
 
-    ``on_written`` gets each completed folder. An interruption (KeyboardInterrupt, an exception of ``progress``) leaves
-    complete exports only.
+    An interruption (KeyboardInterrupt, an exception of ``progress``) leaves complete exports only. ``run`` decides
+    where the sessions are exported.
     """
-    report_progress = _Throttled(progress)
+    report = _Throttled(progress)
     unknown = [name for name in request.formats if name not in BY_FORMAT]
     if unknown or not request.formats:
         return ExportFinished((), (_unknown_format(", ".join(unknown)),))
     if not request.folder_per_session and len(request.sessions) != 1:
         return ExportFinished((), (QT_TR_NOOP("Each session needs its own folder. Nothing was written."),))
     remove_partial_exports(request.out)
-    targets = export_folders(request)
-    weights = [_BASE_WEIGHT_BYTES + _size_bytes(folder / "events.mcap") for folder in request.sessions]
-    written: list[Path] = []
-    problems: list[str] = []
-    notices: list[str] = []
-    sessions: list[Session] = []
-    together = tuple(name for name in request.formats if BY_FORMAT[name].of_study and len(request.sessions) > 1)
+    folders = dict(zip(export_folders(request), request.sessions, strict=True))
+    together = tuple(name for name in request.formats if BY_FORMAT[name].of_study and len(folders) > 1)
     apart = replace(request, formats=tuple(name for name in request.formats if name not in together))
-    done_weight, total_weight = 0, sum(weights) * (bool(apart.formats) + len(together)) or 1
     pseudonyms = None if request.with_names else pseudonyms_of(request.sessions)
-    for number, (folder, target, weight) in enumerate(zip(request.sessions, targets, weights, strict=True)):
-
-        def report(fraction: float, what: str, *, before: int = done_weight, weight: int = weight) -> None:
-            report_progress((before + weight * min(1.0, max(0.0, fraction))) / total_weight, what)
-
-        report(0.0, localized("{session}", session=folder.absolute().name))  # a name, not a translatable text
-        try:
-            session = _opened(folder, pseudonyms)
-            damaged = missing_words(session.header, Counter(session.lost) - Counter(session.header.lost))
-            problems += [_message_for(folder.name, loss) for loss in damaged]
-            sentences = [each for each in dict.fromkeys((*session.notices, *session.losses)) if each not in damaged]
-            notices += [_message_for(folder.name, sentence) for sentence in sentences]
-            sessions.append(session)
-            if apart.formats:
-                problems += _export_formats(session, apart, target, report)
-                written.append(target)
-                on_written(target)
-        except _DiskFullError as error:
-            problems.append(_message_for(folder.name, error))
-            left = len(request.sessions) - number - 1
-            if left:
-                message = QT_TR_NOOP("%n further session(s) were not exported: the disk is full.", "", left)
-                problems.append(message)
-            break
-        except ExportError as error:
-            problems.append(_message_for(folder.name, error))
-        done_weight += weight if apart.formats else 0
-    for name in together if sessions else ():
+    before, done = written_in(folders), dict[Path, _Exported]()
+    with contextlib.closing(run(partial(_export_one, apart, folders, pseudonyms), tuple(folders), report)) as results:
+        for target, result in results:
+            if isinstance(result, Exception):
+                result = _Exported(problems=(_message_for(folders[target].name, result),))  # noqa: PLW2901 - the same, said otherwise
+            done[target] = result
+            if result.disk_full:
+                break
+    # By a process whose result was no longer awaited.
+    done |= {target: _Exported(True, True) for target in written_in(folders) if target not in (*before, *done)}
+    in_order = [(target, done[target]) for target in folders if target in done]
+    written = [target for target, result in in_order if result.written]
+    problems = [problem for _, result in in_order for problem in result.problems]
+    if left := len(folders) - len(done):
+        problems.append(QT_TR_NOOP("%n further session(s) were not exported: the disk is full.", "", left))
+    notices = [notice for _, result in in_order for notice in result.notices]
+    opened = [folders[target] for target, result in in_order if result.opened]
+    for name in together if opened else ():
         title = localized(BY_FORMAT[name].title)
         what = localized(QT_TR_NOOP("{format} of all sessions"), format=title)
-
-        def report_combined(fraction: float, *, before: int = done_weight, what: str = what) -> None:
-            report_progress((before + sum(weights) * min(1.0, max(0.0, fraction))) / total_weight, what)
-
-        report_combined(0.0)
         warnings: list[str] = []
         context = ExportContext(
-            report_combined, request.licence, warnings.append, notify=notices.append, csv=request.csv,
+            partial(report, what=what), request.licence, warnings.append, notify=notices.append, csv=request.csv,
             template=request.template,
         )  # fmt: skip
-        done_weight += sum(weights)
         try:
-            target = _export_combined(name, sessions, request, context)
+            target = _export_combined(name, [_opened(folder, pseudonyms) for folder in opened], request, context)
             problems += warnings
             written.append(target)
-            on_written(target)
         except ExportError as error:
             problems.append(_message_for(title, error))
-    report_progress(1.0, QT_TR_NOOP("done"), now=True)
+    report(1.0, QT_TR_NOOP("done"), now=True)
     return ExportFinished(tuple(written), tuple(problems), tuple(notices))
 
 
@@ -325,6 +326,11 @@ def export_folders(request: ExportRequest) -> tuple[Path, ...]:
         taken.add(unique.casefold())
         targets.append(out / unique)
     return tuple(targets)
+
+
+def written_in(targets: Iterable[Path]) -> list[Path]:
+    """Output folders that contain something."""
+    return [target for target in targets if target.is_dir() and any(target.iterdir())]
 
 
 def sessions_in(path: Path) -> tuple[Path, ...]:
@@ -391,9 +397,45 @@ def remove_partial_exports(out: Path) -> None:
 # One session
 
 
-def _export_formats(
-    session: Session, request: ExportRequest, out: Path, tell: Callable[[float, str], None]
-) -> tuple[str, ...]:
+@dataclass(frozen=True, slots=True)
+class _Exported:
+    """Result of one session; ``disk_full``: the remaining sessions would fail, too."""
+
+    written: bool = False
+    opened: bool = False
+    problems: tuple[str, ...] = ()
+    notices: tuple[str, ...] = ()
+    disk_full: bool = False
+
+
+def _export_one(
+    request: ExportRequest,
+    folders: Mapping[Path, Path],
+    pseudonyms: Pseudonyms | None,
+    target: Path,
+    progress: Progress,
+) -> _Exported:
+    """Write the session of ``target`` in all formats; no format: only open it."""
+    folder = folders[target]
+    progress(0.0, localized("{session}", session=folder.absolute().name))  # a name, not a translatable text
+    try:
+        session = _opened(folder, pseudonyms)
+    except ExportError as error:
+        return _Exported(problems=(_message_for(folder.name, error),))
+    damaged = missing_words(session.header, Counter(session.lost) - Counter(session.header.lost))
+    problems: list[str] = [_message_for(folder.name, loss) for loss in damaged]
+    sentences = [each for each in dict.fromkeys((*session.notices, *session.losses)) if each not in damaged]
+    notices = tuple(_message_for(folder.name, sentence) for sentence in sentences)
+    try:
+        if request.formats:
+            problems += _export_formats(session, request, target, progress)
+    except ExportError as error:
+        problems.append(_message_for(folder.name, error))
+        return _Exported(False, True, tuple(problems), notices, isinstance(error, _DiskFullError))
+    return _Exported(bool(request.formats), True, tuple(problems), notices)
+
+
+def _export_formats(session: Session, request: ExportRequest, out: Path, tell: Progress) -> tuple[str, ...]:
     """Write one session in all formats; return problems and warnings. Raises ExportError if every format failed."""
     name, formats = session.folder.absolute().name, request.formats
     problems: list[str] = []
@@ -568,13 +610,6 @@ def _study_name(folder: Path) -> str:
     return (parent.parent if parent.name == "sessions" else parent).name or "study"
 
 
-def _size_bytes(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:
-        return 0
-
-
 # Partial folders name their writer: .NAME.HOST.PID-STARTED.RANDOM.exporting
 
 _NAME_CHARACTERS = 80
@@ -625,7 +660,7 @@ def _entries(folder: Path, beginning: str) -> Sequence[Path]:
 class _Throttled:
     """Limits progress to ten reports per second, and always reports a new item."""
 
-    def __init__(self, progress: Callable[[float, str], None]) -> None:
+    def __init__(self, progress: Progress) -> None:
         self._progress = progress
         self._what = ""
         self._at_s = 0.0

@@ -58,7 +58,7 @@ def study(session: Path, tmp_path: Path) -> Path:
 def run(*words: str | Path) -> int:
     parser = argparse.ArgumentParser()
     export_command.add_arguments(parser)
-    return export_command.run(parser.parse_args([str(word) for word in words]))
+    return export_command.run(parser.parse_args(["--workers", "1", *(str(word) for word in words)]))
 
 
 def is_whole(folder: Path) -> bool:
@@ -100,15 +100,16 @@ def test_the_methods_sheet_of_a_study_is_one(study: Path, tmp_path: Path, capsys
     assert "Exported 3 of 3 sessions and methods for all" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("workers", ["1", "2"])
 def test_a_failed_export_is_reported_and_the_rest_continues(
-    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], workers: str
 ) -> None:
     (study / "sessions" / "one" / "events.mcap").unlink()
     (study / "sessions" / "stray").mkdir()
     (study / "sessions" / "stray" / "notes.txt").write_text("no session")
     (tmp_path / "out" / "two").mkdir(parents=True)
     (tmp_path / "out" / "two" / "kept.txt").write_text("mine")
-    assert run(study, "--to", "csv", tmp_path / "out") == 1
+    assert run(study, "--to", "csv", tmp_path / "out", "--workers", workers) == 1
     output = capsys.readouterr()
     assert "one: " in output.err
     assert "does not contain events.mcap" in output.err
@@ -117,6 +118,29 @@ def test_a_failed_export_is_reported_and_the_rest_continues(
     assert "Exported 1 of 4 sessions" in output.out
     assert names(tmp_path / "out") == ["three", "two"]
     assert names(tmp_path / "out" / "two") == ["kept.txt"]
+
+
+def test_several_processes_give_the_same_statistics(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (study / "sessions" / "two" / "events.mcap").unlink()
+    for name, at in (("one", 1), ("three", 2)):  # not copies of each other
+        header = json.loads((study / "sessions" / name / "session.json").read_text())
+        header["trial"]["trial"] = str(at)
+        (study / "sessions" / name / "session.json").write_text(json.dumps(header))
+    results = []
+    for workers in ("1", "2"):
+        shutil.copytree(study, tmp_path / workers)
+        parser = argparse.ArgumentParser()
+        statistics_command.add_arguments(parser)
+        assert statistics_command.run(parser.parse_args([str(tmp_path / workers), "--workers", workers])) == 1
+        output = capsys.readouterr()
+        assert "two: " in output.err
+        assert "2 sessions, 2 of them newly read" in output.out
+        out = tmp_path / workers / "statistics"
+        results.append({path.relative_to(out): path.read_bytes() for path in out.rglob("*") if path.is_file()})
+    marker = Path("statistics.json")
+    assert {**results[0], marker: b""} == {**results[1], marker: b""}
 
 
 def test_an_earlier_repair_is_reported(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -334,7 +358,7 @@ def test_a_full_disk_keeps_what_is_complete_and_ends_the_rest(study: Path, tmp_p
     (tmp_path / "disk").mkdir()
     result = on_disk(
         'mount -t tmpfs -o size=300k none "$1"; status=0\n'
-        '"$3" -m caris_desktop export "$2" --to csv "$1/out" || status=$?\n'
+        '"$3" -m caris_desktop export "$2" --workers 1 --to csv "$1/out" || status=$?\n'
         'echo "status $status"; find "$1/out" | sort',
         str(tmp_path / "disk"), str(study), sys.executable,
     )  # fmt: skip

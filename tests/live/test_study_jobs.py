@@ -53,7 +53,7 @@ def folders(tmp_path: Path, *names: str) -> list[Path]:
 def test_what_fails_is_reported_and_the_rest_goes_on(tmp_path: Path, count: int) -> None:
     steps: list[float] = []
     places = folders(tmp_path, "one", "damaged", "fault", "two")
-    results = dict(run_jobs(size, places, Workers(count), lambda fraction, _what: steps.append(fraction)))
+    results = dict(run_jobs(size, places, lambda fraction, _what: steps.append(fraction), workers=Workers(count)))
     assert {folder.name: str(result) for folder, result in results.items() if isinstance(result, JobError)} == {
         "damaged": "it is damaged",
         "fault": "ZeroDivisionError: divided",
@@ -68,7 +68,7 @@ def test_what_fails_is_reported_and_the_rest_goes_on(tmp_path: Path, count: int)
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
 def test_a_process_that_dies_costs_only_its_session(tmp_path: Path) -> None:
     places = folders(tmp_path, "one", "deadly", "two", "three")
-    results = dict(run_jobs(size, places, Workers(2)))
+    results = dict(run_jobs(size, places, workers=Workers(2)))
     assert [folder.name for folder, result in results.items() if isinstance(result, JobError)] == ["deadly"]
     assert "ended unexpectedly" in str(results[places[1]])
     assert set(results) == set(places)
@@ -82,7 +82,7 @@ def test_cancelling_lets_the_jobs_clean_up(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        list(run_jobs(wait_in, places, Workers(2), cancel))
+        list(run_jobs(wait_in, places, cancel, workers=Workers(2)))
     assert not (tmp_path / "slow" / "partial").exists()
     assert not [child for child in psutil.Process().children() if "spawn_main" in " ".join(child.cmdline())]
 
@@ -90,7 +90,7 @@ def test_cancelling_lets_the_jobs_clean_up(tmp_path: Path) -> None:
 @pytest.mark.parametrize("address", ["tcp://192.0.2.1:8786", "tls://192.0.2.1:8786", "192.0.2.1:8786"])
 def test_a_cluster_elsewhere_needs_certificates_of_both_ends(tmp_path: Path, address: str) -> None:
     with pytest.raises(WorkersError, match="certificates of both ends"):
-        list(run_jobs(size, folders(tmp_path, "one"), Workers(scheduler=address)))
+        list(run_jobs(size, folders(tmp_path, "one"), workers=Workers(scheduler=address)))
 
 
 @pytest.fixture
@@ -126,8 +126,8 @@ def scheduler(tmp_path: Path) -> Iterator[str]:
 def test_a_cluster_gives_the_same_results(tmp_path: Path, scheduler: str) -> None:
     names = ("one", "two", "damaged", "three", "deadly")
     places = folders(tmp_path, *names)
-    local = {folder.name: result for folder, result in run_jobs(size, places[:4], Workers(1))}
-    results = {folder.name: result for folder, result in run_jobs(size, places, Workers(scheduler=scheduler))}
+    local = {folder.name: result for folder, result in run_jobs(size, places[:4], workers=Workers(1))}
+    results = {folder.name: result for folder, result in run_jobs(size, places, workers=Workers(scheduler=scheduler))}
     assert "ended unexpectedly" in str(results["deadly"])
     for name in names[:4]:
         here, there = local[name], results[name]

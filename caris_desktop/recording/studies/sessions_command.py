@@ -1,7 +1,6 @@
 """``caris-desktop sessions``: list of a study's sessions, and full-text search in them."""
 
 import argparse
-import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,7 +8,7 @@ from pathlib import Path
 from caris_desktop.recording.session.session_clock import clock_text
 from caris_desktop.recording.studies.study_index import StudyIndex
 from caris_desktop.recording.studies.study_query import PLACES_A_PAGE, SearchHit, SessionEntry, SessionQuery
-from caris_desktop.recording.terminal import aligned
+from caris_desktop.recording.terminal import ProgressLine, aligned
 
 _CANCELLED = 130
 _FILTERS = (
@@ -49,7 +48,8 @@ def run(args: argparse.Namespace) -> int:
     query = SessionQuery(text=args.search, **{name: getattr(args, name) for name, _ in _FILTERS})
     index = StudyIndex.of_study(args.study)
     try:
-        (index.rebuild if args.rebuild else index.update)(_show if sys.stderr.isatty() else lambda _: None)
+        with ProgressLine() as line:
+            (index.rebuild if args.rebuild else index.update)(lambda fraction: line.show(fraction, "reading sessions"))
         entries = index.sessions(query)
         hits = index.search(query, after=PLACES_A_PAGE * (max(1, args.page) - 1)) if args.search else ()
         places = index.places(query) if args.search else {}
@@ -62,8 +62,6 @@ def run(args: argparse.Namespace) -> int:
         return _CANCELLED
     finally:
         index.close()
-    if sys.stderr.isatty():
-        sys.stderr.write("\r\033[K")
     if index.message:
         print(index.message, file=sys.stderr)
     for broken in unreadable:
@@ -145,10 +143,3 @@ def _hits(
 
 def _places(count: int) -> str:
     return f"{count} place{'' if count == 1 else 's'}"
-
-
-def _show(fraction: float) -> None:
-    width = min(40, max(10, shutil.get_terminal_size().columns - 30))
-    bar = "#" * round(fraction * width)
-    sys.stderr.write(f"\rReading sessions [{bar:<{width}}] {fraction:4.0%}")
-    sys.stderr.flush()

@@ -7,7 +7,7 @@ import io
 import json
 import logging
 import shutil
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,16 @@ from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.data_dictionary import measure_rows
 from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES
 from caris_desktop.recording.measures.session_measures import sql
-from caris_desktop.recording.pseudonyms import pseudonyms_of
+from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonyms_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
-from caris_desktop.recording.session_export import ExportContext, ExportError, export_session
+from caris_desktop.recording.session_export import (
+    ExportContext,
+    ExportError,
+    Progress,
+    Runner,
+    export_session,
+    run_here,
+)
 from caris_desktop.recording.studies.study_index import (
     content_signature,
     copies_among,
@@ -90,15 +97,16 @@ class StudyStatistics:
 def study_statistics(
     study: Path,
     out: Path,
-    progress: Callable[[float, str], None] = lambda _fraction, _what: None,
+    progress: Progress = lambda _fraction, _what: None,
     *,
     csv: CsvStyle = SHOWN,
+    run: Runner = run_here,
 ) -> StudyStatistics:
     """Update the tables in ``out`` and compute everything.
 
     ``progress`` gets the fraction 0..1 and the present item as text; it may raise to cancel.
 
-    Sessions without changes since the last run are not exported again.
+    Sessions without changes since the last run are not exported again. ``run`` decides where the others are.
 
     Raises
     ------
@@ -114,7 +122,7 @@ def study_statistics(
     try:
         known = _prepare(out)
         folders, notices = _counting(folders)
-        exported, problems = _export(folders, out, known, progress)
+        exported, problems = _export(folders, out, known, progress, run)
         progress(0.95, "computing")
         summary, measures = _compute(out, csv)
     except OSError as error:
@@ -183,43 +191,42 @@ def _save(out: Path, known: dict[str, str]) -> None:
 
 
 def _export(
-    folders: list[Path], out: Path, known: dict[str, str], progress: Callable[[float, str], None]
+    folders: list[Path], out: Path, known: dict[str, str], progress: Progress, run: Runner
 ) -> tuple[int, list[str]]:
     """Update ``out/tables`` and ``known``; return the number of exports, and problems."""
     tables = out / "tables"
     tables.mkdir(exist_ok=True)
     names = {folder.name for folder in folders}
-    for name in [name for name in known if name not in names]:
+    changed = [
+        folder
+        for folder in folders
+        if known.get(folder.name) != content_signature(folder) or not (tables / folder.name).is_dir()
+    ]
+    for name in [*(name for name in known if name not in names), *(folder.name for folder in changed)]:
         _remove(tables / name)
-        del known[name]
-    # After removed sessions, and before anything can interrupt.
+        known.pop(name, None)
+    # Before anything can interrupt.
     _save(out, known)
-    exported, problems = 0, []
-    pseudonyms = pseudonyms_of(folders)
-    for number, folder in enumerate(folders):
-        target = tables / folder.name
-        signature = content_signature(folder)
-
-        def report(fraction: float, *, number: int = number, name: str = folder.name) -> None:
-            progress(0.95 * (number + fraction) / len(folders), f"{name} to tables")
-
-        report(0.0)
-        if known.get(folder.name) == signature and target.is_dir():
-            continue
-        _remove(target)
-        known.pop(folder.name, None)
-        try:
-            export_session(
-                folder, "parquet", target, ExportContext(progress=report, pseudonyms=pseudonyms, tables=TABLES)
-            )
-        except ExportError as error:
-            problems.append(f"{folder.name}: {error}")
+    problems = {}
+    job = partial(_export_tables, tables, pseudonyms_of(folders))
+    for folder, signature in run(job, changed, lambda fraction, what: progress(0.95 * fraction, what)):
+        if isinstance(signature, Exception):
+            problems[folder] = f"{folder.name}: {signature}"
         else:
-            exported += 1
-            # Opening may have repaired it.
-            known[folder.name] = content_signature(folder)
-        _save(out, known)
-    return exported, problems
+            known[folder.name] = signature
+            _save(out, known)
+    return len(changed) - len(problems), [problems[folder] for folder in folders if folder in problems]
+
+
+def _export_tables(tables: Path, pseudonyms: Pseudonyms, folder: Path, progress: Progress) -> str | ExportError:
+    """Write the tables of one session; return its signature, since opening may have repaired it."""
+    progress(0.0, what := f"{folder.name} to tables")
+    context = ExportContext(lambda fraction: progress(fraction, what), pseudonyms=pseudonyms, tables=TABLES)
+    try:
+        export_session(folder, "parquet", tables / folder.name, context)
+    except ExportError as error:
+        return error
+    return content_signature(folder)
 
 
 def _remove(folder: Path) -> None:
