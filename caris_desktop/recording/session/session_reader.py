@@ -22,6 +22,7 @@ __all__ = ["Session", "SessionError", "open_session"]
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
 _EVENTS = "events.mcap"
+_decode = json.JSONDecoder().decode
 RECOVERED = "recovered"
 """Reason of an unintended end: the record stops where something broke."""
 
@@ -129,14 +130,17 @@ def open_session(folder: Path, *, repair: bool = True) -> Session:
 def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | None]:
     """Decoder of a channel's messages by topic and data; None, logged once per kind, if they do not fit."""
     unusable: set[str] = set()
+    specs: dict[str, StreamSpec | None] = {}
 
     def read(topic: str, data: bytes) -> tuple[StreamSpec, Any] | None:
-        spec = spec_of_topic(topic)
+        if topic not in specs:
+            specs[topic] = spec_of_topic(topic)
+        spec = specs[topic]
         name = spec.name if spec is not None else topic
         try:
             if spec is None:
                 raise ValueError("not a stream of this program")  # noqa: TRY301 - reported below, once a stream
-            return spec, from_message(spec, json.loads(data))
+            return spec, from_message(spec, _decode(data.decode("utf-8", "surrogatepass")))
         except (ValueError, RecursionError) as error:
             if name not in unusable:
                 _log.warning("%s: values of %s are left out: %s", path, name, error)

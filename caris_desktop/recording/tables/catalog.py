@@ -287,10 +287,10 @@ def _columns_of_field(
         kind, values, written = _kind(hint)
         is_time = unit == "ns" and not name.endswith("_uncertainty_ns")
         clock: ClockName = "" if not is_time else "robot" if path[-1].startswith("robot_") else "session"
-        convert = to_jsonable if kind == "json" else _plain
+        of_enum = isinstance(hint, type) and issubclass(hint, Enum)
         yield Column(
-            name, unit, kind, f"{text} {written}".strip(), lambda row, _: convert(read(row)), clock, values, empty,
-            field,
+            name, unit, kind, f"{text} {written}".strip(),
+            (lambda row, _: _plain(read(row))) if of_enum else lambda row, _: read(row), clock, values, empty, field,
         )  # fmt: skip
         if clock == "session":
             yield Column(
@@ -497,5 +497,12 @@ def scalar_text(value: Any) -> str:
 
 
 def json_text(value: Any) -> str:
-    """Canonical JSON: equal text for equal content."""
-    return plain_text(json.dumps(value, ensure_ascii=False, sort_keys=True))
+    """Canonical JSON of a domain value: equal text for equal content."""
+    try:
+        text = _JSON.encode(value)
+    except ValueError:  # a number that JSON lacks
+        text = _JSON.encode(to_jsonable(value))
+    return plain_text(text)
+
+
+_JSON = json.JSONEncoder(ensure_ascii=False, sort_keys=True, allow_nan=False, default=to_jsonable)
