@@ -274,7 +274,8 @@ def export_all(
     apart = replace(request, formats=tuple(name for name in request.formats if name not in together))
     pseudonyms = None if request.with_names else pseudonyms_of(request.sessions)
     before, done = written_in(folders), dict[Path, _Exported]()
-    with contextlib.closing(run(partial(_export_one, apart, folders, pseudonyms), tuple(folders), report)) as results:
+    job = partial(_export_one, apart, folders, pseudonyms, before=before)
+    with contextlib.closing(run(job, tuple(folders), report)) as results:
         for target, result in results:
             if isinstance(result, Exception):
                 result = _Exported(problems=(_message_for(folders[target].name, result),))  # noqa: PLW2901 - the same, said otherwise
@@ -330,7 +331,7 @@ def export_folders(request: ExportRequest) -> tuple[Path, ...]:
 
 def written_in(targets: Iterable[Path]) -> list[Path]:
     """Output folders that contain something."""
-    return [target for target in targets if target.is_dir() and any(target.iterdir())]
+    return [target for target in targets if _entries(target, "")]
 
 
 def sessions_in(path: Path) -> tuple[Path, ...]:
@@ -414,6 +415,8 @@ def _export_one(
     pseudonyms: Pseudonyms | None,
     target: Path,
     progress: Progress,
+    *,
+    before: Collection[Path],
 ) -> _Exported:
     """Write the session of ``target`` in all formats; no format: only open it."""
     folder = folders[target]
@@ -427,7 +430,8 @@ def _export_one(
     sentences = [each for each in dict.fromkeys((*session.notices, *session.losses)) if each not in damaged]
     notices = tuple(_message_for(folder.name, sentence) for sentence in sentences)
     try:
-        if request.formats:
+        # Else it was written by a process that died before it could report it.
+        if request.formats and (target in before or not written_in([target])):
             problems += _export_formats(session, request, target, progress)
     except ExportError as error:
         problems.append(_message_for(folder.name, error))

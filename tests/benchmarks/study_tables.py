@@ -1,8 +1,8 @@
 """Study of 200 ten-minute sessions: first tables, statistics afterwards, opening, search.
 
 A rehearsal of examples/ is repeated until it lasts ten minutes, with shifted times and new ids; all sessions share its
-event log as a hard link, and differ in their headers. Prints one JSON object. Targets: ``tables_cpu_s_per_minute`` 0.15,
-summed over the processes; ``statistics_again_s`` 5; ``open_ms`` 2000, ``search_ms`` 100 (p95); ``peak_mb`` 1000.
+event log as a hard link, and differ in their headers. Prints one JSON object. Targets: ``tables_cpu_s_per_minute``
+0.15, summed over the processes; ``statistics_again_s`` 5; ``open_ms`` 2000, ``search_ms`` 100 (p95); ``peak_mb`` 1000.
 """
 
 import argparse

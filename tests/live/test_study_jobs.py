@@ -2,17 +2,22 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
 
 from caris_desktop.live.study_jobs import JobError, Progress, Workers, WorkersError, run_jobs
+from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.tables.table_files import copy_tables
+from tests.recording.minute import everything, make_session
 from tests.support.polling import wait_for
 
 REPOSITORY = Path(__file__).parents[2]
@@ -38,6 +43,17 @@ def wait_in(folder: Path, _progress: Progress) -> None:
         time.sleep(600)
     finally:
         (folder / "partial").unlink()
+
+
+def derive(out: Path, fragile: str, folder: Path, _progress: Progress) -> list[str]:
+    """Tables of a session; ``fragile`` kills its worker at the first try."""
+    if folder.name == fragile and not (out / "killed").exists():
+        (out / "killed").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    target = out / folder.name
+    shutil.rmtree(target, ignore_errors=True)  # of a worker that died before it had told
+    target.mkdir()
+    return [path.name for path in copy_tables(open_session(folder, repair=False), target)]
 
 
 def folders(tmp_path: Path, *names: str) -> list[Path]:
@@ -133,3 +149,30 @@ def test_a_cluster_gives_the_same_results(tmp_path: Path, scheduler: str) -> Non
         here, there = local[name], results[name]
         assert type(here) is type(there)
         assert str(here) == str(there) if isinstance(here, JobError) else here[0] == there[0]  # type: ignore[index]
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
+@pytest.mark.parametrize("fragile", ["", "two"])
+@pytest.mark.logs("Couldn.t gather .*")
+def test_tables_of_a_cluster_are_equal_to_the_byte(tmp_path: Path, scheduler: str, fragile: str) -> None:
+    names = ("one", "two", "three", "four")
+    found = []
+    for place, workers in (("here", Workers(1)), ("there", Workers(scheduler=scheduler))):
+        (tmp_path / place / "out").mkdir(parents=True)
+        for name in names:
+            if place == "here":
+                make_session(tmp_path / place / name, everything)
+            else:
+                shutil.copytree(
+                    tmp_path / "here" / name, tmp_path / place / name, ignore=shutil.ignore_patterns("derived")
+                )
+        job = partial(derive, tmp_path / place / "out", fragile if place == "there" else "")
+        results = dict(run_jobs(job, [tmp_path / place / name for name in names], workers=workers))
+        assert not [result for result in results.values() if isinstance(result, JobError)]
+        tables = {path: path.read_bytes() for path in (tmp_path / place).rglob("*.parquet")}
+        found.append({path.relative_to(tmp_path / place): content for path, content in tables.items()})
+    here, there = found
+    assert len(here) > 2 * len(names)
+    assert here == there
+    assert (tmp_path / "there" / "out" / "killed").exists() == bool(fragile)

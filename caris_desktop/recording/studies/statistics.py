@@ -202,9 +202,11 @@ def _export(
         for folder in folders
         if known.get(folder.name) != content_signature(folder) or not (tables / folder.name).is_dir()
     ]
-    for name in [*(name for name in known if name not in names), *(folder.name for folder in changed)]:
+    for name in [name for name in known if name not in names]:
         _remove(tables / name)
-        known.pop(name, None)
+        del known[name]
+    for folder in changed:
+        known.pop(folder.name, None)
     # Before anything can interrupt.
     _save(out, known)
     problems = {}
@@ -221,6 +223,7 @@ def _export(
 def _export_tables(tables: Path, pseudonyms: Pseudonyms, folder: Path, progress: Progress) -> str | ExportError:
     """Write the tables of one session; return its signature, since opening may have repaired it."""
     progress(0.0, what := f"{folder.name} to tables")
+    _remove(tables / folder.name)
     context = ExportContext(lambda fraction: progress(fraction, what), pseudonyms=pseudonyms, tables=TABLES)
     try:
         export_session(folder, "parquet", tables / folder.name, context)
