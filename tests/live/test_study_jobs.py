@@ -15,9 +15,6 @@ import psutil
 import pytest
 
 from caris_desktop.live.study_jobs import JobError, Progress, Workers, WorkersError, run_jobs
-from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.tables.table_files import copy_tables
-from tests.recording.minute import everything, make_session
 from tests.support.polling import wait_for
 
 REPOSITORY = Path(__file__).parents[2]
@@ -47,6 +44,10 @@ def wait_in(folder: Path, _progress: Progress) -> None:
 
 def derive(out: Path, fragile: str, folder: Path, _progress: Progress) -> list[str]:
     """Tables of a session; ``fragile`` kills its worker at the first try."""
+    # Late, since each process of the other tests imports this file.
+    from caris_desktop.recording.session.session_reader import open_session
+    from caris_desktop.recording.tables.table_files import copy_tables
+
     if folder.name == fragile and not (out / "killed").exists():
         (out / "killed").touch()
         os.kill(os.getpid(), signal.SIGKILL)
@@ -156,6 +157,8 @@ def test_a_cluster_gives_the_same_results(tmp_path: Path, scheduler: str) -> Non
 @pytest.mark.parametrize("fragile", ["", "two"])
 @pytest.mark.logs("Couldn.t gather .*")
 def test_tables_of_a_cluster_are_equal_to_the_byte(tmp_path: Path, scheduler: str, fragile: str) -> None:
+    from tests.recording.minute import everything, make_session
+
     names = ("one", "two", "three", "four")
     found = []
     for place, workers in (("here", Workers(1)), ("there", Workers(scheduler=scheduler))):
