@@ -46,7 +46,7 @@ def derive(out: Path, fragile: str, folder: Path, _progress: Progress) -> list[s
     """Tables of a session; ``fragile`` kills its worker at the first try."""
     # Late, since each process of the other tests imports this file.
     from caris_desktop.recording.session.session_reader import open_session
-    from caris_desktop.recording.tables.table_files import copy_tables
+    from caris_desktop.recording.table_files import copy_tables
 
     if folder.name == fragile and not (out / "killed").exists():
         (out / "killed").touch()

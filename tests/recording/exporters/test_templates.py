@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from markupsafe import Markup
 
-from caris_desktop.recording import export_command
+from caris_desktop.app import export_command
 from caris_desktop.recording.exporters import html, methods
 from caris_desktop.recording.session_export import ExportContext, export_session
 from tests.recording.told_session import TRIAL, heard, said, tell, tour

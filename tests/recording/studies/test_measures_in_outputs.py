@@ -374,6 +374,7 @@ def _tier_places(document: Callable[[Made], AnnotationDocument]) -> dict[str, Pl
     }
 
 
+OF_REPLIES = {"suggestion_latency_ms", "suggestion_edit_distance", "reply_exchanges", "reply_used_fraction"}
 TIERS_DO_NOT_SHOW = {
     "recorded_s", "responses", "response_time_s", "content_response_time_s", "reaction_time_s", "gaps", "gap_s",
     "gap_lower_quartile_s", "gap_upper_quartile_s", "gaps_under_1_s_fraction", "overlaps", "unsaid_utterances",
@@ -381,7 +382,7 @@ TIERS_DO_NOT_SHOW = {
     "suggestions_edited", "suggestions_dismissed", "suggestions_superseded", "suggestions_expired", "distance_m",
     "navigating_s", "max_speed_mps", "guard_interventions", "protocol_steps", "steps_visited", "steps_late",
     "steps_late_s", "wizard_errors_per_10_min", "lost_values", "missing_values", "problems", "alarms", "alarms_s",
-    "alarms_seen_to", "people", "identities",
+    "alarms_seen_to", "people", "identities", *OF_REPLIES,
 }  # fmt: skip
 """Some are derived from intervals of tiers, but are no sum of one."""
 PLACES: dict[str, dict[str, Place]] = {
@@ -394,8 +395,10 @@ NOT_SHOWN: dict[str, set[str]] = {
     "report": {
         "recorded_s", "identities", "problems", "steps_late_s", "suggestions_shown", "suggestions_said",
         "suggestions_edited", "suggestions_dismissed", "suggestions_superseded", "suggestions_expired",
+        *OF_REPLIES,
     },
     "methods sheet": {
+        *OF_REPLIES,
         "participant_talk_s", "robot_talk_s", "participant_utterances", "unsaid_utterances", "interrupted_utterances",
         "steps_late_s", "marks", "problems",
     },
