@@ -18,7 +18,7 @@ from caris_desktop.conversation.listening.server_engine import ServerEngine
 from caris_desktop.conversation.speech_checks import probe_language_model, probe_sound
 from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.picture_checks import PictureError, fitted
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.backends.remote import RemoteDetector
 from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
@@ -34,8 +34,7 @@ ENOUGH_FREE_BYTES = 5 * 10**9
 _SECOND_OF_SOUND = 16_000
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
+class Finding(Value):
     """Result line of one check: ``advice`` says what to do if it is not ok."""
 
     subject: str

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from caris_desktop.domain.streams import BY_NAME, STATE_STREAMS, Delivery
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from caris_desktop.recording.session_export import FORMATS, ExportContext, ExportError, export_session
@@ -13,8 +13,7 @@ from caris_desktop.recording.session_export import FORMATS, ExportContext, Expor
 _OF_FORMAT = QT_TR_NOOP("Export as {format}: {told}")
 
 
-@dataclass(frozen=True, slots=True)
-class ReadBack:
+class ReadBack(Value):
     """Sentences: results ``found``, and ``problems``; without problems the session is complete."""
 
     found: tuple[str, ...]

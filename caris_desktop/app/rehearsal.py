@@ -19,7 +19,7 @@ from caris_desktop.app.rehearsed_participant import RehearsedParticipant
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.console import Console
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.action_rows import phrases_on_keys
@@ -52,8 +52,7 @@ class RehearsalError(Exception):
     """A step failed; the text says which and what was found instead."""
 
 
-@dataclass(frozen=True, slots=True)
-class Until:
+class Until(Value):
     """Wait of the script for ``condition``."""
 
     what: str

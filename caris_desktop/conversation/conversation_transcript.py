@@ -5,15 +5,14 @@ from dataclasses import replace
 
 from caris_desktop.domain.corrections import Correction, Corrections, WhoSpoke
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected, UtteranceOrigin, UtteranceState
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _ENDED: tuple[UtteranceState, ...] = ("finished", "interrupted", "failed")
 
 UtteranceReport = UtteranceChanged | UtteranceCorrected
 
 
-@dataclass(frozen=True, slots=True)
-class Turn:
+class Turn(Value):
     """One utterance in its latest state; session times, None if unknown.
 
     ``speaker`` is empty if uncertain. ``person_id`` is the speaker, or the person the robot addresses. ``heard_text``

@@ -1,7 +1,7 @@
 """Messages between the console and the process of the embedded language model."""
 
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 SLOTS = 3
 """Parallel requests. Each finds the beginning of its last prompt still cached: the first word came after 0.1 s, but
@@ -13,8 +13,7 @@ read. A cancelled question leaves the slot at its first word.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class EmbeddedReady:
+class EmbeddedReady(Value):
     """The model is served at ``url`` for clients with ``key``."""
 
     url: str
@@ -22,15 +21,13 @@ class EmbeddedReady:
     key: str
 
 
-@dataclass(frozen=True, slots=True)
-class EmbeddedFailed:
+class EmbeddedFailed(Value):
     """This process cannot run an embedded model."""
 
     problem: Problem
 
 
-@dataclass(frozen=True, slots=True)
-class ModelAdded:
+class ModelAdded(Value):
     """A model file of the user can be used from now on, as ``embedded:NAME``.
 
     ``title`` is the file's own, ``sha256`` its checksum; ``answer``: the model's answer to a question, with times.
@@ -44,6 +41,5 @@ class ModelAdded:
     answer: str
 
 
-@dataclass(frozen=True, slots=True)
-class CloseEmbedded:
+class CloseEmbedded(Value):
     """End the server process."""

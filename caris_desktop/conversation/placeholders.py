@@ -4,15 +4,14 @@ import re
 from collections.abc import Callable, Mapping
 
 from caris_desktop.domain import person_marks
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 NAME, PLACE = "name", "place"
 """Placeholders the console can fill."""
 _GAP = re.compile(r"\{([a-z][a-z ]{0,38})\}")
 
 
-@dataclass(frozen=True, slots=True)
-class Words:
+class Words(Value):
     """Text as spoken and as recorded, with ids instead of names."""
 
     spoken: str

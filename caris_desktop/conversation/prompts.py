@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.domain import person_marks
 from caris_desktop.domain.events import ChatMessage
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 MAX_QUESTION_CHARACTERS = 1500
 MAX_CONVERSATION_CHARACTERS = 1500
@@ -32,8 +32,7 @@ _TEMPLATE_MARKS = str.maketrans("<>[]", "()()")
 _JOINERS = "\u200c\u200d"
 
 
-@dataclass(frozen=True, slots=True)
-class ContextPart:
+class ContextPart(Value):
     """Context of a question.
 
     ``step`` is the title of the present protocol step. ``people`` are labels of people present, ``things`` names of

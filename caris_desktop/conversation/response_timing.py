@@ -15,15 +15,14 @@ from caris_desktop.domain.events import (
     UtteranceOrigin,
 )
 from caris_desktop.domain.sound_values import Hearing
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 
 LATE_S = 1.0
 """From here on a pause is noticed. People leave a fifth of a second between turns."""
 _FORGOTTEN_NS = 120_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class Waiting:
+class Waiting(Value):
     """State of the conversation: ``seconds`` since the participant stopped, or until the robot answered."""
 
     state: Literal["talking", "waiting", "answered"]

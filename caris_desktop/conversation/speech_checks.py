@@ -18,7 +18,7 @@ from caris_desktop.conversation.spoken_text import spoken
 from caris_desktop.conversation.synthesis_messages import SynthesisSettings
 from caris_desktop.conversation.voices.engine_process import VoiceEngine
 from caris_desktop.domain.events import ChatMessage
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
 
@@ -33,8 +33,7 @@ SOUND_ADVICE = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class ProbeResult:
+class ProbeResult(Value):
     """One line of a check; ``advice`` is empty when ``ok``."""
 
     ok: bool

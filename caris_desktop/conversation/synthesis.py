@@ -32,7 +32,7 @@ from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceStat
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import ROBOT_VOICE, PlayedSound, PlayedSoundEnded
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
 
@@ -45,8 +45,7 @@ _PREPARED_CHARACTERS = 15_000
 _Phase = Literal["off", "starting", "looking", "idle", "rendering", "opening", "playing", "silencing", "pacing"]
 
 
-@dataclass(frozen=True, slots=True)
-class SynthesisDeadlines:
+class SynthesisDeadlines(Value):
     """Deadlines per step, after which the voice engine counts as hung. ``render_s`` grows with the text."""
 
     start_s: float = 30.0

@@ -4,11 +4,10 @@ from dataclasses import replace
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import Problem, UtteranceOrigin
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True)
-class SynthesisSettings:
+class SynthesisSettings(Value):
     """``voice``, ``language``, ``rate``, ``volume`` and ``device`` as in the scenario file, which is in ``folder``.
 
     ``at_hand``: it will be used, so everything is loaded and the output stays open.
@@ -27,16 +26,14 @@ class SynthesisSettings:
         return replace(self, rate=before.rate, volume=before.volume) == before
 
 
-@dataclass(frozen=True, slots=True)
-class UseVoice:
+class UseVoice(Value):
     """Settings from the next utterance on. The first message; equal settings have no effect."""
 
     settings: SynthesisSettings
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Speak:
+class Speak(Value):
     """Say ``text`` after the queued utterances.
 
     ``recorded`` (empty: ``text``), ``origin`` and ``person_id`` are returned in reports: names are spoken, but never
@@ -51,49 +48,42 @@ class Speak:
     recorded: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Prepare:
+class Prepare(Value):
     """Texts that may be said next, most likely first, to synthesise in advance. Replaces earlier ones."""
 
     texts: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Draft:
+class Draft(Value):
     """Text being typed, to synthesise before all prepared texts."""
 
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class SilenceSpeech:
+class SilenceSpeech(Value):
     """Stop the present utterance at once and clear the queue."""
 
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
-class CloseSynthesis:
+class CloseSynthesis(Value):
     """Stop speaking and end the process."""
 
 
-@dataclass(frozen=True, slots=True)
-class SynthesisReady:
+class SynthesisReady(Value):
     """Ready for requests. Sent again whenever ``audible`` changes."""
 
     voice: str
     audible: bool
 
 
-@dataclass(frozen=True, slots=True)
-class VoicesFound:
+class VoicesFound(Value):
     """Voices of this computer, named as in the scenario file, each with its language."""
 
     voices: tuple[tuple[str, str], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class SynthesisFailed:
+class SynthesisFailed(Value):
     """Speech synthesis failed; each further Speak tries again."""
 
     problem: Problem

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from caris_desktop.domain.actor import Actor
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.services.assistant_service import AssistantAdapters
 from caris_desktop.live.services.cameras_service import CameraSelection
@@ -20,8 +20,7 @@ from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.scenario.scenario_model import Scenario
 
 
-@dataclass(frozen=True, slots=True)
-class RobotAdapters:
+class RobotAdapters(Value):
     """``choices`` and ``connect_to`` read files in a background thread; ``connect_to`` raises UserFacingError.
     ``simulated`` as in AnotherRobotService.
     """
@@ -31,8 +30,7 @@ class RobotAdapters:
     simulated: Callable[[Actor], None]
 
 
-@dataclass(frozen=True, slots=True)
-class Adapters:
+class Adapters(Value):
     """Adapters of a run, chosen in ``app``, per service."""
 
     recorder: ProcessSpec

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ANSWER, AlarmChanged, AlarmState, Problem, ProblemEnd, Severity
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.live.status import Alarm
 
 FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
@@ -32,8 +32,7 @@ _FOLDED_AT_MOST = 12
 _GRAVITY: Mapping[Severity, int] = {"info": 0, "warning": 1, "error": 2}
 
 
-@dataclass(frozen=True, slots=True)
-class Condition:
+class Condition(Value):
     """Alarm condition derived from the state, once it has lasted ``after_s``.
 
     ``prevails``: its text replaces that of reported problems, which become the reason.

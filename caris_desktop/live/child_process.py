@@ -19,7 +19,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any, Literal
 
 from caris_desktop.domain.process_title import title_process
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.logs import configure_child_logging
 
@@ -31,22 +31,19 @@ Health = Literal["running", "restarting", "failed"]
 """State of a required child. "failed": it failed too often to be restarted."""
 
 
-@dataclass(frozen=True, slots=True)
-class RingToWrite:
+class RingToWrite(Value):
     """Placeholder argument for the frame ring of this name; the child attaches it."""
 
     name: str
 
 
-@dataclass(frozen=True, slots=True)
-class RingsToRead:
+class RingsToRead(Value):
     """Placeholder argument for a reader of these rings, and of others once frames name them."""
 
     names: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class ProcessSpec:
+class ProcessSpec(Value):
     """Entry point of a child: module-level function and picklable arguments."""
 
     name: str

@@ -27,7 +27,7 @@ from caris_desktop.domain.printable import printable
 from caris_desktop.domain.schema_fields import External, data_of, externals_in
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.profile import (
     DEFAULT_ADDRESS,
     ProfileError,
@@ -74,8 +74,7 @@ _PURPOSES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class FileReference:
+class FileReference(Value):
     """External reference in a file. ``place``: its key path without indices; ``digest``: checksum of a
     referenced file.
     """
@@ -91,8 +90,7 @@ class FileReference:
         return tr(_PURPOSES[self.place]) if self.place in _PURPOSES else ""
 
 
-@dataclass(frozen=True, slots=True)
-class FileQuestion:
+class FileQuestion(Value):
     """Question whether a file may use its references. ``known``: confirmed for an earlier version. ``then``: intent to
     repeat after a yes.
     """
@@ -110,8 +108,7 @@ class FileQuestion:
         return bool(self.known)
 
 
-@dataclass(frozen=True, slots=True)
-class _Confirmed:
+class _Confirmed(Value):
     """Saved answer: checksum and path of the file."""
 
     sha256: str

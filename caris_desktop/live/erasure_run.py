@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 if TYPE_CHECKING:
     from caris_desktop.people.person_erasure import PersonToForget
@@ -26,8 +26,7 @@ _log = logging.getLogger(__name__)
 _PROGRESS_STEP = 0.01
 
 
-@dataclass(frozen=True, slots=True)
-class ErasureRequest:
+class ErasureRequest(Value):
     """Erase request. ``who`` is an id or name, ``also_called`` further names.
 
     ``texts``: treatment of free text that names them, unless ``review``, a list of decisions, says otherwise; empty to
@@ -47,16 +46,14 @@ class ErasureRequest:
     own_files: OwnFiles | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class ForgettingProgress:
+class ForgettingProgress(Value):
     """Progress, 0..1, with a description."""
 
     fraction: float
     what: str
 
 
-@dataclass(frozen=True, slots=True)
-class ForgettingEnded:
+class ForgettingEnded(Value):
     """Outcome, or the failure: what happened, its meaning, advice."""
 
     outcome: Forgotten | None

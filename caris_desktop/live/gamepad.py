@@ -14,7 +14,7 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import GamepadChanged
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.gamepad_mapping import (
     GamepadMapping,
     MappingError,
@@ -48,8 +48,7 @@ _ENVIRONMENT = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class GamepadDevice:
+class GamepadDevice(Value):
     """Connected gamepad; ``controller`` is SDL's mapping for it, empty if unknown."""
 
     device: str
@@ -60,21 +59,18 @@ class GamepadDevice:
     controller: dict[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class GamepadSample:
+class GamepadSample(Value):
     """Input state at ``stamp_ns`` of the session clock."""
 
     stamp_ns: int
     raw: RawInputs
 
 
-@dataclass(frozen=True, slots=True)
-class _Plugged:
+class _Plugged(Value):
     device: GamepadDevice | None  # None: unplugged
 
 
-@dataclass(frozen=True, slots=True)
-class _Failed:
+class _Failed(Value):
     detail: str
 
 

@@ -15,7 +15,7 @@ from functools import reduce
 from typing import Any, Final, Literal, get_args
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.teleop_command import TeleopCommand
 
 MAPPINGS_VERSION: Final = 1
@@ -54,8 +54,7 @@ class MappingError(ValueError):
     """Invalid saved mappings, with the reason."""
 
 
-@dataclass(frozen=True, slots=True)
-class RawInputs:
+class RawInputs(Value):
     """Raw input of a device: axes -1..1 (None: not reported yet), buttons, hats as bits (1 up, 2 right, 4 down, 8
     left).
     """
@@ -65,8 +64,7 @@ class RawInputs:
     hats: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class GamepadMapping:
+class GamepadMapping(Value):
     """Bindings of a device by action; ``speed``: share of the speed setting without triggers."""
 
     axes: Mapping[AxisAction, str] = field(default_factory=dict)

@@ -9,7 +9,7 @@ from caris_desktop.domain.control_definitions import RobotControl
 from caris_desktop.domain.events import ProblemEnd, Severity
 from caris_desktop.domain.intents import INTENTS, AsBefore, Intent, IntentSpec, Moves, Permission
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.scenario_model import Permissions
 
@@ -60,8 +60,7 @@ _UNCONFIRMED: dict[AsBefore, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Refusal:
+class Refusal(Value):
     """Reason, meaning and advice; ``until`` as in Problem. ``quiet``: no notification."""
 
     what: str

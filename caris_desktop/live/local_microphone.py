@@ -17,7 +17,7 @@ from caris_desktop.conversation.microphone_messages import (
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import WIZARD_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.process_manager import ProcessManager, localize_problem
@@ -31,8 +31,7 @@ _STUCK_AFTER_MS, _STARTS_WITHIN_MS = 6000, 30_000
 _WELL_AFTER_MS = 60_000
 
 
-@dataclass(frozen=True, slots=True)
-class MicrophoneChoice:
+class MicrophoneChoice(Value):
     """``chosen`` returns the saved selection (None: no microphone, empty: the system's), ``keep`` saves it."""
 
     body: ProcessSpec

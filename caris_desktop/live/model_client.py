@@ -26,7 +26,7 @@ from caris_desktop.domain.events import ChatMessage, LlmExchange, LlmOutcome
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.service import PANELS_FIRST_MS
 
@@ -55,8 +55,7 @@ class AskVersion(Protocol):
     def __call__(self, endpoint: ModelEndpoint, /, *, local_only: bool) -> Awaitable[str]: ...
 
 
-@dataclass(frozen=True, slots=True)
-class _Request:
+class _Request(Value):
     exchange_id: str
     endpoint: ModelEndpoint
     local_only: bool
@@ -88,8 +87,7 @@ class _Response:
     exchange: LlmExchange | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Running:
+class _Running(Value):
     request: _Request
     response: _Response
     future: Future[None]

@@ -17,7 +17,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _DRIVEN_M, _DRIVEN_AGAIN_M = 1.0, 0.3
 _MOST_POINTS, _FEWEST_POINTS = 10.0, 5.0
@@ -25,8 +25,7 @@ _SLOW = 3.0
 """Factor of the usual time at which a step gets the fewest points."""
 
 
-@dataclass(frozen=True, slots=True)
-class PracticeStep:
+class PracticeStep(Value):
     """``how``: instruction, with ``{key}`` for the key of ``action_id`` in the action table. ``usual_s``: duration with
     experience.
     """
@@ -103,8 +102,7 @@ STEPS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class EndedStep:
+class EndedStep(Value):
     """``took_s``: from the end of the previous step."""
 
     step: PracticeStep

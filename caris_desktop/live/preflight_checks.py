@@ -12,7 +12,7 @@ from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.events import PreflightState
 from caris_desktop.domain.streams import Freshness
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.remote_microphone import participant_microphone
 from caris_desktop.live.status import (
     AssistantStatus,
@@ -41,8 +41,7 @@ _BATTERY_EMPTY, _BATTERY_LOW = 0.15, 0.3
 _USUAL_HOUR_BYTES = 2e9
 
 
-@dataclass(frozen=True, slots=True)
-class Facts:
+class Facts(Value):
     """Facts used by the checks.
 
     ``link_for_s``: time since the link's last change. ``cameras``: freshness by camera; ``robot_freshness``, ``scan``
@@ -81,8 +80,7 @@ class Facts:
         return self.link.state in ("connected", "trouble")
 
 
-@dataclass(frozen=True, slots=True)
-class ChecklistItem:
+class ChecklistItem(Value):
     """Completion of a manual check."""
 
     at_ns: int

@@ -31,7 +31,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.annotation_session import AnnotationSession
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.background_worker import BackgroundWorker
@@ -179,8 +179,7 @@ _SAME_MOMENT_NS = 20_000_000
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True)
-class ReplayAdapters:
+class ReplayAdapters(Value):
     """Adapters of a replay, chosen in ``app``. ``read_scenario``, ``read_layout`` and ``read_robot`` raise ValueError
     for unsupported records; ``start_scenario`` is the default until the record names one. ``name_of`` returns names of
     people. ``unsaved_dir``: fallback for annotations that cannot be saved in the session. ``live_consoles``: folder of

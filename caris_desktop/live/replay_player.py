@@ -30,7 +30,7 @@ from caris_desktop.domain.streams import (
     Delivery,
     streams_voided_by,
 )
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.live.playback_clock import PlaybackClock
 from caris_desktop.live.replay_video import KEY_FRAMES_FROM_RATE, ReplayFrames, ReplayVideo
 from caris_desktop.live.state import LiveState, LiveValue
@@ -53,8 +53,7 @@ _UNLISTED = (CommandSent, LinkQuality, TrafficMeasured)
 _STANDING = {ScenarioOpened: _SCENARIOS, LayoutChanged: 1, RobotChosen: 1, LinkQuality: 1}
 
 
-@dataclass(frozen=True, slots=True)
-class Situation:
+class Situation(Value):
     """State at one time: state values, persistent events, the newest frame of each camera, and past events, oldest
     first. ``standing`` is in order of arrival. ``generation`` counts the seeks. Values received over a link before its
     loss are left out: they were no longer shown.

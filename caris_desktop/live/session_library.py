@@ -24,7 +24,7 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from caris_desktop.domain.events import Severity
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.state import LiveValue
@@ -48,8 +48,7 @@ class _SupersededError(Exception):
     """Interrupts reading for the index: the window closes, or another search was started."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Replay:
+class _Replay(Value):
     """Replay program, with its terminal output."""
 
     folder: Path

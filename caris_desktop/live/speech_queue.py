@@ -16,7 +16,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin, VoiceOutput
 from caris_desktop.domain.sound_values import PlayedSound
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.speaking_time import estimated_duration_s
@@ -48,8 +48,7 @@ class Voice(Protocol):
         """Interrupt the current utterance."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Queued:
+class _Queued(Value):
     """Utterance as recorded and as spoken."""
 
     utterance: UtteranceChanged

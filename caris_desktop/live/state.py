@@ -28,7 +28,7 @@ from caris_desktop.domain.streams import (
     StreamSpec,
     streams_voided_by,
 )
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.child_process import Health
 from caris_desktop.live.status import (
     AssistantSetup,
@@ -64,8 +64,7 @@ _FRESHNESS_CHECK_MS = 100
 _SAME_MOMENT_NS = 1_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class PresentClock:
+class PresentClock(Value):
     """Clock of the panels: now, or a replay's position. ``anchor`` maps it to UTC.
 
     ``live`` is False in a replay, where nothing is pending.

@@ -24,14 +24,13 @@ from caris_desktop.domain.intents import AsBefore
 from caris_desktop.domain.sound_values import Role
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.trial_details import TrialDetails
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.scenario.scenario_model import NamedText
 
 
-@dataclass(frozen=True, slots=True)
-class LinkStatus:
+class LinkStatus(Value):
     """Link status. ``starts``: the robot's program is being started, so that nothing can answer yet."""
 
     state: LinkState = "connecting"
@@ -44,8 +43,7 @@ class LinkStatus:
     starts: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class DriveStatus:
+class DriveStatus(Value):
     """Drive status. ``allowed`` is False with a ``reason`` for the wizard; ``cap_reason`` says why speed is limited.
 
     ``target_*``: current command, after caps; ``driver``: who drives, empty for nobody; the gate refuses the base to
@@ -77,8 +75,7 @@ class DriveStatus:
     velocity_publishers: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class HeadStatus:
+class HeadStatus(Value):
     """Commanded head angles; ``present`` is False if the robot has no movable head."""
 
     present: bool = False
@@ -86,8 +83,7 @@ class HeadStatus:
     tilt_rad: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class MapStatus:
+class MapStatus(Value):
     """Mapping status. ``mapping`` is None if unknown; operations are those that the robot offers."""
 
     can_save: bool = False
@@ -97,8 +93,7 @@ class MapStatus:
     busy: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class ControlStatus:
+class ControlStatus(Value):
     """Result of the last use of a control."""
 
     state: RequestState
@@ -106,8 +101,7 @@ class ControlStatus:
     detail: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class GamepadStatus:
+class GamepadStatus(Value):
     """Gamepad status. ``name`` is empty without a gamepad; ``device``: hardware id, the key of its mapping."""
 
     device: str = ""
@@ -115,8 +109,7 @@ class GamepadStatus:
     detail: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class MicrophoneStatus:
+class MicrophoneStatus(Value):
     """Microphone status; open unless ``state`` is off. ``level``: recent loudness, 0 to 1.
 
     ``name`` is empty for the system's default; ``source``: name of its audio stream.
@@ -130,8 +123,7 @@ class MicrophoneStatus:
     source: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class ListeningStatus:
+class ListeningStatus(Value):
     """Speech recognition status; off until a microphone is open. ``detail``: problem."""
 
     state: Literal["off", "loading", "ready", "failed"] = "off"
@@ -140,8 +132,7 @@ class ListeningStatus:
     detail: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class SoundStatus:
+class SoundStatus(Value):
     """Sound status. ``hearing``: the participant's microphone is played to the wizard, at ``volume`` (0 to 1).
     ``talking``: destination of the wizard's voice, empty for none.
     """
@@ -151,8 +142,7 @@ class SoundStatus:
     talking: Literal["", "robot", "dictation"] = ""
 
 
-@dataclass(frozen=True, slots=True)
-class RecordingStatus:
+class RecordingStatus(Value):
     """Recording status. ``room_s``: remaining disk time at ``bytes_per_s``; ``dropped``: missing values by stream;
     ``covered_whole``: cameras that are entirely blurred in the record. ``detail`` is English, for ``tr``.
     """
@@ -173,8 +163,7 @@ IN_SESSION = ("starting", "recording", "paused", "stopping")
 """Recording states that belong to a session."""
 
 
-@dataclass(frozen=True, slots=True)
-class CrashRecoveryStatus:
+class CrashRecoveryStatus(Value):
     """Crash recovery of a trial in the session ``folder``: offered, then resumed.
 
     ``unconfirmed``: conditions not confirmed yet; ``people``: ids of those present before, and ``unconfirmed_people``
@@ -189,8 +178,7 @@ class CrashRecoveryStatus:
     unconfirmed_people: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class PreflightCheck:
+class PreflightCheck(Value):
     """Preflight check. ``detail``: its state, ``advice``: what to do.
 
     A ``manual`` one was ticked by ``actor`` at ``checked_ns``. ``needed``: a recording without it needs confirmation.
@@ -212,8 +200,7 @@ class PreflightCheck:
         return self.state == "major" or (self.needed and self.state != "passed")
 
 
-@dataclass(frozen=True, slots=True)
-class SavedScenario:
+class SavedScenario(Value):
     """Result of saving a scenario: its ``text``, or why it was not written: ``taken`` by other contents."""
 
     path: Path
@@ -223,8 +210,7 @@ class SavedScenario:
     taken: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class PracticeStepStatus:
+class PracticeStepStatus(Value):
     """Step of the practice; ``took_s`` is zero until it ended."""
 
     step_id: str
@@ -232,8 +218,7 @@ class PracticeStepStatus:
     took_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class PracticeStatus:
+class PracticeStatus(Value):
     """Practice status. ``since_ns``: start of the current step; once ``ended``, ``minutes`` and ``score`` (of 100) of
     ``wizard``. ``back_to``: the scenario to return to.
     """
@@ -248,16 +233,14 @@ class PracticeStatus:
     back_to: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class MarksStatus:
+class MarksStatus(Value):
     """Marks of this session: ``last`` can still be changed, ``open`` are open intervals."""
 
     last: Marked | None = None
     open: tuple[Marked, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class ProtocolStatus:
+class ProtocolStatus(Value):
     """Protocol status: the current step's id, the ``number``-th of ``steps``; empty before the first step and after the
     last.
 
@@ -288,8 +271,7 @@ class ProtocolStatus:
         return max(0.0, self.elapsed_s(now_ns) - self.expected_s) if self.expected_s else 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Alarm:
+class Alarm(Value):
     """Alarm. ``why``: its reason, ``folded``: its consequences. ``times``: recent occurrences, ``asked_ns``: when it
     last blocked a command. ``until`` as in Problem; an alarm that does not end automatically is dismissed.
     """
@@ -309,8 +291,7 @@ class Alarm:
     why: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class PhotoEntry:
+class PhotoEntry(Value):
     """Photo. ``preview_jpeg`` and ``thumbnail_jpeg``: images for the window.
 
     ``deleted``: can be restored. ``changeable``: can be tagged and deleted, since its session is running or it has
@@ -329,8 +310,7 @@ class PhotoEntry:
     changeable: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class PlaybackStatus:
+class PlaybackStatus(Value):
     """Replay status. ``position_ns``: current position, on the session clock."""
 
     session: str = ""
@@ -342,24 +322,21 @@ class PlaybackStatus:
     detail: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class LiveRobotsStatus:
+class LiveRobotsStatus(Value):
     """Robots driven by consoles on this computer during a replay; ``emergency_stop``: of all of them."""
 
     robots: tuple[str, ...] = ()
     emergency_stop: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class OpenGap:
+class OpenGap(Value):
     """Text with the placeholder that the wizard must fill."""
 
     text: str
     gap: str
 
 
-@dataclass(frozen=True, slots=True)
-class SpeechStatus:
+class SpeechStatus(Value):
     """Speech status. ``now``: current utterance, None if silent; ``waiting``: the queue.
 
     ``ends_ns``: end of ``now``, None until it has begun: exact if this computer plays it, else estimated from its
@@ -375,8 +352,7 @@ class SpeechStatus:
     gap: OpenGap | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class VoiceStatus:
+class VoiceStatus(Value):
     """Voice settings, as in the scenario file. ``used``: loaded voice of this computer, empty for none; ``choices``:
     available ones with their language.
     """
@@ -390,8 +366,7 @@ class VoiceStatus:
     choices: tuple[tuple[str, str], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class ExchangeStatus:
+class ExchangeStatus(Value):
     """Question of the wizard. ``preparing`` while its images are read; ``answer`` grows while answering.
 
     ``use``: what was done with the answer, empty for nothing. ``detail``: why there is none, or why it is delayed.
@@ -410,8 +385,7 @@ class ExchangeStatus:
         return self.state in ("preparing", "answering")
 
 
-@dataclass(frozen=True, slots=True)
-class AssistantStatus:
+class AssistantStatus(Value):
     """Assistant status. ``exchanges``: usable questions, newest first; the other texts belong to the newest.
 
     ``state``: answering while any of them is, failed if the newest did or there is no model.
@@ -426,8 +400,7 @@ class AssistantStatus:
     exchanges: tuple[ExchangeStatus, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class ModelChoice:
+class ModelChoice(Value):
     """Available model: ``model`` as in a scenario, ``title`` for the wizard, ``where``: its location."""
 
     model: str
@@ -435,8 +408,7 @@ class ModelChoice:
     where: str
 
 
-@dataclass(frozen=True, slots=True)
-class ContextPartStatus:
+class ContextPartStatus(Value):
     """Prompt context part: ``count`` items with ``words`` words. ``kind``: its name in ``Ask.leave_out``; ``title`` is
     translated for display.
     """
@@ -447,8 +419,7 @@ class ContextPartStatus:
     words: int
 
 
-@dataclass(frozen=True, slots=True)
-class AssistantSetup:
+class AssistantSetup(Value):
     """Setup of the next question. ``edited``: texts differ from the scenario's.
 
     ``pictures``: the model may get images. ``server``: the other computer that runs it, empty for this one.
@@ -469,8 +440,7 @@ class AssistantSetup:
     parts: tuple[ContextPartStatus, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class FaceStatus:
+class FaceStatus(Value):
     """Face status. ``what`` it shows: the face with ``expression``, ``text``, the photo with file name ``text``, or the
     robot's view. ``expressions``: those of ``face``. ``window``: has a window, ``served``: has a web page, ``pages``:
     number of open pages.
@@ -489,8 +459,7 @@ class FaceStatus:
     pages: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class LevelsStatus:
+class LevelsStatus(Value):
     """Autonomy levels of the language model, up to the scenario's limits."""
 
     replies: AssistanceLevel = "off"
@@ -498,8 +467,7 @@ class LevelsStatus:
     actions: AssistanceLevel = "off"
 
 
-@dataclass(frozen=True, slots=True)
-class DisplayedReply:
+class DisplayedReply(Value):
     """Suggested reply, as recorded. ``rank``: its position and key, valid from ``from_ns`` on."""
 
     suggestion_id: str
@@ -508,8 +476,7 @@ class DisplayedReply:
     from_ns: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class SuggestionsStatus:
+class SuggestionsStatus(Value):
     """Suggested replies and their basis: the last ``turns`` of the conversation, the robot's ``place``, the study's
     activity (``doing``) and the speaker. The first is said automatically at ``says_ns``; at ``filler_ns`` a reply is
     late. ``detail``: why there are none.
@@ -529,8 +496,7 @@ class SuggestionsStatus:
     detail: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class ProposalStatus:
+class ProposalStatus(Value):
     """Proposed action of the language model, as text in ``words``; none while ``proposal_id`` is empty. A key confirms
     it from ``from_ns`` to ``lapses_ns``; at ``acts_ns`` it runs automatically.
     """
@@ -544,8 +510,7 @@ class ProposalStatus:
     acts_ns: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class LoadStatus:
+class LoadStatus(Value):
     """Load shedding status: ``step`` 0 means none; ``detail`` describes the reduction, for ``tr``."""
 
     step: int = 0
@@ -557,8 +522,7 @@ class LoadStatus:
         return self.step > 0
 
 
-@dataclass(frozen=True, slots=True)
-class PersonHistory:
+class PersonHistory(Value):
     """History of a person, newest first; entries that match ``text``."""
 
     person_id: str
@@ -566,8 +530,7 @@ class PersonHistory:
     entries: tuple[HistoryEntry, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class PerceptionStatus:
+class PerceptionStatus(Value):
     """Perception status. ``looks_per_s``: detection rate by camera.
 
     ``server``: the other machine that receives the frames, empty for none. ``recognises``: available re-identification
@@ -583,8 +546,7 @@ class PerceptionStatus:
     recognises: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class ExportStatus:
+class ExportStatus(Value):
     """Export status. ``what``: item being written, ``written``: finished ones."""
 
     state: Literal["idle", "running", "done", "failed", "cancelled"] = "idle"
@@ -594,8 +556,7 @@ class ExportStatus:
     detail: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class LibraryStatus:
+class LibraryStatus(Value):
     """Session search: sessions that match ``query``, newest first; ``updating`` while the index is updated.
 
     ``places``: number of text matches per session folder; ``hits`` are the first of them, grouped by session.

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 
 from caris_desktop import __version__
 from caris_desktop.domain.address import is_loopback
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.logs import configure_child_logging
 
 _log = logging.getLogger(__name__)
@@ -40,8 +40,7 @@ class JobError(Exception):
     """Job that failed, with the reason as text for the user."""
 
 
-@dataclass(frozen=True, slots=True)
-class Workers:
+class Workers(Value):
     """``count`` processes of this computer, or the cluster of a Dask ``scheduler``, if one is named."""
 
     count: int = 1

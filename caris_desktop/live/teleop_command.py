@@ -3,11 +3,10 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True)
-class TeleopCommand:
+class TeleopCommand(Value):
     """Components of -1..1: forward, left and counter-clockwise positive for the base, pan left and tilt down for the
     head.
     """

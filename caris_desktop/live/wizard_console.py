@@ -13,7 +13,7 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.trial_details import TrialDetails
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveState, LiveValue
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.scenario.scenario_model import Scenario
@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True)
-class RobotChoice:
+class RobotChoice(Value):
     """Robot in the list. ``name``: argument of UseRobot; ``problem``: why its profile is unusable."""
 
     name: str
@@ -37,8 +36,7 @@ class RobotChoice:
     problem: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class BeforeRecording:
+class BeforeRecording(Value):
     """Initial contents of the start dialog, as far as available.
 
     ``suggested``: the study's last details with the next trial number; ``bytes_per_hour``: expected usage, from this

@@ -26,7 +26,7 @@ from caris_desktop.domain.events import (
     Problem,
 )
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.envelope_encryption import About
 from caris_desktop.people.identities import UNDECIDED
@@ -54,8 +54,7 @@ PeopleIntent = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class _Done:
+class _Done(Value):
     """Decision with its undo function. ``concerns`` are all ids that it affects."""
 
     decision: PeopleDecision

@@ -8,7 +8,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.ciphers.aead import AESGCM
@@ -18,8 +18,7 @@ _NONCE_BYTES = 12
 _KEY_BITS = 256
 
 
-@dataclass(frozen=True, slots=True)
-class About:
+class About(Value):
     """The wizard's notes on a person. Someone without any counts as seen only, not as known."""
 
     name: str = ""

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 Vectors = NDArray[np.float32]
 
@@ -66,8 +66,7 @@ class Views:
         return np.stack([self._mean, *self._views]).astype(np.float32)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Gallery:
+class Gallery(Value, eq=False):
     """Embeddings of many people by one network. ``vectors`` is (n, length), ``begins`` the first row of each person."""
 
     person_ids: tuple[str, ...]

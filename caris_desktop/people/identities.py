@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from caris_desktop.domain.person_values import LooksKind, PersonLooks
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.people.gallery import GOOD_QUALITY, Gallery, Vectors, Views
 
 SUGGEST_FROM = 0.08
@@ -31,8 +31,7 @@ _VISITS_OF_A_PERSON = 3  # in addition to the first, which the wizard identified
 MOST_STRANGERS = 60
 
 
-@dataclass(frozen=True, slots=True)
-class AppearanceCalibration:
+class AppearanceCalibration(Value):
     """Calibration of one kind of embedding: the cosine from which it is evidence, its scale, and the required margin to
     the second best.
     """
@@ -51,8 +50,7 @@ LINES: Mapping[LooksKind, AppearanceCalibration] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Guess:
+class Guess(Value):
     """Possible match; ``kind`` contributed most."""
 
     person_id: str
@@ -61,8 +59,7 @@ class Guess:
     kind: LooksKind
 
 
-@dataclass(frozen=True, slots=True)
-class Judgement:
+class Judgement(Value):
     """Candidates, most likely first. ``sure``: enough embeddings agree, and no other person is close.
 
     ``stranger`` is the probability of a new person.

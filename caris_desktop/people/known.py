@@ -10,7 +10,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ConsentKind, Event, Problem
 from caris_desktop.domain.person_values import LooksKind
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.envelope_encryption import About
 from caris_desktop.people.identities import Identities
@@ -33,8 +33,7 @@ _MAX_HISTORY = 50
 Undo = Callable[[], None]
 
 
-@dataclass(frozen=True, slots=True)
-class KnownPerson:
+class KnownPerson(Value):
     """Known person. ``person_id`` is their main id."""
 
     person_id: str

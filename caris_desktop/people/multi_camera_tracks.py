@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.events import Event
 from caris_desktop.domain.person_values import PersonLooks
 from caris_desktop.domain.sensing import PeopleInMap
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.people.decisions import Decisions
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.visit_log import Track, Visit, VisitLog
@@ -116,8 +116,7 @@ _UNALIKE = 0.4
 _ALIKE_WEIGHT = 4.0
 
 
-@dataclass(frozen=True, slots=True)
-class Spot:
+class Spot(Value):
     """Position in the map at a time; ``spread_m`` is one standard deviation."""
 
     stamp_ns: int
@@ -136,8 +135,7 @@ class Sighting:
     last_ns: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Likeness:
+class Likeness(Value):
     """Comparison of two tracks. ``apart`` is their distance in standard deviations, the median of ``pairs`` times;
     ``alike`` is the cosine similarity, None if unknown.
     """

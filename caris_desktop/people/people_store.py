@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ConsentKind
 from caris_desktop.domain.person_values import LooksKind
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.people.database import PeopleDatabase
 from caris_desktop.people.envelope_encryption import About, about_bytes, about_of, new_key, seal, unseal
 
@@ -29,8 +29,7 @@ MOST_HISTORY_FOUND = 500
 HistoryKind = Literal["visit", "said", "heard", "photo", "note"]
 
 
-@dataclass(frozen=True, slots=True)
-class StoredPerson:
+class StoredPerson(Value):
     """One id. ``is_person_id`` is the person it was identified as, empty for a main id."""
 
     person_id: str
@@ -44,8 +43,7 @@ class StoredPerson:
         return self.about.name
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StoredEmbeddings:
+class StoredEmbeddings(Value, eq=False):
     """Appearance embeddings by one network. ``vectors`` is float32, shape (n, length), each of unit length.
 
     ``day`` is the local day, as 2026-11-22; without one, as for faces, they do not expire.
@@ -58,8 +56,7 @@ class StoredEmbeddings:
     vectors: NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True)
-class Consent:
+class Consent(Value):
     """Last answer to a consent question, with time and who noted it."""
 
     kind: ConsentKind
@@ -68,8 +65,7 @@ class Consent:
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
-class HistoryEntry:
+class HistoryEntry(Value):
     """History entry. ``text`` is speech, a note, or the file of a photo.
 
     ``session`` is the session folder's name, empty without a recording. ``until_utc_ns`` is the end of a visit.
@@ -82,8 +78,7 @@ class HistoryEntry:
     until_utc_ns: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Traces:
+class Traces(Value):
     """Search terms for the erasure of a person: all ids, and bytes of portraits and vectors."""
 
     person_ids: tuple[str, ...]

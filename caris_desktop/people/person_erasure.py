@@ -9,7 +9,7 @@ from pathlib import Path
 
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.people_store import PeopleStore, StoredPerson
 
@@ -17,8 +17,7 @@ _LEAST_FREE_BYTES = 1 << 20
 _NOTHING_CHANGED = QT_TR_NOOP("No person was erased; nothing was changed.")
 
 
-@dataclass(frozen=True, slots=True)
-class PersonToForget:
+class PersonToForget(Value):
     """Person to erase: all of their ids, the main one first, with names and images."""
 
     person_ids: tuple[str, ...]

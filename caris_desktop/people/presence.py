@@ -26,7 +26,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.person_values import PersonLooks, PersonPortrait
 from caris_desktop.domain.sensing import People, PeopleInMap
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.people.decisions import Decisions, PeopleIntent
 from caris_desktop.people.gallery import GOOD_QUALITY
 from caris_desktop.people.known import KnownPeople
@@ -68,8 +68,7 @@ def unnamed_number(name: str) -> int | None:
     return None if label is None else int(label[1])
 
 
-@dataclass(frozen=True, slots=True)
-class Suggestion:
+class Suggestion(Value):
     """Who somebody may be: one of the known people, and how often such a suggestion is right."""
 
     person_id: str
@@ -77,8 +76,7 @@ class Suggestion:
     confidence: float
 
 
-@dataclass(frozen=True, slots=True)
-class PersonRow:
+class PersonRow(Value):
     """One row of the People panel. ``name`` is what to show: the given name, or "Person 3".
 
     ``since_ns`` is when this visit began, on the session clock. ``camera`` is the one that sees them, empty in older
@@ -125,8 +123,7 @@ class PersonRow:
 PortraitsOf = Literal["everybody", "consenting", "nobody"]
 
 
-@dataclass(frozen=True, slots=True)
-class RecognitionSettings:
+class RecognitionSettings(Value):
     """Recognition of people: none, by their clothes within a day, or by their faces too.
 
     The console asks the wizard from a confidence of ``ask_at``, about people with notes. From ``confirm_at`` it decides

@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.weights import Weights, WeightsError
 
 _COCO_CLASS_COUNT = 80
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Detections:
+class Detections(Value, eq=False):
     """Detections in one image, in no particular order.
 
     ``corners_px`` is left, top, right, bottom inside the image, shape (n, 4); ``confidences`` and ``classes`` (rows of

@@ -17,7 +17,7 @@ from caris_desktop.domain.model_files import WrongChecksum, read_checked
 from caris_desktop.domain.person_values import PersonLooks
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.tracker import TrackedBox
 
@@ -117,8 +117,7 @@ class StudyFaces:
         return [] if self._faces is None else self._faces.extract(image_bgr, request.frame, boxes, keypoints)
 
 
-@dataclass(frozen=True, slots=True)
-class FaceCrop:
+class FaceCrop(Value):
     """``image_bgr`` is uint8, shape (112, 112, 3); ``quality`` is 0..1."""
 
     image_bgr: NDArray[np.uint8]

@@ -5,7 +5,7 @@ from dataclasses import field
 from pathlib import Path
 from typing import Literal, get_args
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.weights import DetectorChoice
 
 Device = Literal["auto", "cpu", "cuda", "mps"]
@@ -23,8 +23,7 @@ def default_threads() -> int:
     return max(1, min(4, (os.cpu_count() or 2) // 2))
 
 
-@dataclass(frozen=True, slots=True)
-class DetectorSettings:
+class DetectorSettings(Value):
     """Detector settings of a scenario; picklable.
 
     ``things``: reported classes other than people. ``server`` is the address of a remote detector, empty for none;
@@ -38,8 +37,7 @@ class DetectorSettings:
     other_computers: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class InferenceSettings:
+class InferenceSettings(Value):
     """Settings of an inference run; picklable.
 
     ``weights_path`` is the user's file, None for ``detector``, which may have to be downloaded: the search runs in the

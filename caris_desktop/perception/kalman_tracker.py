@@ -12,7 +12,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.perception.box_motion import Floats, Motion, assigned, corners_of, first_seen, overlaps
 
 # Confidence thresholds: a certain person, a possible continuation of a track, and a possible new track.
@@ -55,8 +55,7 @@ AppearanceOf = Callable[[Sequence[int]], Floats]
 """How the people in these boxes look, one row of unit length for each."""
 
 
-@dataclass(frozen=True, slots=True)
-class Followed:
+class Followed(Value):
     """One person in one frame. ``box`` is the row of the detection; ``number`` is never reused for another person.
 
     ``embedding`` is the appearance embedding, if it was computed in this frame.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.model_files import models_dirs
 from caris_desktop.domain.person_values import PersonPortrait
 from caris_desktop.domain.sensing import FrameRef, PersonBox, ThingBox
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.appearance_embedding import AppearanceError, AppearanceModel, find_appearance
 from caris_desktop.perception.backends.selected_runtime import Chosen, open_chosen
 from caris_desktop.perception.blur import head_of
@@ -26,8 +26,7 @@ from caris_desktop.perception.tracker import PersonTracker, TrackedBox
 _THING_CONFIDENCE = 0.35
 
 
-@dataclass(frozen=True, slots=True)
-class Perceived:
+class Perceived(Value):
     """Result for one image. ``boxes`` are the people among ``detections``, ``poses`` theirs by track."""
 
     boxes: list[TrackedBox]
@@ -169,8 +168,7 @@ _MARGIN = 0.05
 _MAX_PORTRAITS = 500
 
 
-@dataclass(frozen=True, slots=True)
-class _Best:
+class _Best(Value):
     stamp_ns: int
     worth: float
 

@@ -10,7 +10,7 @@ from typing import Generic, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 
 Posture = Literal["", "standing", "sitting"]
 Points = NDArray[np.float64]
@@ -31,8 +31,7 @@ UNKNOWN_AFTER_S = 2.0
 _FORGOTTEN_AFTER_S = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class Pose:
+class Pose(Value):
     """Pose as in ``PersonBox``."""
 
     posture: Posture = ""

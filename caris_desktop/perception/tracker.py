@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.perception.appearance_embedding import AppearanceModel
 from caris_desktop.perception.box_motion import Floats, Motion, assigned, corners_of, first_seen, overlaps
 from caris_desktop.perception.detector import Detections
@@ -21,8 +21,7 @@ from caris_desktop.perception.kalman_tracker import AppearanceOf, CameraTracker,
 _SAME_PERSON = 0.7
 
 
-@dataclass(frozen=True, slots=True)
-class TrackedBox:
+class TrackedBox(Value):
     """One person in one frame; ``track`` is constant while the person is tracked.
 
     ``detection`` is the row of the detection. ``quality`` is the view quality, 0..1, and ``embedding`` the one of

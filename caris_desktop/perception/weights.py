@@ -9,7 +9,7 @@ from urllib.parse import unquote, urlsplit
 
 from caris_desktop.domain.model_files import NotFetched, fetch, models_dirs, packaged_file, sha256_of
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 log = logging.getLogger(__name__)
 
@@ -50,8 +50,7 @@ class WeightsError(Exception):
         self.advice = advice
 
 
-@dataclass(frozen=True, slots=True)
-class DetectorChoice:
+class DetectorChoice(Value):
     """Detector of a scenario.
 
     ``source`` is a file, an OpenVINO folder, or an address; empty for the default search. A relative path is resolved
@@ -65,8 +64,7 @@ class DetectorChoice:
     input_px: int = _INPUT_PX
 
 
-@dataclass(frozen=True, slots=True)
-class Weights:
+class Weights(Value):
     """One detector file.
 
     ``input_px`` is the longer input side where the file leaves it open. ``person_class_names`` are the classes that

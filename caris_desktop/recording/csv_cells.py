@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from typing import IO, Any
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _FORMULA = re.compile("'*[=+\\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
 """As OWASP lists it ("CSV injection"), full width too; apostrophes before it, so that one can be taken off again."""
@@ -24,8 +24,7 @@ def read_cell(cell: str) -> str:
     return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell[1:]) else cell
 
 
-@dataclass(frozen=True, slots=True)
-class CsvStyle:
+class CsvStyle(Value):
     """Format of CSV files. ``plain``: cells unescaped, for programs. ``byte_order_mark``: for spreadsheets that do not
     assume UTF-8.
     """

@@ -18,7 +18,7 @@ from caris_desktop.domain.actor import OTHER_WIZARD
 from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.annotation_store import annotation_files, load_documents
@@ -39,8 +39,7 @@ _ANOTHER = "another"
 _ADDRESS = re.compile(rb"wss?://[^\s\"'\\<>(),;]+")
 
 
-@dataclass(frozen=True, slots=True)
-class Pseudonyms:
+class Pseudonyms(Value):
     """Pseudonyms of the wizards (by case-insensitive name) and coders of a study. Names that are codes already are
     unchanged.
     """

@@ -21,7 +21,7 @@ import psutil
 
 from caris_desktop.domain.file_replacement import no_room
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonymised, pseudonyms_of
 from caris_desktop.recording.session.missing_data import missing_words
@@ -61,8 +61,7 @@ def _no_progress(_fraction: float) -> None:
     """Ignore progress."""
 
 
-@dataclass(frozen=True, slots=True)
-class ExportContext:
+class ExportContext(Value):
     """Context of an exporter. ``progress`` gets 0..1 at any rate.
 
     ``licence`` is an SPDX identifier or an address, empty if none was chosen. ``warn`` takes a sentence on data that
@@ -89,8 +88,7 @@ StudyExporter = Callable[[Sequence[Session], Path, ExportContext], list[Path]]
 """The same from several sessions at once."""
 
 
-@dataclass(frozen=True, slots=True)
-class ExportFormat:
+class ExportFormat(Value):
     """Export format. ``module`` and ``function`` name its Exporter, imported on use.
 
     ``of_study`` names a function of the module that exports all sessions together, once.
@@ -182,8 +180,7 @@ FORMATS: tuple[ExportFormat, ...] = (
 BY_FORMAT: dict[str, ExportFormat] = {fmt.name: fmt for fmt in FORMATS}
 
 
-@dataclass(frozen=True, slots=True)
-class ExportRequest:
+class ExportRequest(Value):
     """Sessions to export in one or several formats.
 
     Each session gets the folder ``out/NAME``, or ``out`` itself without ``folder_per_session`` (single session only);
@@ -200,16 +197,14 @@ class ExportRequest:
     template: Path | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class ExportProgress:
+class ExportProgress(Value):
     """Progress of an ExportRequest, 0..1, and the item being written, as text."""
 
     fraction: float
     what: str
 
 
-@dataclass(frozen=True, slots=True)
-class ExportFinished:
+class ExportFinished(Value):
     """Folders written, one per session, and a sentence per failure.
 
     ``notices`` list repairs and missing data of sessions that were not closed properly.
@@ -398,8 +393,7 @@ def remove_partial_exports(out: Path) -> None:
 # One session
 
 
-@dataclass(frozen=True, slots=True)
-class _Exported:
+class _Exported(Value):
     """Result of one session; ``disk_full``: the remaining sessions would fail, too."""
 
     written: bool = False

@@ -13,7 +13,7 @@ from roslibpy.comm import RosBridgeProtocol
 from roslibpy.core import GoalStatus
 
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.bridge_security import SecurityError, auth_operation
 from caris_desktop.robot.bridge_wire import Wire, open_wire
 from caris_desktop.robot.profile import SecuritySettings
@@ -43,8 +43,7 @@ class NoAnswer(str):
     __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
-class LargeAnswer:
+class LargeAnswer(Value):
     """Answer too large to decode; ``tail`` is its raw end."""
 
     size_bytes: int
@@ -251,8 +250,7 @@ class RosbridgeProtocol(RosBridgeProtocol):  # type: ignore[misc]  # roslibpy ha
         self._handle(message_bytes)
 
 
-@dataclass(frozen=True, slots=True)
-class WaitingOperation:
+class WaitingOperation(Value):
     """Operation for a websocket that is being opened."""
 
     id: str

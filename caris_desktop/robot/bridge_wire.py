@@ -27,7 +27,7 @@ from websockets.uri import parse_uri
 
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.bridge_security import (
     SecurityError,
     certificate_refusal,
@@ -51,8 +51,7 @@ _NOT_READY = 500
 """From this HTTP status on it is the server that cannot, and not the question that is wrong."""
 
 
-@dataclass(frozen=True, slots=True)
-class Timings:
+class Timings(Value):
     """Timeouts of a silent peer, and reconnection delays. Seconds.
 
     Silence means no bytes of any kind over any connection to the same server: one busy with the others is not dead. An
@@ -112,8 +111,7 @@ class WireOwner(Protocol):
         """The connection is over. Called once, and only for one that was open."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Ping:
+class _Ping(Value):
     """Unanswered ping."""
 
     sent_s: float

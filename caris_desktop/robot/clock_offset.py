@@ -12,7 +12,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 WINDOW_S = 60.0
 MOST_SAMPLES = 128
@@ -22,8 +22,7 @@ DRIFT_LIMIT = 1e-3
 WANDER_PER_S = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class OffsetEstimate:
+class OffsetEstimate(Value):
     """Robot clock minus session clock at one time, true within ``uncertainty_ns`` of ``offset_ns``."""
 
     offset_ns: int
@@ -103,8 +102,7 @@ class ClockOffset:
         self._fit = fit
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
+class _Fit(Value):
     """Bounds of offset and rate that agree with all samples. Times relative to ``origin_ns``."""
 
     origin_ns: int

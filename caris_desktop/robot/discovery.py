@@ -21,7 +21,7 @@ from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.picture_checks import picture_size
 from caris_desktop.domain.sensing import lidar_mounting
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.bridge_wire import MEDIA_TIMINGS
 from caris_desktop.robot.localization import TransformTree
 from caris_desktop.robot.profile import (
@@ -77,8 +77,7 @@ class ExploreError(UserFacingError):
     """The robot cannot be queried."""
 
 
-@dataclass(frozen=True, slots=True)
-class Resemblance:
+class Resemblance(Value):
     """Similar profile of the list: ``share`` of its names exist with the right type."""
 
     name: str
@@ -86,8 +85,7 @@ class Resemblance:
     share: float
 
 
-@dataclass(frozen=True, slots=True)
-class Exploration:
+class Exploration(Value):
     """Result for an address. ``resembles`` is sorted best first and may be empty."""
 
     address: str
@@ -96,8 +94,7 @@ class Exploration:
     resembles: tuple[Resemblance, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class StreamCheck:
+class StreamCheck(Value):
     """Check of one stream of a profile.
 
     ``state``: good; slow (rate below the console's need); quiet (no message, but it is only occasional); nothing (no

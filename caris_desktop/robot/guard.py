@@ -14,7 +14,7 @@ from caris_desktop.domain.events import GuardChanged, GuardState
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, moved_by
 from caris_desktop.domain.sensing import LaserScan, Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.footprint import Array, Footprint, transformed
 from caris_desktop.robot.profile import RobotProfile
 
@@ -47,8 +47,7 @@ _STALE_WORDS = QT_TR_NOOP("no fresh scan from the LIDAR")
 _UNSEEN_WORDS = QT_TR_NOOP("the LIDAR does not cover this direction")
 
 
-@dataclass(frozen=True, slots=True)
-class GuardLimit:
+class GuardLimit(Value):
     """``fraction`` of the velocity is permitted, on the same arc; ``distance_m`` is the clearance along it."""
 
     fraction: float
@@ -57,8 +56,7 @@ class GuardLimit:
     detail: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class _View:
+class _View(Value):
     """Coverage of one scan: its pose, and each beam's angle to the nearest measuring one."""
 
     stamp_s: float

@@ -6,7 +6,7 @@ from enum import Enum
 
 from caris_desktop.domain.events import CommandSource
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.profile import MotionLimits
 
 EXPIRY_S = 0.15
@@ -21,8 +21,7 @@ class _Phase(Enum):
     ZEROING = "zeroing"  # repeating zero, then silent
 
 
-@dataclass(frozen=True, slots=True)
-class LeasedTwist:
+class LeasedTwist(Value):
     """Velocity due now, and its source."""
 
     twist: Twist2D

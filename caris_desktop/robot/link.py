@@ -7,15 +7,14 @@ import os
 from multiprocessing.connection import Connection
 
 from caris_desktop.domain.ports import FrameWriter
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.profile import RobotProfile
 
 MOST_PIXELS = 2**24
 _CHECKED_WITHIN_S = 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class LinkSettings:
+class LinkSettings(Value):
     """Settings of a link process. ``address`` overrides the profile's.
 
     ``follows_crash``: the previous process crashed, so the robot may still have its goals.

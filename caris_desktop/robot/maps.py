@@ -12,7 +12,7 @@ from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.link_commands import RequestMap, SetInitialPose
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.profile import MapServices, RobotProfile
 from caris_desktop.robot.robot_checks import RobotInventory
 from caris_desktop.robot.transport import AnswerTooLargeError, RosbridgeClient, RosbridgeTopic, ServiceCallError
@@ -53,8 +53,7 @@ def map_name_refusal(name: str) -> str:
     return ""
 
 
-@dataclass(frozen=True, slots=True)
-class _Offer:
+class _Offer(Value):
     """Map services of the robot; None for missing ones."""
 
     serialize: str | None = None

@@ -12,7 +12,7 @@ from caris_desktop.domain.events import GoalChanged, GoalState
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.link_commands import GoTo
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S, ActionClient, make_action_client
 from caris_desktop.robot.profile import NavigationServer
 from caris_desktop.robot.transport import RosbridgeClient
@@ -35,8 +35,7 @@ CANCEL_AGAIN_S = (0.3, 1.0)
 NO_NAVIGATION = QT_TR_NOOP("this robot's profile does not define navigation")
 
 
-@dataclass(frozen=True, slots=True)
-class _Goal:
+class _Goal(Value):
     """Present goal. ``wire_id`` is its id on the robot."""
 
     command: GoTo

@@ -13,7 +13,7 @@ from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.profile_model import (
     DEFAULT_ADDRESS,
     AudioInterface,
@@ -86,8 +86,7 @@ __all__ = [
 _NAME = r"[A-Za-z0-9_-]+"
 
 
-@dataclass(frozen=True, slots=True)
-class ListedProfile:
+class ListedProfile(Value):
     """One line of the robot list. ``error`` says why the file cannot be used; ``title`` is then the file's name."""
 
     name: str

@@ -25,7 +25,7 @@ from caris_desktop.domain.control_definitions import (
 from caris_desktop.domain.control_effects import RobotInterfaceNames, StopField
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema_fields import Excluded, FieldSpec, StoredAs
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ros.audio_messages import LEAST_RATE_HZ, MOST_CHANNELS, MOST_RATE_HZ, Coding
 
 DEFAULT_ADDRESS = "ws://127.0.0.1:9090"
@@ -56,8 +56,7 @@ class ProfileError(ValueError):
     """Unusable robot profile; the text names the file, the line and the allowed values."""
 
 
-@dataclass(frozen=True, slots=True)
-class TopicSource:
+class TopicSource(Value):
     """A topic to listen to."""
 
     topic: Annotated[RosName, FieldSpec("Name of the panel.")]
@@ -67,7 +66,6 @@ class TopicSource:
     )] = False  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
 class _LatchedKeys(TopicSource):
     """A latched topic, unless the file says otherwise."""
 
@@ -90,8 +88,7 @@ _LatchedSource = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class VelocityTopic:
+class VelocityTopic(Value):
     """Where velocity commands go."""
 
     topic: Annotated[
@@ -115,8 +112,7 @@ class VelocityTopic:
     )] = ""  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class TransformFrames:
+class TransformFrames(Value):
     """The frames of the robot's transform tree (tf)."""
 
     map: Annotated[_Frame, FieldSpec("The frame of the map.")] = "map"
@@ -124,8 +120,7 @@ class TransformFrames:
     base: Annotated[_Frame, FieldSpec("The robot's own frame; many robots have base_footprint.")] = "base_link"
 
 
-@dataclass(frozen=True, slots=True)
-class CameraTopic:
+class CameraTopic(Value):
     """One camera."""
 
     name: Annotated[str, FieldSpec(
@@ -153,8 +148,7 @@ class CameraTopic:
     )] = "CompressedImage"  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class SpeedLimitInterface:
+class SpeedLimitInterface(Value):
     """Interface for the navigation's top speed."""
 
     topic: Annotated[
@@ -175,8 +169,7 @@ class SpeedLimitInterface:
     )] = ("max_vel_x", "max_vel_trans")  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class NavigationServer:
+class NavigationServer(Value):
     """What takes navigation goals."""
 
     kind: Annotated[NavigationKind, FieldSpec("`move_base` in ROS 1 (actionlib), `navigate_to_pose` in ROS 2 (Nav2).")]
@@ -192,8 +185,7 @@ class NavigationServer:
     )] = None  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class SpeechAction:
+class SpeechAction(Value):
     """A speech action (actionlib in ROS 1); its result is the end of the sentence."""
 
     name: Annotated[RosName, FieldSpec("The name of the action.")]
@@ -211,8 +203,7 @@ _WebAddress = Annotated[str, FieldSpec(
 )]  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class SpeechService:
+class SpeechService(Value):
     """A speech service."""
 
     name: Annotated[RosName, FieldSpec("The name of the service.")]
@@ -222,8 +213,7 @@ class SpeechService:
     stop: Annotated[RosName | None, FieldSpec("A std_srvs/Trigger service that stops the speech.")] = None
 
 
-@dataclass(frozen=True, slots=True)
-class SpeechWeb:
+class SpeechWeb(Value):
     """A web interface (HTTP) of the robot that speaks; asked by POST, or by GET where there is no body."""
 
     url: Annotated[_WebAddress, FieldSpec("Its address; `$value` in it stands for the text.")]
@@ -232,8 +222,7 @@ class SpeechWeb:
     stop: Annotated[_WebAddress | None, FieldSpec("The address that stops the speech, by POST.")] = None
 
 
-@dataclass(frozen=True, slots=True)
-class SpeechInterface:
+class SpeechInterface(Value):
     """The robot's own voice: a topic, an action, a service or a web interface."""
 
     topic: Annotated[RosName | None, FieldSpec("std_msgs/String: the text to say.")] = None
@@ -255,8 +244,7 @@ class SpeechInterface:
     )] = None  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class AudioInterface:
+class AudioInterface(Value):
     """The robot's microphone, and a loudspeaker that plays sound as it comes (audio_common_msgs)."""
 
     topic: Annotated[RosName | None, FieldSpec("Audio from the robot's microphone.")] = None
@@ -284,8 +272,7 @@ class AudioInterface:
     )] = None  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class EmergencyStopInterface:
+class EmergencyStopInterface(Value):
     """The robot's own emergency stop: the topic that reports its state, and the service that sets it."""
 
     topic: Annotated[RosName | None, FieldSpec("std_msgs/Bool: true while the robot is stopped.")] = None
@@ -329,8 +316,7 @@ class EmergencyStopInterface:
         return bool(self.service or self.set_service or self.command_topic)
 
 
-@dataclass(frozen=True, slots=True)
-class HeadInterface:
+class HeadInterface(Value):
     """A head that pans (left positive) and tilts (down positive)."""
 
     kind: Annotated[Literal["joint_trajectory", "joint_angles"], FieldSpec(
@@ -354,8 +340,7 @@ class HeadInterface:
     tilt_sign: Annotated[_Sign, FieldSpec("-1 if the joint tilts up for a positive angle.")] = 1
 
 
-@dataclass(frozen=True, slots=True)
-class MapServices:
+class MapServices(Value):
     """What saves and loads maps and switches between mapping and localization."""
 
     slam_toolbox: Annotated[RosName | None, FieldSpec("The node of slam_toolbox, usually `/slam_toolbox`.")] = None
@@ -377,8 +362,7 @@ _Acceleration = Annotated[float, FieldSpec(unit="m/s²", more_than=0)]
 _TurnAcceleration = Annotated[float, FieldSpec(unit="rad/s²", more_than=0)]
 
 
-@dataclass(frozen=True, slots=True)
-class MotionLimits:
+class MotionLimits(Value):
     """How fast and how suddenly the base may move."""
 
     forward_mps: Annotated[_Speed, FieldSpec("Forward speed.", more_than=0)] = 0.5
@@ -391,8 +375,7 @@ class MotionLimits:
     turn_deceleration_radps2: Annotated[_TurnAcceleration, FieldSpec("Turning slower.")] = 6.0
 
 
-@dataclass(frozen=True, slots=True)
-class GuardSettings:
+class GuardSettings(Value):
     """How the obstacle guard keeps the footprint from touching what the LIDAR sees."""
 
     on: Annotated[bool, FieldSpec("`false` only if the robot has its own obstacle guard.", quiet=True)] = True
@@ -405,8 +388,7 @@ class GuardSettings:
     )] = 0.35  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class SecuritySettings:
+class SecuritySettings(Value):
     """How the link is secured; the secrets themselves are never in a file."""
 
     ca_file: Annotated[str | None, FieldSpec(
@@ -441,8 +423,7 @@ _Radius = Annotated[float, FieldSpec(unit="metres", at_least=0.02, at_most=5)]
 _Corner = tuple[Offset, Offset]
 
 
-@dataclass(frozen=True, slots=True)
-class FloorOutline:
+class FloorOutline(Value):
     """The robot's outline on the floor: a circle, or corners around its centre, counter-clockwise."""
 
     radius_m: Annotated[_Radius | None, FieldSpec("Radius of a round robot.")] = None
@@ -457,8 +438,7 @@ class FloorOutline:
 _AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class LaserMount:
+class LaserMount(Value):
     """Where the LIDAR is, and which way up."""
 
     robot_from_laser: Annotated[Pose2D, StoredAs(PoseKeys, PoseKeys.pose, PoseKeys.of), FieldSpec(
@@ -470,8 +450,7 @@ class LaserMount:
     )] = None  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class RobotProfile:
+class RobotProfile(Value):
     """Everything the link needs to know of a robot. None means that the robot has no such thing.
 
     All names are absolute: a ``namespace`` of the file has been put before its relative names already.
@@ -597,7 +576,6 @@ class RobotProfile:
         return tuple((self.footprint_radius_m * math.cos(a), self.footprint_radius_m * math.sin(a)) for a in steps)
 
 
-@dataclass(frozen=True, slots=True)
 class ProfileFile(RobotProfile):
     """Which robot it is, how its topics are called, how fast it may go. The guide of robot profiles explains it."""
 

@@ -9,7 +9,7 @@ from dataclasses import field, replace
 from typing import Any
 
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.profile import (
     AudioInterface,
     CameraTopic,
@@ -39,8 +39,7 @@ CAUTIOUS = MotionLimits(
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class RobotOffer:
+class RobotOffer(Value):
     """Inventory of a robot. Types are spelled as on the robot; an empty one is unknown.
 
     ``actions`` are the action servers. ``frames`` (of tf) and ``joints`` (of joint states) were received while
@@ -58,8 +57,7 @@ class RobotOffer:
     subscribers: Mapping[str, int] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
+class Candidate(Value):
     """Candidate value of a profile field. ``confidence`` is 0..1; ``why`` is the reason."""
 
     value: str
@@ -68,8 +66,7 @@ class Candidate:
     why: str
 
 
-@dataclass(frozen=True, slots=True)
-class FieldProposal:
+class FieldProposal(Value):
     """Line of the proposed mapping: the profile's ``field`` gets ``value`` ("" for none), one of ``candidates``.
 
     Candidates are sorted best first. ``field`` is a key of the profile (``scan``, ``cameras.0``, ``speech.stop``).
@@ -82,8 +79,7 @@ class FieldProposal:
     why: str
 
 
-@dataclass(frozen=True, slots=True)
-class Proposal:
+class Proposal(Value):
     """Mapping for the whole robot. ``notes`` are for the person who saves it."""
 
     namespace: str
@@ -201,8 +197,7 @@ def may_stop(service: str) -> bool:
     return bool(_STOP_WORDS.search(service) or _SWITCH_WORDS.search(service))
 
 
-@dataclass(frozen=True, slots=True)
-class _Kind:
+class _Kind(Value):
     """Recognition rule of a topic: types, last words of the name (best first), and words that count against it.
 
     Below ``least`` confidence it is listed but not proposed. ``published``: the robot publishes it. ``about`` must

@@ -11,7 +11,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.control_definitions import CallService, PublishMessage, RobotControl, SendActionGoal
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, same_type, type_name
@@ -27,8 +27,7 @@ _LEAST_PICTURES_HZ = 3.0
 _MAX_ERROR_CHARS = 300
 
 
-@dataclass(frozen=True, slots=True)
-class RobotInventory:
+class RobotInventory(Value):
     """Names on the robot. ``topics`` maps each to its type; ``actions`` is None if unknown."""
 
     topics: dict[str, str]
@@ -55,8 +54,7 @@ class RobotInventory:
         return None if self.actions is None else absolute_name(name) in self.actions
 
 
-@dataclass(frozen=True, slots=True)
-class NamedTopic:
+class NamedTopic(Value):
     """Topic named in a profile: ``field`` is its location, ``types`` (of ROS 1) are the acceptable ones.
 
     ``published``: the robot publishes it; otherwise it subscribes. ``expected_hz`` is None for occasional messages.

@@ -12,7 +12,7 @@ from caris_desktop.domain.control_definitions import fill_template
 from caris_desktop.domain.events import UtteranceChanged, UtteranceState
 from caris_desktop.domain.link_commands import Say
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S, make_action_client
 from caris_desktop.robot.profile import SpeechAction, SpeechInterface
 from caris_desktop.robot.speaking_time import LONGEST_UTTERANCE_S, estimated_duration_s
@@ -26,8 +26,7 @@ STARTS_WITHIN_S = 4.0
 STARTED_UNTOLD_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Utterance:
+class _Utterance(Value):
     command: Say
     started: bool = False
 

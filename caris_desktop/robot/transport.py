@@ -57,7 +57,7 @@ from websockets.exceptions import InvalidHandshake, InvalidURI
 
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.robot.bridge_security import SecurityError
 from caris_desktop.robot.bridge_socket import (
     HEAD_BYTES,
@@ -98,8 +98,7 @@ _NEW_QUESTIONS_SOCKET_AFTER_S = 30.0
 MOST_CALLS, MOST_URGENT_CALLS = 8, 16
 
 
-@dataclass(frozen=True, slots=True)
-class SizeLimits:
+class SizeLimits(Value):
     """Messages above ``message_bytes`` are refused; one above ``frame_bytes`` ends the connection before it is read."""
 
     message_bytes: int

@@ -3,7 +3,7 @@
 from typing import Any, Literal
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ros.dialect import Dialect, decode_time, encode_time
 from caris_desktop.ros.message_conversion import decode_pose_stamped, encode_pose_stamped
 from caris_desktop.ros.message_fields import (
@@ -46,8 +46,7 @@ _ENDINGS: dict[int, Ending] = {
 ROS2_ENDINGS: dict[int, Ending] = {ROS2_SUCCEEDED: "reached", ROS2_CANCELED: "cancelled", ROS2_ABORTED: "failed"}
 
 
-@dataclass(frozen=True, slots=True)
-class GoalStatus:
+class GoalStatus(Value):
     """State of one actionlib goal; ``status`` is a number of actionlib_msgs/GoalStatus."""
 
     goal_id: str
@@ -60,16 +59,14 @@ class GoalStatus:
         return _ENDINGS.get(self.status)
 
 
-@dataclass(frozen=True, slots=True)
-class GoalFeedback:
+class GoalFeedback(Value):
     """Progress of a navigation goal; values are None if not reported."""
 
     pose_in_map: Pose2D | None
     distance_left_m: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class GoalResult:
+class GoalResult(Value):
     """Outcome of a ROS 2 goal."""
 
     ending: Ending

@@ -5,7 +5,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ros.message_fields import Message, MessageError, blob, count, message_of, part, stamp_of, text
 
 MAX_AUDIO_BYTES = 1_000_000
@@ -15,16 +15,14 @@ LEAST_RATE_HZ, MOST_RATE_HZ = 4_000, 192_000
 Coding = Literal["wave", "mp3"]
 
 
-@dataclass(frozen=True, slots=True)
-class AudioPacket:
+class AudioPacket(Value):
     """Content of one message: raw samples, or a piece of an mp3 stream."""
 
     content: bytes
     robot_stamp_ns: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class AudioForm:
+class AudioForm(Value):
     """Audio format of a topic."""
 
     coding: Coding

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import lru_cache
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ros.dialect import plain_name
 
 INTEGER_RANGES: dict[str, tuple[int, int]] = {
@@ -26,8 +26,7 @@ TEXTS = frozenset({"string", "wstring"})
 TIMES = frozenset({"time", "duration", "builtin_interfaces/Time", "builtin_interfaces/Duration"})
 
 
-@dataclass(frozen=True, slots=True)
-class FieldType:
+class FieldType(Value):
     """One field. ``length`` is None for a single value, 0 for a list of any length, else the list's fixed length."""
 
     name: str
@@ -35,8 +34,7 @@ class FieldType:
     length: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Definition:
+class Definition(Value):
     """Fields of a type, and of its nested types by plain name (``package/Name``)."""
 
     fields: tuple[FieldType, ...]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ros.dialect import Dialect, decode_time, encode_time
 from caris_desktop.ros.message_fields import (
     Message,
@@ -26,8 +26,7 @@ MAX_JOINTS = 1_000
 _MAX_POINTS = 10_000
 
 
-@dataclass(frozen=True, slots=True)
-class JointPositions:
+class JointPositions(Value):
     """Position of each named joint, in radians or metres."""
 
     robot_stamp_ns: int | None

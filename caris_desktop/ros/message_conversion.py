@@ -14,7 +14,7 @@ import numpy as np
 from caris_desktop.domain.geometry import Pose2D, Pose3D, Twist2D
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, Odometry, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.message_fields import (
     Message,
@@ -49,8 +49,7 @@ MAX_IMAGE_SIDE_PX = 65_535
 MAX_TRANSFORMS = 1_000
 
 
-@dataclass(frozen=True, slots=True)
-class Transform:
+class Transform(Value):
     """One geometry_msgs/TransformStamped: pose of the child frame in the parent frame, in space or on the floor."""
 
     parent_frame: str
@@ -59,8 +58,7 @@ class Transform:
     robot_stamp_ns: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class CompressedImage:
+class CompressedImage(Value):
     """Compressed camera image. ``encoding`` is the robot's name, usually ``jpeg`` or ``png``."""
 
     encoding: str
@@ -68,8 +66,7 @@ class CompressedImage:
     robot_stamp_ns: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class Lens:
+class Lens(Value):
     """Pinhole part of sensor_msgs/CameraInfo: focal lengths and principal point, in pixels of that image."""
 
     width_px: int

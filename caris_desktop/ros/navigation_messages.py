@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ros.dialect import Dialect, decode_time, encode_time
 from caris_desktop.ros.message_conversion import MAX_MAP_CELLS
 from caris_desktop.ros.message_fields import (
@@ -30,8 +30,7 @@ from caris_desktop.ros.message_fields import (
 MAX_PATH_POSES = 50_000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Path:
+class Path(Value, eq=False):
     """nav_msgs/Path: ``points_m`` is float32, shape (poses, 2), in ``frame_id``."""
 
     frame_id: str
@@ -39,8 +38,7 @@ class Path:
     points_m: NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GridUpdate:
+class GridUpdate(Value, eq=False):
     """map_msgs/OccupancyGridUpdate: int8 ``cells``, shape (height, width), for column ``x``, row ``y``."""
 
     robot_stamp_ns: int | None

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ros.message_conversion import MAX_IMAGE_SIDE_PX
 from caris_desktop.ros.message_fields import Message, MessageError, blob, count, message_of, stamp_of, text
 
@@ -27,16 +27,14 @@ _DEPTHS: dict[str, np.dtype[Any]] = {"16UC1": np.dtype(np.uint16), "32FC1": np.d
 _OF_OPENCV = {"8UC1": "mono8", "8UC3": "bgr8", "8UC4": "bgra8"}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RawImage:
+class RawImage(Value, eq=False):
     """``image_bgr`` is uint8, shape (height, width, 3)."""
 
     image_bgr: NDArray[np.uint8]
     robot_stamp_ns: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class _Layout:
+class _Layout(Value):
     """Memory layout: ``channels`` values of ``dtype`` per pixel. ``conversion`` is OpenCV's name of the conversion to
     BGR, empty for none; ``depth``: a depth image.
     """

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.simulator.shipped_data import built, shipped_data
 
 Image = NDArray[np.uint8]
@@ -38,8 +38,7 @@ Bag = Literal["", "backpack", "shoulder bag"]
 Headwear = Literal["", "cap", "beanie", "scarf"]
 
 
-@dataclass(frozen=True, slots=True)
-class Clothes:
+class Clothes(Value):
     """Set of clothes. Colours are written as ``#rrggbb``; ``second`` is that of the pattern or of the layer beneath."""
 
     top: Top
@@ -55,8 +54,7 @@ class Clothes:
     headwear_colour: str = "#202020"
 
 
-@dataclass(frozen=True, slots=True)
-class Character:
+class Character(Value):
     """Constant features of a person. ``build``: relative width, 1 is normal."""
 
     height_m: float
@@ -72,8 +70,7 @@ CHARACTERS: tuple[Character, ...] = built(tuple[Character, ...], shipped_data("c
 """The people, by their number."""
 
 
-@dataclass(frozen=True, slots=True)
-class Appearance:
+class Appearance(Value):
     """Person and clothes: rows of ``CHARACTERS`` and of their clothes."""
 
     person: int

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.ros import rosbridge
 
 UNBOUNDED_LENGTH = 200
@@ -59,8 +59,7 @@ class Sender(Protocol):
     async def send(self, message: str | bytes, of: Published | None = None) -> None: ...
 
 
-@dataclass(frozen=True, slots=True)
-class Subscription:
+class Subscription(Value):
     """Options of one subscription of a client."""
 
     throttle_s: float = 0.0

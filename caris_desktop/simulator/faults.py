@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 MAX_LATENCY_MS = 10_000.0
 MAX_DROP_S = 600.0
@@ -22,8 +22,7 @@ HELP = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Faults:
+class Faults(Value):
     """Present faults."""
 
     latency_s: float = 0.0
@@ -42,8 +41,7 @@ class Faults:
     service_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Injection:
+class Injection(Value):
     """Result of one fault command: the new faults, and one-time effects."""
 
     faults: Faults

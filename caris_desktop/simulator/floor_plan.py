@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.simulator.shipped_data import built, shipped_data
 
 Colour = tuple[int, int, int]  # blue, green, red
@@ -23,8 +23,7 @@ MAP_ORIGIN_M = (-1.0, -2.5)
 MAP_SIZE_M = (18.0, 13.5)
 
 
-@dataclass(frozen=True, slots=True)
-class Box:
+class Box(Value):
     """Upright box; ``low_m`` and ``high_m`` are heights above the floor."""
 
     x0_m: float
@@ -36,8 +35,7 @@ class Box:
     colour: Colour = (200, 200, 200)
 
 
-@dataclass(frozen=True, slots=True)
-class Furniture:
+class Furniture(Value):
     """Piece of furniture: footprint for collisions and LIDAR, and the parts that the camera sees."""
 
     name: str
@@ -45,8 +43,7 @@ class Furniture:
     parts: tuple[Box, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Door:
+class Door(Value):
     """Opening in a wall, from ``start_m`` to ``end_m`` along it, with a sign above it."""
 
     start_m: float
@@ -54,8 +51,7 @@ class Door:
     sign: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class WallRun:
+class WallRun(Value):
     """Straight wall. ``along`` is the axis it is parallel to, ``at_m`` its middle on the other axis."""
 
     along: str
@@ -65,16 +61,14 @@ class WallRun:
     doors: tuple[Door, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
+class Place(Value):
     """Named place; at ``pose`` the robot faces the eponymous object."""
 
     name: str
     pose: Pose2D
 
 
-@dataclass(frozen=True, slots=True)
-class Poster:
+class Poster(Value):
     """Picture on a wall: centre, orientation (degrees), and size."""
 
     x_m: float
@@ -114,8 +108,7 @@ def _run_box(run: WallRun, start_m: float, end_m: float, low_m: float, high_m: f
     return _box(run.at_m - half, start_m, run.at_m + half, end_m, low_m, high_m, "wall")
 
 
-@dataclass(frozen=True, slots=True)
-class Lintel:
+class Lintel(Value):
     """Wall above a door, with a sign on both sides."""
 
     box: Box

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.domain.sensing import LaserScan
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.simulator.floor_plan import SOLID
 from caris_desktop.simulator.ray_casting import circle_hits, corners_of, entry_and_exit
 
@@ -22,8 +22,7 @@ ANGLE_INCREMENT_RAD = 2.0 * math.pi / BEAMS
 _CORNERS = corners_of(SOLID)
 
 
-@dataclass(frozen=True, slots=True)
-class LidarModel:
+class LidarModel(Value):
     """Measuring properties and mounting of a LIDAR.
 
     ``blind`` are beam ranges (end exclusive) that never measure and read ``blind_m``. Beyond the range it reads

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.simulator import characters, textures
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, MOUNT_HEIGHT_M, WIDTH_PX
 from caris_desktop.simulator.floor_plan import FURNITURE, LINTELS, MAP_ORIGIN_M, WALL_HEIGHT_M, WALLS, Box, Colour
@@ -32,8 +32,7 @@ _SHADES = {"west": 0.80, "east": 0.86, "south": 0.95, "north": 0.90, "top": 1.06
 _BOB_M = 0.025
 
 
-@dataclass(frozen=True, slots=True)
-class _Decal:
+class _Decal(Value):
     """Flat image on one side of a box."""
 
     side: str
@@ -41,8 +40,7 @@ class _Decal:
     share: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)  # left, top, right, bottom of the side
 
 
-@dataclass(frozen=True, slots=True)
-class _Thing:
+class _Thing(Value):
     """Object in the rooms, drawn as a whole from the floor up."""
 
     outline: Box
@@ -51,8 +49,7 @@ class _Thing:
     person: Seen | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Lens:
+class _Lens(Value):
     """Pinhole with a horizontal axis, so that vertical walls stay vertical."""
 
     width_px: int
@@ -256,8 +253,7 @@ def _within(lens: _Lens, left: float, top: float, right: float, bottom: float) -
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Eye:
+class _Eye(Value):
     """Pose of the camera; rays of each column, shape (width,), in units of depth."""
 
     x_m: float

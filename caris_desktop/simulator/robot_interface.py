@@ -2,29 +2,26 @@
 
 from typing import Literal
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.simulator.robot_simulation import Body
 
 
-@dataclass(frozen=True, slots=True)
-class VelocityInput:
+class VelocityInput(Value):
     """Topic that moves the base. ``either``: TwistStamped is accepted as well, on a topic of type Twist."""
 
     topic: str
     type: Literal["Twist", "TwistStamped", "either"] = "Twist"
 
 
-@dataclass(frozen=True, slots=True)
-class BatteryTopic:
+class BatteryTopic(Value):
     """Battery state: sensor_msgs/BatteryState of 0..1 or of 0..100, or std_msgs/Float32 of 0..100."""
 
     topic: str
     kind: Literal["BatteryState", "BatteryState percent", "Float32 percent"] = "BatteryState"
 
 
-@dataclass(frozen=True, slots=True)
-class CameraTopics:
+class CameraTopics(Value):
     """Camera: sensor_msgs/CompressedImage on ``image``, sensor_msgs/CameraInfo on ``info``."""
 
     image: str
@@ -32,8 +29,7 @@ class CameraTopics:
     frame: str
 
 
-@dataclass(frozen=True, slots=True)
-class HeadTopics:
+class HeadTopics(Value):
     """Head, moved by trajectory_msgs/JointTrajectory or naoqi_bridge_msgs/JointAnglesWithSpeed on ``topic``.
 
     ``tilt_sign`` is -1 where the joint's positive direction is up.
@@ -47,8 +43,7 @@ class HeadTopics:
     frames: tuple[str, str] = ("head_1_link", "head_2_link")
 
 
-@dataclass(frozen=True, slots=True)
-class SpeechTopics:
+class SpeechTopics(Value):
     """Speech by std_msgs/String on ``topic``. ``speaking`` is Bool, ``stop`` is Empty."""
 
     topic: str
@@ -56,23 +51,20 @@ class SpeechTopics:
     stop: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class SpeechAction:
+class SpeechAction(Value):
     """Speech by PAL's text-to-speech action (pal_interaction_msgs/TtsAction)."""
 
     name: str
 
 
-@dataclass(frozen=True, slots=True)
-class AudioTopics:
+class AudioTopics(Value):
     """audio_common_msgs/AudioData of microphone and loudspeaker."""
 
     microphone: str
     speaker: str
 
 
-@dataclass(frozen=True, slots=True)
-class Navigation:
+class Navigation(Value):
     """Navigation: an action named ``name`` (None: only the simple goal topic), and the path topic.
 
     ``speed_limit`` is a topic of nav2_msgs/SpeedLimit, ``planner`` the node of a local planner whose
@@ -86,8 +78,7 @@ class Navigation:
     planner: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class StopService:
+class StopService(Value):
     """Service that cuts and restores motor power: ``field`` of the request is ``stopping`` to stop."""
 
     name: str
@@ -97,8 +88,7 @@ class StopService:
     stopping: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class StubCapability:
+class StubCapability(Value):
     """Further capability of the robot, which the simulation only records."""
 
     kind: Literal["topic", "service", "action"]
@@ -107,8 +97,7 @@ class StubCapability:
     type: str
 
 
-@dataclass(frozen=True, slots=True)
-class RobotInterface:
+class RobotInterface(Value):
     """Complete interface. Names without a leading slash are in the robot's namespace."""
 
     name: str

@@ -9,7 +9,7 @@ import numpy as np
 
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
 from caris_desktop.domain.sensing import LaserScan, Odometry, lidar_mounting
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.simulator import lidar, simulated_base
 from caris_desktop.simulator.camera_model import MOUNT_HEIGHT_M
 from caris_desktop.simulator.floor_plan import START
@@ -32,8 +32,7 @@ _MAPS_WITHIN_M, _MAPS_WITHIN_RAD = 0.05, 0.03
 _NO_ERROR = Pose2D(0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class View:
+class View(Value):
     """Camera pose and people for one image. ``tilt_rad``: down positive."""
 
     map_from_camera: Pose2D
@@ -42,8 +41,7 @@ class View:
     height_m: float = MOUNT_HEIGHT_M
 
 
-@dataclass(frozen=True, slots=True)
-class Body:
+class Body(Value):
     """Hardware of the robot: base, LIDAR, head and camera mounting."""
 
     base: BaseModel = DIFFERENTIAL

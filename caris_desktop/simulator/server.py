@@ -21,7 +21,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.protocol import State
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.ros.dialect import Dialect, same_type
 from caris_desktop.ros.message_fields import MessageError, count, message_of, text
 from caris_desktop.ros.message_fields import field as field_of
@@ -70,16 +70,14 @@ class Topic:
     robots_own: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class SimulatedService:
+class SimulatedService(Value):
     """Service of the robot."""
 
     type: str
     call: Callable[[Message], Message]
 
 
-@dataclass(frozen=True, slots=True)
-class Action:
+class Action(Value):
     """ROS 2 action: ``start`` takes (goal id, goal, reply); ``cancel`` takes the goal id."""
 
     type: str

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D, Twist2D, wrap_angle
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.simulator.floor_plan import SOLID
 from caris_desktop.simulator.ray_casting import corners_of
 
@@ -22,8 +22,7 @@ _CORNERS = corners_of(SOLID)
 _PUSHES = 3
 
 
-@dataclass(frozen=True, slots=True)
-class BaseModel:
+class BaseModel(Value):
     """Capabilities of a base. ``left_mps`` is 0 for differential drive."""
 
     radius_m: float = RADIUS_M
@@ -37,8 +36,7 @@ DIFFERENTIAL = BaseModel()
 HOLONOMIC = BaseModel(left_mps=0.5)
 
 
-@dataclass(frozen=True, slots=True)
-class BaseState:
+class BaseState(Value):
     """True pose and velocity of the base."""
 
     pose_in_map: Pose2D

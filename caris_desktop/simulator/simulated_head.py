@@ -1,12 +1,11 @@
 """Pan-tilt head with joint limits and motor speeds."""
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 
 DEFAULT_SPEED_RADPS = 0.8
 
 
-@dataclass(frozen=True, slots=True)
-class HeadModel:
+class HeadModel(Value):
     """Range and speed of a head: pan left positive, tilt down positive, from straight ahead."""
 
     pan_range_rad: tuple[float, float] = (-1.2, 1.2)

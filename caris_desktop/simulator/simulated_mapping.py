@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan, OccupancyGrid
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.simulator.floor_plan import MAP_ORIGIN_M, MAP_SIZE_M
 
 RESOLUTION_M = 0.05
@@ -19,8 +19,7 @@ _CELLS_WORTH_TELLING = 10
 _SHIFT = 4  # fractional bits of cv2's drawing coordinates
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MapChange:
+class MapChange(Value, eq=False):
     """Rectangle of new cells: int8, shape (height, width), with its origin at column ``left``, row ``bottom``."""
 
     left: int

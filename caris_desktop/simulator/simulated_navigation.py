@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.simulator import path_planning
 from caris_desktop.simulator.path_planning import Point
 from caris_desktop.simulator.simulated_base import RADIUS_M
@@ -24,8 +24,7 @@ _PERSON_GAP_M = 0.55
 _REPLAN_AFTER_S, _GIVE_UP_AFTER_S = 3.0, 25.0
 
 
-@dataclass(frozen=True, slots=True)
-class Progress:
+class Progress(Value):
     """Progress of a goal."""
 
     goal_id: str
@@ -33,8 +32,7 @@ class Progress:
     elapsed_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class GoalEnded:
+class GoalEnded(Value):
     """End of a goal."""
 
     goal_id: str

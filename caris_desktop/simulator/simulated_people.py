@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.simulator import path_planning
 from caris_desktop.simulator.characters import CHARACTERS, Appearance
 from caris_desktop.simulator.path_planning import Point
@@ -28,8 +28,7 @@ OUTSIDE: Point = (2.55, -0.95)
 """In the porch behind the entrance door, where nobody is seen."""
 
 
-@dataclass(frozen=True, slots=True)
-class Seen:
+class Seen(Value):
     """One person for camera and state service.
 
     ``sprite`` is the index of a photo sprite; a person with an ``appearance`` is rendered with it from the visible
@@ -46,8 +45,7 @@ class Seen:
     appearance: Appearance | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Visit:
+class Visit(Value):
     """A person of ``CHARACTERS`` enters at the door, stays in front of the robot, turns there, and leaves."""
 
     person: int
@@ -104,8 +102,7 @@ def read_visits(path: Path) -> list[Visit]:
     return sorted(visits, key=lambda visit: visit.comes_s)
 
 
-@dataclass(frozen=True, slots=True)
-class _Role:
+class _Role(Value):
     sprite: int
     height_m: float
     speed_mps: float

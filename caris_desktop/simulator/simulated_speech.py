@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 logger = logging.getLogger(__name__)
 
@@ -26,8 +26,7 @@ _RENDER_LIMIT_S = 15.0
 _CHARS_PER_S = 14.0
 
 
-@dataclass(frozen=True, slots=True)
-class Spoken:
+class Spoken(Value):
     """Audio of one sentence: int16, shape (samples,); empty if only its duration is known."""
 
     samples: NDArray[np.int16]

@@ -7,7 +7,7 @@ from typing import Any, Literal, Self, TypeVar
 from caris_desktop.domain.events import AssistedFunction
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.scenario_model import PanelName, Scenario
 
@@ -35,8 +35,7 @@ def gives(*kinds: type[Intent]) -> Callable[[_Find], _Find]:
     return declare
 
 
-@dataclass(frozen=True, slots=True)
-class ActionSpec:
+class ActionSpec(Value):
     """One row of the action table. ``keys`` work anywhere in the window, ``driving_keys`` also while Drive, Video or
     Map has the focus.
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.background_reading import Remembered
@@ -27,8 +27,7 @@ THEME_WORDS: dict[ThemeChoice, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class AppContext:
+class AppContext(Value):
     console: WizardConsole
     theme: Theme
     actions: Actions

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from PySide6.QtCore import QKeyCombination, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.key_positions import position_codes, position_of
 from caris_desktop.ui.teleop_input import Hold
@@ -94,8 +94,7 @@ class KeyBindings:
         return None if action_id is None else Hold(action_id, bare=lives_by_focus)
 
 
-@dataclass(frozen=True, slots=True)
-class PressedKey:
+class PressedKey(Value):
     """``key`` as written in the table, empty for a key without a name; ``position`` on the keyboard."""
 
     key: str

@@ -14,7 +14,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ui.action_rows import say_keyed_phrase
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.key_positions import position_codes
@@ -26,8 +26,7 @@ _STOPS = ("Esc", "Pause")
 _EDITS_TEXT = frozenset(f"Ctrl+{key}" for key in ("A", "C", "V", "X", "Z", "Y", "Left", "Right", "Backspace", "Del"))
 
 
-@dataclass(frozen=True, slots=True)
-class Keys:
+class Keys(Value):
     """Keys of a row: those that work anywhere, and those while Drive, Video or Map has the focus."""
 
     keys: tuple[str, ...] = ()
@@ -38,8 +37,7 @@ Choices = Mapping[str, Keys]
 """Keyed by ``name_of_row``."""
 
 
-@dataclass(frozen=True, slots=True)
-class ResolvedBindings:
+class ResolvedBindings(Value):
     """Resolved bindings: ``rows`` with the chosen keys. ``fallen_back``: reasons for rejected choices.
 
     ``clashes``: phrases and gestures whose key in the scenario belongs to another row and therefore does not work.

@@ -15,7 +15,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario, layout_data, layout_text, own_layout
 from caris_desktop.ui.dock_host import LOCKED, DockHost
@@ -31,8 +31,7 @@ _SAME_WEIGHT = 0.01  # a difference of a pixel is not another layout
 _NARROW_REPLAY_PX, _LOW_REPLAY_PX = 860, 300
 
 
-@dataclass(frozen=True, slots=True)
-class LayoutCommand:
+class LayoutCommand(Value):
     """Layout command with its availability. ``action``: the row of the action table that does the same; ``id`` does not
     depend on language or on what would be undone.
     """
@@ -447,8 +446,7 @@ _WORKING, _ASIDE, _LOCKED, _ADAPTS = "layout/working", "layout/working_aside", "
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True)
-class WorkingCopy:
+class WorkingCopy(Value):
     """A working copy. ``of_another``: made from a layout that the scenario file no longer has."""
 
     arrangement: DockLayout

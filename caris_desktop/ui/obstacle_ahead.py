@@ -6,7 +6,7 @@ import numpy as np
 
 from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.profile import RobotProfile
 
 CLOSE_M = 0.6
@@ -16,8 +16,7 @@ _LOOKS_BACK_RAD = math.radians(120.0)
 _NEXT_BEAM_RAD = math.radians(2.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Ahead:
+class Ahead(Value):
     """Clearance within 20 degrees of the base's forward direction: distance to the nearest return, None without one,
     and the share of that sector that the LIDAR covers, 0 to 1.
     """

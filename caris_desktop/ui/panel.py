@@ -10,7 +10,7 @@ from PySide6.QtGui import QAccessible, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QBoxLayout, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import PanelSettings, Scenario
 from caris_desktop.ui import tokens
@@ -26,8 +26,7 @@ WindowName = Literal["start", "export", "sessions", "face"]
 """Windows that a panel can request: start recording, export the last session, all sessions, edit the face."""
 
 
-@dataclass(frozen=True, slots=True)
-class PanelContext:
+class PanelContext(Value):
     """Dependencies shared by all panels."""
 
     console: WizardConsole

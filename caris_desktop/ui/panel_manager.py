@@ -15,7 +15,7 @@ from PySide6.QtCore import QObject, QSize, Qt, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, PanelSettings, Scenario
 from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.focus_widget import focus_widget
@@ -31,8 +31,7 @@ more than one repaint.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class _Building:
+class _Building(Value):
     """Layout to apply once all panels are created, and the callback for completion."""
 
     arrangement: DockLayout

@@ -6,12 +6,11 @@ from typing import Any
 
 from caris_desktop.domain.intents import Permission
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_model import PanelName, Scenario
 
 
-@dataclass(frozen=True, slots=True)
-class PanelSpec:
+class PanelSpec(Value):
     """Row of the panel table.
 
     ``module`` and ``class_name`` are imported only when a scenario shows the panel. ``neighbours``: a panel outside the

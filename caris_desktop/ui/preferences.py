@@ -11,7 +11,7 @@ from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import AssistedFunction, VoiceOutput
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import VoiceStatus
 from caris_desktop.live.wizard_console import WizardConsole
@@ -25,8 +25,7 @@ from caris_desktop.ui.wizard_profiles import WizardProfiles
 _LEAST_SPEED = 0.1
 
 
-@dataclass(frozen=True, slots=True)
-class _Choice:
+class _Choice(Value):
     """One preference. ``read`` returns the current value as JSON data, or None; it changes with one of ``values``.
     ``file`` returns the part of the scenario file that the preference overrides or selects from.
 

@@ -11,7 +11,7 @@ from PySide6.QtGui import QFocusEvent, QIcon, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.studies.study_query import SessionEntry
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.icons import icon
@@ -20,8 +20,7 @@ from caris_desktop.ui.theme import Theme
 _ROW_PX = 36
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
+class Column(Value):
     """Column of the session table: title, cell text and sort key."""
 
     title: str

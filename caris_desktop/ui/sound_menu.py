@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QMenu
 from caris_desktop.domain import intents
 from caris_desktop.domain.sound_values import Role
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.remote_microphone import participant_microphone
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import text_formatting
@@ -19,8 +19,7 @@ from caris_desktop.ui import text_formatting
 _VOLUMES = (1.0, 0.7, 0.4, 0.2)
 
 
-@dataclass(frozen=True, slots=True)
-class SoundChoice:
+class SoundChoice(Value):
     """Entry of the menu: ``title`` is the setting, ``text`` its value; ``id`` does not depend on language."""
 
     title: str

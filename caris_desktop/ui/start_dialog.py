@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QBoxLayout, QDialog, QFormLayout, QLabel, QLineEdi
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial_details import TrialDetails
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import BeforeRecording, WizardConsole
 from caris_desktop.scenario.scenario_model import BlurSettings, Permissions
@@ -35,8 +35,7 @@ _WITH_CHECKS_PX, _CHECKS_BELOW_PX = 660, 320
 _FRAME_PX = QSize(16, 56)  # window decoration of the desktop
 
 
-@dataclass(frozen=True, slots=True)
-class RecordingOffer:
+class RecordingOffer(Value):
     """Recording options shown in the dialog.
 
     ``microphones``: names of sound inputs, empty for the system default; ``microphone``: the selected one, None for

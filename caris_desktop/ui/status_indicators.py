@@ -12,7 +12,7 @@ from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import moves
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import tokens
@@ -25,8 +25,7 @@ Lit = Literal["on", "half", "off"]
 _SIDE_PX, _GAP_PX, _BETWEEN_PX = 12, 8, 8
 
 
-@dataclass(frozen=True, slots=True)
-class Sign:
+class Sign(Value):
     """Filled icon for on, outline for off; a dashed outline for in between or unknown."""
 
     lit: Lit

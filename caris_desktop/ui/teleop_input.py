@@ -6,7 +6,7 @@ from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import CommandSource
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.teleop_command import AT_REST, TeleopCommand, merged
 from caris_desktop.live.wizard_console import WizardConsole
@@ -26,8 +26,7 @@ def command_of(action_ids: Iterable[str]) -> TeleopCommand:
     return merged(WISHES[action_id] for action_id in set(action_ids))
 
 
-@dataclass(frozen=True, slots=True)
-class Hold:
+class Hold(Value):
     """A pressed key and its action."""
 
     action_id: str

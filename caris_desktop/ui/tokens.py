@@ -1,6 +1,6 @@
 """Design tokens: colours, sizes and fonts of the window. The only file with colours."""
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 GRID_PX = 8
 PANEL_RADIUS_PX = 10
@@ -20,8 +20,7 @@ WEIGHT_MEDIUM = 500
 WEIGHT_SEMIBOLD = 600
 
 
-@dataclass(frozen=True, slots=True)
-class Colors:
+class Colors(Value):
     """Colours of one theme. ``on_*`` is text on that colour; ``*_soft`` a tinted background for ordinary text."""
 
     name: str

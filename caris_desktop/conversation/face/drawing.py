@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from caris_desktop.conversation.face.face_file import Face
 from caris_desktop.conversation.face.face_motion import FaceState
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _GAZE_SHARE = 0.22
 """How far the eyes move, in their widths."""
@@ -21,8 +21,7 @@ _RAISED = 7.0
 """How far the face gives way to a caption."""
 
 
-@dataclass(frozen=True, slots=True)
-class Box:
+class Box(Value):
     """Filled rectangle around (x, y) with rounded corners, rotated clockwise."""
 
     x: float
@@ -35,8 +34,7 @@ class Box:
     kind: Literal["box"] = "box"
 
 
-@dataclass(frozen=True, slots=True)
-class Lips:
+class Lips(Value):
     """Filled area between two curves from (left, y) to (right, y), whose control points are at
     ``upper`` and ``lower``.
     """
@@ -51,8 +49,7 @@ class Lips:
     kind: Literal["lips"] = "lips"
 
 
-@dataclass(frozen=True, slots=True)
-class Words:
+class Words(Value):
     """Centred text, first line at ``y``, wrapped at ``width``."""
 
     text: str
@@ -66,8 +63,7 @@ class Words:
 Shape = Box | Lips | Words
 
 
-@dataclass(frozen=True, slots=True)
-class Drawing:
+class Drawing(Value):
     """Complete drawing of one frame."""
 
     background: str

@@ -14,7 +14,7 @@ from caris_desktop.domain.schema_fields import Excluded, FieldSpec, data_of, val
 from caris_desktop.domain.schema_validation import problem_lines, problems
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
 
@@ -25,8 +25,7 @@ _SHARE = "hundredths of the shorter side of the screen"
 _Colour = Annotated[str, FieldSpec(pattern="^#[0-9a-fA-F]{6}$", allowed="a colour as #rrggbb.")]
 
 
-@dataclass(frozen=True, slots=True)
-class Eyes:
+class Eyes(Value):
     """Two rounded shapes, the middle of each `apart`/2 from the middle of the face."""
 
     width: Annotated[float, FieldSpec("Width of one eye.", unit=_SHARE, at_least=2, at_most=40)] = 12.0
@@ -40,8 +39,7 @@ class Eyes:
     roundness: Annotated[float, FieldSpec("1: as round as can be; 0: with corners.", at_least=0, at_most=1)] = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Mouth:
+class Mouth(Value):
     """One stroke, which opens while the robot speaks."""
 
     width: Annotated[float, FieldSpec("Width from corner to corner.", unit=_SHARE, at_least=4, at_most=80)] = 22.0
@@ -51,8 +49,7 @@ class Mouth:
     ] = 20.0
 
 
-@dataclass(frozen=True, slots=True)
-class Expression:
+class Expression(Value):
     """How the face looks with one expression."""
 
     name: Annotated[str, FieldSpec("Name of the expression; each name must be unique.", shortest=1, longest=30)]
@@ -75,8 +72,7 @@ _USUAL_EXPRESSIONS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Face:
+class Face(Value):
     """A face. The first of its expressions is the one that it begins with."""
 
     title: Annotated[str, FieldSpec("Name shown to the wizard.", shortest=1, longest=60)]

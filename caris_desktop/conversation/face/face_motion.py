@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.face.face_file import Expression, Face
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 BLINK_S = 0.16
 _GLIDE_S = 0.12
@@ -19,8 +19,7 @@ _ENVELOPE_S = 0.02
 _SYLLABLES_PER_S = 4.2
 
 
-@dataclass(frozen=True, slots=True)
-class FaceState:
+class FaceState(Value):
     """State of the face at a time. ``gaze_*`` are -1 to 1 as seen on the screen, right and up positive.
 
     Other fields are as in files; ``hearing`` is the strength of the listening sign, 0 to 1.
@@ -35,8 +34,7 @@ class FaceState:
     hearing: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class SpokenLoudness:
+class SpokenLoudness(Value):
     """Loudness of an utterance over time: ``shares`` as from ``loudness``, empty if unknown."""
 
     started_ns: int

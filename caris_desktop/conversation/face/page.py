@@ -24,7 +24,7 @@ from caris_desktop.conversation.face.drawing import Drawing
 from caris_desktop.domain.limited_listener import LimitedListener, is_own_host, listen_limited, quiet_handshakes
 from caris_desktop.domain.process_priority import step_back
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
 HEARTBEAT_EVERY_S = 1.0
@@ -37,22 +37,19 @@ _OPENS_WITHIN_S = 3.0
 _NICENESS = 5
 
 
-@dataclass(frozen=True, slots=True)
-class PageOpened:
+class PageOpened(Value):
     """The page is served at this secret address."""
 
     address: str
 
 
-@dataclass(frozen=True, slots=True)
-class PageFailed:
+class PageFailed(Value):
     """The page cannot be served; the process ends."""
 
     why: str
 
 
-@dataclass(frozen=True, slots=True)
-class PagesOpen:
+class PagesOpen(Value):
     """Number of open pages."""
 
     pages: int

@@ -24,7 +24,7 @@ from caris_desktop.conversation.listening.room_filter import (
 from caris_desktop.conversation.sound.resampling import Resampler, resampled
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import PlayedSound, PlayedSoundEnded
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 
 _HOLE_NS = 60_000_000
 _SHORT_HOLE_NS = 1_000_000_000
@@ -151,8 +151,7 @@ _MARGIN = 4.0
 _EMPTY = np.zeros(0, np.float32)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CleanSound:
+class CleanSound(Value, eq=False):
     """Microphone sound after cancellation, float32 from -1 to 1, mono, at 16 kHz; may be empty or longer than the
     input: during robot speech it is delayed by some 80 ms.
 
@@ -524,8 +523,7 @@ class EchoCanceller:
         return min(1.0, max(0.0, 1.0 - sum(energies.others for energies in there) / max(total, 1e-12)))
 
 
-@dataclass(frozen=True, slots=True)
-class RobotEcho:
+class RobotEcho(Value):
     """Robot sound in a turn. ``late_s``: delay from its reported time. ``beyond``: share of the energy that its
     loudness in time and pitch does not explain, even before the room is learnt; 0 is the robot alone.
     """
@@ -557,8 +555,7 @@ def _beyond_robot(microphone: NDArray[np.float32], robot: NDArray[np.float32]) -
     return float(np.maximum(microphone - _LOUDER * gains * robot, 0.0).sum())
 
 
-@dataclass(frozen=True, slots=True)
-class _Energies:
+class _Energies(Value):
     """Energy of one frame: total, and the part that is certainly not the robot."""
 
     total: float

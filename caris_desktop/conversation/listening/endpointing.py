@@ -6,7 +6,7 @@ No clock: all times are those of the sound.
 from typing import Literal
 
 from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 VOICE_FROM, VOICE_UNTIL = 0.5, 0.35
 """What is like a voice as much as this begins one; less than that ends it."""
@@ -23,8 +23,7 @@ _SURE, _UNSURE = 0.4, 0.3
 Change = Literal["began", "paused", "spoke on", "over"]
 
 
-@dataclass(frozen=True, slots=True)
-class SilenceBounds:
+class SilenceBounds(Value):
     """Minimum and maximum silence that ends a turn, whatever the probability."""
 
     at_least_s: float = 0.3

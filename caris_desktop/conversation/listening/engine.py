@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
 class NoEngineError(UserFacingError):
@@ -18,8 +18,7 @@ class EngineUnavailableError(UserFacingError):
     """The engine did not answer; a retry may succeed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Recognised:
+class Recognised(Value):
     """Transcript of an interval."""
 
     words: tuple[RecognisedWord, ...]

@@ -11,7 +11,7 @@ from caris_desktop.conversation.listening.hallucination_filter import within_voi
 from caris_desktop.conversation.listening.local_agreement import AgreedWords, RecognisedWord
 from caris_desktop.conversation.listening.turn_model import SECONDS as JUDGED_S
 from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _CUT_BEYOND_S, _CUT_ANYWHERE_BEYOND_S, _OVERLAP_S = 12.0, 22.0, 8.0
 _CONTEXT_WORDS = 20
@@ -23,8 +23,7 @@ _WHOLE_NS = 100_000_000
 """So much silence behind the last word, and a pass over it has heard all of it."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TurnInterval:
+class TurnInterval(Value, eq=False):
     """Interval of a turn to transcribe, starting at ``from_s``; ``before`` is the text before it.
 
     ``voice_ended_s`` is the end of the voice, in seconds of the turn.

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _SENTENCE_END = (".", "?", "!", "。", "？", "！", "…")
 _ALIGN_WORDS = 8
@@ -16,8 +16,7 @@ _SAME_TIME_S = 0.6
 _NOT_SPOKEN = re.compile(r"[^\w']+")
 
 
-@dataclass(frozen=True, slots=True)
-class RecognisedWord:
+class RecognisedWord(Value):
     """Recognised word without surrounding spaces; seconds from the start of the sound. ``probability`` is None if the
     engine does not provide it.
     """

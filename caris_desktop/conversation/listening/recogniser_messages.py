@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Literal
 
 from caris_desktop.domain.events import Problem
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True)
-class RecogniserSettings:
+class RecogniserSettings(Value):
     """Settings of the recogniser; picklable.
 
     ``model`` is a folder, an address or, for a ``server``, a name; a relative path is resolved in ``folder`` or a
@@ -31,21 +30,18 @@ class RecogniserSettings:
     niceness: int = 6
 
 
-@dataclass(frozen=True, slots=True)
-class UseSilence:
+class UseSilence(Value):
     """To the process: shortest and longest silence that ends a turn."""
 
     at_least_s: float
     at_most_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class EndTurns:
+class EndTurns(Value):
     """To the process: end all turns because a recording ends or pauses."""
 
 
-@dataclass(frozen=True, slots=True)
-class RecogniserReady:
+class RecogniserReady(Value):
     """The recogniser is ready for sound.
 
     ``detail`` is a user text on missing parts, if any.
@@ -57,23 +53,20 @@ class RecogniserReady:
     detail: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class RecogniserFailed:
+class RecogniserFailed(Value):
     """Recognition is impossible; no more messages follow. A restart would fail in the same way."""
 
     problem: Problem
 
 
-@dataclass(frozen=True, slots=True)
-class SpokenBy:
+class SpokenBy(Value):
     """To the process: speaker of an utterance, for their endpointing delay."""
 
     utterance_id: str
     person_id: str
 
 
-@dataclass(frozen=True, slots=True)
-class RecogniserAway:
+class RecogniserAway(Value):
     """The server does not answer: no text until another RecogniserReady."""
 
     problem: Problem

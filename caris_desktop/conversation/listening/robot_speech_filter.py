@@ -16,7 +16,7 @@ from functools import lru_cache
 from statistics import median
 
 from caris_desktop.domain.events import UtteranceChanged
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _MAX_UTTERANCES = 40
 _ROBOT_ONLY = 0.97
@@ -73,8 +73,7 @@ _SOUNDS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class _Utterance:
+class _Utterance(Value):
     utterance_id: str
     words: tuple[str, ...]
     started_ns: int
@@ -415,8 +414,7 @@ def likeness(text: str, of: str) -> float:
     return _aligned(words, _words(of)).letters / max(1, sum(map(len, words)))
 
 
-@dataclass(frozen=True, slots=True)
-class _Aligned:
+class _Aligned(Value):
     """``letters`` of the transcript are the robot's; ``pairs`` are the indices of matching words."""
 
     letters: float

@@ -9,7 +9,7 @@ filter with a step size per bin needs seconds, and estimates its own uncertainty
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 FRAME, HOP = 1024, 256
 """Samples of a frame at 16 kHz, and from one to the next; they overlap by three quarters, or else what is left of the
@@ -56,8 +56,7 @@ def part_of_sound(frame: NDArray[np.complex64]) -> NDArray[np.float32]:
     return sound
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Split:
+class Split(Value, eq=False):
     """Separated frame. ``robot`` is to be subtracted; ``others_energy`` of ``microphone_energy`` is certainly not the
     robot's.
     """

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 
 from caris_desktop.conversation.listening.robot_speech_filter import likeness
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _KEPT_NS = 120_000_000_000
 _SURE = 0.7
@@ -24,8 +24,7 @@ _ATTENDED = 1.8
 _SAME_TIME, _SAME_WORDS = 0.6, 0.6
 
 
-@dataclass(frozen=True, slots=True)
-class Here:
+class Here(Value):
     """Person present. ``facing`` the robot and the distance are None if unknown."""
 
     person_id: str
@@ -34,8 +33,7 @@ class Here:
     attended: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class WizardsVoice:
+class WizardsVoice(Value):
     """Speech of the wizard's own microphone; ``ended_ns`` is None while it lasts."""
 
     started_ns: int

@@ -25,7 +25,7 @@ from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected, Ut
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import WIZARD_MICROPHONE, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _WINDOW_NS = WINDOW * 1_000_000_000 // RATE_HZ
 _BEFORE_VOICE_NS = 400_000_000
@@ -44,8 +44,7 @@ _NOTHING_BEYOND = 0.1
 """A participant over a robot that is 6 dB louder makes up 0.15 of the energy beyond it."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Finished:
+class _Finished(Value):
     """Turn that was reported as the participant's."""
 
     turn_id: str

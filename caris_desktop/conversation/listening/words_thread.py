@@ -9,15 +9,14 @@ import time
 from caris_desktop.conversation.listening.engine import Engine, EngineUnavailableError, NoEngineError, Recognised
 from caris_desktop.conversation.listening.heard_turn import TurnInterval
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
 _END_WITHIN_S = 0.2
 WORDS_THREAD = "words"
 
 
-@dataclass(frozen=True, slots=True)
-class WordsReady:
+class WordsReady(Value):
     """The engine is loaded. ``every_s`` is the minimum interval between requests during continuous speech."""
 
     model: str
@@ -26,8 +25,7 @@ class WordsReady:
     load_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Recognition:
+class Recognition(Value):
     """Result of an interval; ``text`` is None on failure, with ``away`` if the engine is unavailable."""
 
     stretch: TurnInterval

@@ -23,7 +23,7 @@ from caris_desktop.conversation.models.stream import check_type, documents, obje
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 
 if TYPE_CHECKING:
     import httpx
@@ -39,8 +39,7 @@ _CHARACTERS_PER_TOKEN = 5
 _DRAINED_WITHIN_S = 0.2
 
 
-@dataclass(frozen=True, slots=True)
-class ChatTimeouts:
+class ChatTimeouts(Value):
     """Timeouts of each step. Once a model has begun to reason, it may do so for another ``first_token_s``."""
 
     connect_s: float = 5.0
@@ -48,8 +47,7 @@ class ChatTimeouts:
     between_tokens_s: float = 20.0
 
 
-@dataclass(frozen=True, slots=True)
-class Retries:
+class Retries(Value):
     """Retry policy for a busy or unreachable server, before it begins to answer.
 
     Waits begin at ``first_s`` and double; a server's own wait (Retry-After) is respected up to ``most_s``, beyond which

@@ -10,7 +10,7 @@ from caris_desktop.conversation.models.failure_texts import LanguageModelError, 
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.model_files import check_file, models_dirs
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 CONTEXT_TOKENS = 4096
 """Of all slots of the server together: each takes as much of it as its prompt is long."""
@@ -23,8 +23,7 @@ _COPY_BYTES = 1 << 22
 NOT_ADDED = QT_TR_NOOP("The model was not added.")
 
 
-@dataclass(frozen=True, slots=True)
-class ModelFile:
+class ModelFile(Value):
     """Contents of a GGUF file: its own ``title``, size on disk, and the memory that serving it takes, in bytes."""
 
     title: str
@@ -32,8 +31,7 @@ class ModelFile:
     memory_bytes: int
 
 
-@dataclass(frozen=True, slots=True)
-class AddedModel:
+class AddedModel(Value):
     """Model of the user, named ``embedded:NAME`` in a scenario."""
 
     name: str

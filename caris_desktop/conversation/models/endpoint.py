@@ -10,7 +10,7 @@ from caris_desktop.conversation.models.embedded_models import embedded_name
 from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened
 from caris_desktop.domain.address import before_port, is_loopback
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 Provider = Literal["embedded", "openai", "ollama", "gemini"]
 
@@ -23,8 +23,7 @@ KEYED_BY = {"openai": ("OPENAI_API_KEY",), "gemini": ("GEMINI_API_KEY", "GOOGLE_
 """The environment variables that hold a provider's key, the first that is set counts."""
 
 
-@dataclass(frozen=True, slots=True)
-class ModelEndpoint:
+class ModelEndpoint(Value):
     """Endpoint of a model.
 
     ``base_url`` is the server; for OpenAI-compatible servers with a path such as ``/v1``, which is added if missing.

@@ -10,7 +10,7 @@ from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.failure_texts import shortened, without
 from caris_desktop.conversation.models.failures import unusable
 from caris_desktop.domain.events import ChatMessage
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 Schema = dict[str, Any]
 Cut = Literal["", "length", "filter"]
@@ -20,8 +20,7 @@ REASONING_TOKENS = 8192
 """How much more a model may write than its answer where its server counts what it thinks, and thinking stays on."""
 
 
-@dataclass(frozen=True, slots=True)
-class Question:
+class Question(Value):
     """One question. ``seed`` makes answers reproducible. ``jpegs`` are images for the last message. ``schema`` is a
     JSON schema for the answer; with ``schema_in_object`` it is requested in the format of servers that only support
     JSON objects. ``slot`` selects a cache of the embedded server, None for any free one.
@@ -41,8 +40,7 @@ class Question:
         return [base64.b64encode(jpeg).decode() for jpeg in self.jpegs]
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(Value):
     """HTTP request: ``path`` is relative to the server's address. ``bounded``: the server enforces the question's
     limit; else the limit includes reasoning, or there is none.
     """
@@ -52,8 +50,7 @@ class Request:
     bounded: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class Chunk:
+class Chunk(Value):
     """Content of one message of the stream. ``alive``: hidden text such as reasoning; ``unfinished``: it announces
     more; ``closed``: the stream is over, with or without a complete answer. ``why`` is the server's reason for a cut.
     """

@@ -5,11 +5,10 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True)
-class BeginPlaying:
+class BeginPlaying(Value):
     """Start of a stream. ``stream_id`` is returned in reports. ``volume`` is 0 to 1; audio later than ``most_s`` is
     dropped.
     """
@@ -19,30 +18,26 @@ class BeginPlaying:
     most_s: float = 0.25
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlayThis:
+class PlayThis(Value, eq=False):
     """Next samples, shape (samples, channels); channels are mixed."""
 
     sample_rate_hz: int
     samples: NDArray[np.int16] = field(metadata={"shape": (-1, -1)})
 
 
-@dataclass(frozen=True, slots=True)
-class SetVolume:
+class SetVolume(Value):
     """Set the volume, 0 to 1."""
 
     volume: float
 
 
-@dataclass(frozen=True, slots=True)
-class EndPlaying:
+class EndPlaying(Value):
     """End of the stream. ``at_once``: drop buffered audio."""
 
     at_once: bool = False
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlaybackStarted:
+class PlaybackStarted(Value, eq=False):
     """Samples played, the first at ``stamp_ns``, slightly in the future. int16, shape (samples, 1)."""
 
     stream_id: str
@@ -51,22 +46,19 @@ class PlaybackStarted:
     samples: NDArray[np.int16] = field(metadata={"shape": (-1, -1)})
 
 
-@dataclass(frozen=True, slots=True)
-class PlayedOut:
+class PlayedOut(Value):
     """Everything was played by then."""
 
     stream_id: str
     stamp_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class PlaybackFailed:
+class PlaybackFailed(Value):
     """Output is missing or failed; the next stream tries again."""
 
     stream_id: str
     detail: str
 
 
-@dataclass(frozen=True, slots=True)
-class PlaybackAlive:
+class PlaybackAlive(Value):
     """Heartbeat: the process is not stuck in the audio library. Sent every second while playing."""

@@ -12,7 +12,7 @@ from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.conversation.prompts import alternating, quoted
 from caris_desktop.conversation.suggestions.proposable_actions import NONE, Offer
 from caris_desktop.domain.events import ChatMessage
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 MAX_TURN_CHARACTERS = 240
 MAX_TURNS = 8
@@ -51,8 +51,7 @@ _EXAMPLES: tuple[tuple[str, Mapping[str, str]], ...] = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class ReplyGrounds:
+class ReplyGrounds(Value):
     """Context of a reply. ``turns`` (from ``reported_turns``) precede ``utterance``; unknown texts are empty.
 
     ``people`` are labels of people present, ``doing`` is the protocol step or the last label.

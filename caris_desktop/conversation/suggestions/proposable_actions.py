@@ -14,7 +14,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.control_definitions import RobotControl
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 Range = tuple[float, float]
 ActionName = Literal["go_to", "look", "nod", "use", "photo"]
@@ -32,8 +32,7 @@ _LONGEST_ANSWER = 4000
 _MOST_LISTED = 40
 
 
-@dataclass(frozen=True, slots=True)
-class Offer:
+class Offer(Value):
     """Available choices; empty lists or None where there are none."""
 
     actions: tuple[ActionName, ...] = ()
@@ -43,8 +42,7 @@ class Offer:
     tilt_deg: Range = (0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Proposed:
+class Proposed(Value):
     """Proposed action: ``words`` for the wizard, translatable, and whether the robot may move."""
 
     intent: Intent

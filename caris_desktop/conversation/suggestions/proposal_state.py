@@ -7,15 +7,14 @@ from caris_desktop.conversation.suggestions.proposable_actions import Proposed
 from caris_desktop.conversation.suggestions.suggestion_cycle import Round
 from caris_desktop.domain.actor import CONSOLE, MODEL, Actor
 from caris_desktop.domain.events import ProposalChanged, ProposalState
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 TO_READ_NS = 300_000_000
 LAPSES_NS = 15_000_000_000
 _MISSED_NS = 1_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class Card:
+class Card(Value):
     """Displayed proposal. Keys work from ``from_ns``; it is executed at ``acts_ns`` without a key, or lapses."""
 
     proposal_id: str

@@ -14,7 +14,7 @@ from caris_desktop.conversation.suggestions.replies import same_words, words_of
 from caris_desktop.domain.actor import CONSOLE, MODEL, Actor
 from caris_desktop.domain.events import SuggestionChanged, SuggestionState, UtteranceChanged
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 MOST_REPLIES = 3
 PAUSE_NS = 200_000_000
@@ -26,8 +26,7 @@ _MISSED_NS = 1_000_000_000
 """A countdown that ended unseen while the program was blocked has no effect."""
 
 
-@dataclass(frozen=True, slots=True)
-class Round:
+class Round(Value):
     """Utterance to reply to. ``voice_ended_ns`` is the start of the silence."""
 
     turn_id: str
@@ -37,8 +36,7 @@ class Round:
     person_id: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Suggested:
+class Suggested(Value):
     """Displayed reply. ``rank`` is its position and key number; its key works from ``from_ns``."""
 
     suggestion_id: str

@@ -11,7 +11,7 @@ from pathlib import Path
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.model_files import models_dirs, packaged_file
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
 
@@ -33,8 +33,7 @@ class NoSuchVoiceError(Exception):
     """Voice that is missing or unusable; the text says which and why, for the wizard."""
 
 
-@dataclass(frozen=True, slots=True)
-class PiperFiles:
+class PiperFiles(Value):
     """Piper voice on this computer. ``language`` is as ``en-US``."""
 
     name: str

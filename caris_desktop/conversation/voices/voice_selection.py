@@ -20,11 +20,10 @@ from caris_desktop.conversation.voices.piper import PiperVoice
 from caris_desktop.conversation.voices.utterance_sound import Voice, words_of
 from caris_desktop.domain.model_files import WrongChecksum
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True)
-class VoiceChoice:
+class VoiceChoice(Value):
     """Requested voice, as in the scenario file. ``at_hand``: it will be used."""
 
     voice: str

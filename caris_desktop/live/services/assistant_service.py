@@ -20,7 +20,7 @@ from caris_desktop.domain.events import ANSWER, AnswerUsed, AssistantChanged, Ch
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.assistant_context import AssistantContext
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
@@ -49,8 +49,7 @@ ReadPictures = Callable[[Sequence[str], Callable[[list[bytes]], None], Callable[
 """Reads images of these names as JPEG, scaled for a model, in a background thread. Raises UserFacingError."""
 
 
-@dataclass(frozen=True, slots=True)
-class AssistantAdapters:
+class AssistantAdapters(Value):
     """``server`` runs the built-in model, and with its name one that the user added; ``addition`` adds a file as one.
 
     ``resolve_endpoint(model, address)`` raises LanguageModelError.

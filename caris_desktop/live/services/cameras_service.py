@@ -12,7 +12,7 @@ from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sensing import CameraState
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
@@ -30,8 +30,7 @@ _RESTART_AFTER_MS = 1000
 _GRACE_S = 1.5
 
 
-@dataclass(frozen=True, slots=True)
-class OwnCamera:
+class OwnCamera(Value):
     """Camera of this computer. ``body`` additionally gets its ring; ``model``: mounting pose and lens,
     None if unknown.
     """
@@ -41,8 +40,7 @@ class OwnCamera:
     model: CameraModel | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class CameraSelection:
+class CameraSelection(Value):
     """Cameras requested by scenario or command line. ``of_robot``: names, None for all of the robot's; ``failures``:
     unusable ones.
     """

@@ -13,7 +13,7 @@ from caris_desktop.domain.events import ConfirmedAsBefore, Event, InitialPoseSet
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Follows, Handlers, Service
@@ -30,8 +30,7 @@ _NOT_SHUT_DOWN_AFTER_MS = 60_000
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True)
-class CrashRecoveryAdapters:
+class CrashRecoveryAdapters(Value):
     """``folder``: where running programs save their trial; ``details`` reads a session's trial details in a background
     thread, empty if unavailable.
     """

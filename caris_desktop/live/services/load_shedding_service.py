@@ -12,7 +12,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.model_client import ModelClient
 from caris_desktop.live.service import Service
@@ -28,8 +28,7 @@ _STEP_AFTER_NS = 2_000_000_000
 _BACK_AFTER_NS = 8_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
+class Limits(Value):
     """Thresholds of a measure in ms: one level up if the ``counted`` share of samples exceeds ``late``, one down once
     it is below ``in_time`` for all measures.
     """
@@ -47,8 +46,7 @@ DETECTION = Limits(late=500.0, in_time=300.0, counted=0.5)
 """Duration of a detection: below two per second a passer-by is counted repeatedly."""
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
+class Step(Value):
     """Load shedding level: minimum intervals of detection, panels and video; and its text. Thumbnails are reduced from
     the first level on (:meth:`LoadStatus.pays_small`).
     """

@@ -11,7 +11,7 @@ from caris_desktop.domain.events import LinkChanged
 from caris_desktop.domain.link_commands import ListenToRobot
 from caris_desktop.domain.sound_values import MICROPHONE, WIZARD_MICROPHONE
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.local_microphone import LocalMicrophone, MicrophoneChoice
@@ -27,8 +27,7 @@ Need = Literal["recording", "transcription", "hearing", "trying"]
 """Purpose of an open microphone. Each has its own permission."""
 
 
-@dataclass(frozen=True, slots=True)
-class MicrophoneAdapters:
+class MicrophoneAdapters(Value):
     """Microphones of this computer."""
 
     participant: MicrophoneChoice

@@ -14,7 +14,7 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.process_priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import CameraLens, DepthGrid, FrameRef, HeadState, LaserScan, Odometry, RobotPose
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
 from caris_desktop.live.perception_worker import PerceptionWorker
@@ -35,8 +35,7 @@ _PORTRAITS: dict[BlurWho, PortraitsOf] = {
 """Whom to save portraits of, by blur setting."""
 
 
-@dataclass(frozen=True, slots=True)
-class PeopleAdapters:
+class PeopleAdapters(Value):
     """``inference`` is None without perception; ``as_configured`` adapts it to a scenario."""
 
     inference: ProcessSpec | None

@@ -13,7 +13,7 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import PhotoDeleted, PhotoTagged, PhotoTaken, SessionEnded, SessionStarted
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import Follows, Handlers, Service
@@ -48,8 +48,7 @@ _LIST_AFTER_MS = 4000
 _FOLDER, _ASIDE = "photos", ".deleted"
 
 
-@dataclass(frozen=True, slots=True)
-class _StoredPhoto:
+class _StoredPhoto(Value):
     """Location of a photo: in ``folder``, or in the trash if deleted."""
 
     entry: PhotoEntry

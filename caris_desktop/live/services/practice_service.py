@@ -26,7 +26,7 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.practice_steps import STEPS, EndedStep, Practice
 from caris_desktop.live.service import Follows, Handlers, Service
@@ -46,8 +46,7 @@ _WATCHED = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class PracticeAdapters:
+class PracticeAdapters(Value):
     """``robot`` connects the simulated robot for the actor once ready, and raises UserFacingError; ``cut_link``
     interrupts its link for this many seconds.
     """

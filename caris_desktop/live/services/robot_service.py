@@ -46,7 +46,7 @@ from caris_desktop.domain.link_commands import (
 )
 from caris_desktop.domain.ports import ReportProblem
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
@@ -72,8 +72,7 @@ _MAP_WORDS: dict[MapOperation, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class RobotConnection:
+class RobotConnection(Value):
     """Robot connection; the bodies are the link processes' entry points.
 
     ``settle`` is set while the ROS version is unknown: it queries the robot and returns the final connection, or raises

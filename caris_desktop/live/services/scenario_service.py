@@ -14,7 +14,7 @@ from caris_desktop.domain.events import ANSWER, Event, LayoutChanged, PlacesChan
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.confirmed_files import ConfirmationNeededError, accept
@@ -36,8 +36,7 @@ keyboard events. What is not permitted is refused from the first turn on.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Imported:
+class Imported(Value):
     """Imported scenario: its path; names changed automatically, as text; and where replaced files were moved."""
 
     path: Path
@@ -68,8 +67,7 @@ class LayoutFiles(Protocol):
         """Register a reset."""
 
 
-@dataclass(frozen=True, slots=True)
-class ScenarioAdapters:
+class ScenarioAdapters(Value):
     """``load`` and all saving functions raise UserFacingError; ``text`` is the recorded text of a scenario.
     ``save_text`` gets the text, its file, the file it was edited from and the checksum it may replace, and returns the
     new contents. ``share`` writes one file for others, ``unpack`` imports one with decisions on name conflicts, and

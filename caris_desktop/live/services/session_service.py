@@ -12,7 +12,7 @@ from caris_desktop.domain.events import EmergencyStopChanged, Event, GoalChanged
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.assistant_service import AssistantService
@@ -32,8 +32,7 @@ from caris_desktop.recording.session.session_header import SessionHeader
 from caris_desktop.scenario.scenario_model import Scenario
 
 
-@dataclass(frozen=True, slots=True)
-class SessionAdapters:
+class SessionAdapters(Value):
     """All but ``photo_file`` access files, in a background thread; ``new_session`` creates the folder, and raises
     UserFacingError in English.
     """
@@ -50,8 +49,7 @@ class SessionAdapters:
         return self.free_bytes(), self.expected_bytes_per_hour(scenario)
 
 
-@dataclass(frozen=True, slots=True)
-class SessionServices:
+class SessionServices(Value):
     """Services involved in a session."""
 
     recording: RecordingService

@@ -27,7 +27,7 @@ from caris_desktop.domain.link_commands import PlayOnRobot
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, WIZARD_MICROPHONE, PlayedSound
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
@@ -47,8 +47,7 @@ _DEAF_FOR_MS = 500
 _HEARING = "hearing"
 
 
-@dataclass(frozen=True, slots=True)
-class SoundAdapters:
+class SoundAdapters(Value):
     """Playback of the robot's audio to the wizard, and of the wizard's voice to the participant."""
 
     hearing: ProcessSpec

@@ -28,7 +28,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.assistant_context import describe_person
 from caris_desktop.live.bus import Bus
@@ -47,8 +47,7 @@ _NOT_AGAIN = 2
 _FUNCTIONS: tuple[AssistedFunction, ...] = get_args(AssistedFunction)
 
 
-@dataclass(frozen=True, slots=True)
-class _Request:
+class _Request(Value):
     """The model's prompt, for the wizard."""
 
     begun: Round

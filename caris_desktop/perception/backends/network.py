@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.backends.outputs import BINS, Form, form_of, person_groups, reader, suppress
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.weights import Weights
@@ -27,8 +27,7 @@ class UnknownFormError(Exception):
     """Intact network with unknown input or output format."""
 
 
-@dataclass(frozen=True, slots=True)
-class ModelFacts:
+class ModelFacts(Value):
     """Metadata of a model file. ``class_names`` is empty if unnamed; other fields may be missing too."""
 
     class_names: tuple[str, ...] = ()
@@ -170,8 +169,7 @@ STRIDE_PX = 32
 _GREY = 114
 
 
-@dataclass(frozen=True, slots=True)
-class Fit:
+class Fit(Value):
     """Image scaling to a network's input, and mapping of its results back.
 
     Placement of an image in the input: scale factors, then offset in pixels.

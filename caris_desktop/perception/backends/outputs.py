@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 STRIDES_PX = [8, 16, 32]
 # Ultralytics' values: boxes of one class with more overlap are duplicates; maximum boxes per image.
@@ -21,8 +21,7 @@ BINS = 16
 Form = Literal["raw", "final", "yolox", "undecoded"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class Found(Value, eq=False):
     """Boxes in input pixels: left, top, right, bottom; ``keypoints`` as in ``Detections``."""
 
     corners: NDArray[np.float64]

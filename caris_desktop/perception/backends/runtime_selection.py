@@ -25,7 +25,7 @@ from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.model_files import WrongChecksum, check_file
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.backends import openvino
 from caris_desktop.perception.backends.load_detector import check_weights, open_detector
 from caris_desktop.perception.backends.network import NetworkDetector
@@ -45,8 +45,7 @@ _LEAST_OVERLAP = 0.9
 _CONFIDENCE_WITHIN = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredChoice:
+class MeasuredChoice(Value):
     """Measurement. ``runtime`` is the selected one; ``ms`` is the time per image by runtime, ``why_not`` the defects of
     the others, as text.
     """

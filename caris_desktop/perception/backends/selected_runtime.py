@@ -5,15 +5,14 @@ from pathlib import Path
 
 from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.backends.runtime_selection import open_fastest
 from caris_desktop.perception.detector import Detector, person_classes
 from caris_desktop.perception.inference_settings import DetectorSettings
 from caris_desktop.perception.weights import WeightsError, find_weights
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Chosen:
+class Chosen(Value, eq=False):
     """``people`` are the class rows that mean a person.
 
     ``folder`` contains the detector's file, None if that is remote.

@@ -17,7 +17,7 @@ from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.cameras.camera_source import (
     SOUND_RATE_HZ,
     CameraError,
@@ -40,15 +40,13 @@ _REFUSED_AT_MOST = 100
 _DEPTH_COLUMNS = 80
 
 
-@dataclass(frozen=True, slots=True)
-class StreamSound:
+class StreamSound(Value):
     """Sent to the process: start or stop sending the audio of the camera's microphone."""
 
     on: bool
 
 
-@dataclass(frozen=True, slots=True)
-class PlayVideo:
+class PlayVideo(Value):
     """Sent to the process: start the playback of a recorded video, since its viewers are ready."""
 
 

@@ -24,7 +24,7 @@ from typing import Any, cast
 from caris_desktop.domain import clock
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.limited_listener import LimitedListener, is_own_host, listen_limited
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.cameras.newest_frame import NewestFrame
 from caris_desktop.perception.cameras.served_sound import ServedSound
 
@@ -153,16 +153,14 @@ def _track(frames: NewestFrame, stamps: deque[int]) -> Any:
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True)
-class _Request:
+class _Request(Value):
     method: str
     path: str
     head: dict[str, str]
     body: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class _Answer:
+class _Answer(Value):
     status: int
     content: bytes = b""
     content_type: str = "text/plain; charset=utf-8"

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 OPEN_TIMEOUT_S = 5.0
 SILENCE_S = 3.0
@@ -36,8 +36,7 @@ def cannot_be_reached(name: str) -> CameraError:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class Picture(Value, eq=False):
     """One frame as the camera delivers it: grey, BGR or BGRA, of 8 or 16 bits.
 
     ``due_s`` is its time from the start of a recorded video. ``taken_ns`` is the capture in session time within

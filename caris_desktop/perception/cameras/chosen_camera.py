@@ -10,7 +10,7 @@ from typing import Literal
 
 from caris_desktop.domain.certificates import fingerprint_bytes
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.cameras.camera_source import CameraError
 
 Kind = Literal["robot", "simulated", "file", "device", "oak", "stream", "http", "whep", "webrtc"]
@@ -28,8 +28,7 @@ FORMS = (
 """Everything that can be given, for messages."""
 
 
-@dataclass(frozen=True, slots=True)
-class ChosenCamera:
+class ChosenCamera(Value):
     """``target`` locates the camera for its kind. ``name`` is safe for file names and never contains a password.
 
     ``token_env`` names the environment variable with the camera's token, so that no file has to contain it. ``sound``:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from caris_desktop.domain.schema_fields import FieldSpec
 from caris_desktop.domain.translation import QT_TR_NOOP, parse_localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 Named = Annotated[str, FieldSpec(shortest=1, longest=200, pattern="\\S", allowed="text that is not blank.")]
 Text = Annotated[str, FieldSpec(longest=20_000)]
@@ -14,16 +14,14 @@ DEFAULT_TIER = QT_TR_NOOP("Annotations")
 """Where a table names no tier. In a document, and so in every language, the tier has this name."""
 
 
-@dataclass(frozen=True, slots=True)
-class VocabularyEntry:
+class VocabularyEntry(Value):
     """One permitted value, with what it means."""
 
     value: Annotated[Text, FieldSpec(shortest=1)]
     description: Text = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Vocabulary:
+class Vocabulary(Value):
     """A controlled vocabulary: tiers that use it hold these values only."""
 
     name: Named
@@ -31,8 +29,7 @@ class Vocabulary:
     description: Text = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Tier:
+class Tier(Value):
     """One row of the timeline. ``coder`` is empty for read-only tiers derived from the recording.
 
     ``vocabulary`` names a vocabulary of the document; empty: free text. Annotations of a tier do not overlap.
@@ -65,8 +62,7 @@ def shown_names(tiers: Iterable[Tier]) -> dict[str, str]:
     }
 
 
-@dataclass(frozen=True, slots=True)
-class Annotation:
+class Annotation(Value):
     """Labelled interval, in whole milliseconds from the session start; ``end_ms`` is after ``start_ms``."""
 
     annotation_id: str
@@ -76,8 +72,7 @@ class Annotation:
     value: str
 
 
-@dataclass(frozen=True, slots=True)
-class AnnotationDocument:
+class AnnotationDocument(Value):
     """Tiers in timeline order; ``annotations`` sorted by tier, then start.
 
     ``duration_ms`` is the length of the session, which limits annotations; 0: unknown.

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError, coders_of, tier_of
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
 
@@ -22,8 +22,7 @@ LEAST_OVERLAP = 0.5
 _MOST_UNITS = 50_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class Agreement:
+class Agreement(Value):
     """Confusion matrix and kappa: ``matrix[i][j]`` counts ``labels[i]`` of the first coder against ``labels[j]`` of the
     second.
 
@@ -42,8 +41,7 @@ class Agreement:
         return sum(map(sum, self.matrix))
 
 
-@dataclass(frozen=True, slots=True)
-class BoundaryOffsets:
+class BoundaryOffsets(Value):
     """Second coder minus first, in milliseconds, over the matched annotations: offsets of starts and of ends.
 
     ``mean`` is signed: positive where the second coder is later. ``worst`` is the largest absolute offset.
@@ -56,8 +54,7 @@ class BoundaryOffsets:
     end_worst_ms: float
 
 
-@dataclass(frozen=True, slots=True)
-class TierAgreement:
+class TierAgreement(Value):
     """Comparison of two coders' tiers; ``per_unit`` counts units of ``unit_ms``.
 
     ``per_annotation`` counts annotations: two match if both boundaries lie within ``tolerance_ms``, or if their overlap
@@ -73,8 +70,7 @@ class TierAgreement:
     offsets: BoundaryOffsets | None
 
 
-@dataclass(frozen=True, slots=True)
-class CodersAgreement:
+class CodersAgreement(Value):
     """Comparison of all coders who have a tier of this name: alpha per unit of ``unit_ms``, and each pair of them.
 
     ``alpha`` is None where it is undefined, as kappa.

@@ -3,7 +3,7 @@
 from typing import Annotated, Literal
 
 from caris_desktop.domain.schema_fields import FieldSpec
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_model import Named, Text, Vocabulary
 
 FORMAT: Literal["caris-desktop annotations"] = "caris-desktop annotations"
@@ -12,8 +12,7 @@ _Id = Annotated[str, FieldSpec(shortest=1, longest=200)]
 _Time = Annotated[int, FieldSpec(unit="milliseconds", at_least=0, at_most=2**32 - 1)]
 
 
-@dataclass(frozen=True, slots=True)
-class CodedInterval:
+class CodedInterval(Value):
     """A labelled stretch of time."""
 
     annotation_id: _Id
@@ -22,8 +21,7 @@ class CodedInterval:
     value: Text
 
 
-@dataclass(frozen=True, slots=True)
-class CodedTier:
+class CodedTier(Value):
     """One row of the timeline."""
 
     tier_id: _Id
@@ -33,8 +31,7 @@ class CodedTier:
     participant: Annotated[Text, FieldSpec("Person that the tier is about.")] = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Coding:
+class Coding(Value):
     """What one coder made of a session: tiers of labelled stretches of time.
 
     Times are whole milliseconds since the session began (started_ns in session.json).

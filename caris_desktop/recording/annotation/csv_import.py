@@ -10,7 +10,7 @@ from pathlib import Path
 from statistics import median
 
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import (
     LONGEST_NAME,
     LONGEST_VALUE,
@@ -84,16 +84,14 @@ def read_csv(path: Path, *, coder: str = "", skipped: list[str] | None = None) -
     return document
 
 
-@dataclass(frozen=True, slots=True)
-class _Line:
+class _Line(Value):
     """One row; ``number`` is the number of its last line in the file, from 1."""
 
     number: int
     cells: list[str]
 
 
-@dataclass(frozen=True, slots=True)
-class _Columns:
+class _Columns(Value):
     """Column positions. ``factors`` convert the start and end columns to milliseconds.
 
     ``tiers`` lists columns that hold one tier each, with their names.
@@ -150,8 +148,7 @@ def _most_alike(head: str, delimiter: str) -> tuple[int, int]:
     return (sum(len(row) == width for row in rows), width) if width > 1 else (0, 0)
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
+class _Row(Value):
     """One annotation of a table."""
 
     number: int

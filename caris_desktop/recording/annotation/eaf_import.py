@@ -13,7 +13,7 @@ from urllib.parse import unquote
 from xml.etree.ElementTree import Element, ParseError
 
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.annotation.annotation_editing import (
     LONGEST_NAME,
     LONGEST_VALUE,
@@ -70,8 +70,7 @@ def media_began_ms_of(header: SessionHeader) -> dict[str, int]:
     return {name: round((stamp_ns - header.started_ns) / 1e6) for name, stamp_ns in first_ns.items()}
 
 
-@dataclass(frozen=True, slots=True)
-class _Ours:
+class _Ours(Value):
     """Notes of our exporter: the duration, (tier id, name) per TIER_ID, our id per ANNOTATION_ID."""
 
     duration_ms: int

@@ -37,7 +37,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D, Twist2D
 from caris_desktop.domain.streams import BY_NAME, Delivery
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation import states
 from caris_desktop.recording.annotation.annotation_editing import LONGEST_VALUE, MOMENT_MS, plain_text
 from caris_desktop.recording.annotation.annotation_model import (
@@ -106,8 +106,7 @@ def types_of_tiers() -> tuple[type[Any], ...]:
     return tuple(kind for kind in events if kind not in _NO_TIERS)
 
 
-@dataclass(frozen=True, slots=True)
-class _TierInterval:
+class _TierInterval(Value):
     """Interval on a tier; ``end_ns`` None: a point event."""
 
     start_ns: int
@@ -115,8 +114,7 @@ class _TierInterval:
     value: str
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
+class _Row(Value):
     """Tier before sorting and resolution of overlaps."""
 
     name: str

@@ -6,13 +6,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.session.session_protocol import StepRecord
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
+class Moment(Value):
     """Seek target on the timeline."""
 
     kind: Literal["mark", "utterance"]
@@ -20,8 +19,7 @@ class Moment:
     text: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Waveform:
+class Waveform(Value, eq=False):
     """Waveform of one audio file: ``peaks`` is float32, shape (buckets, 2), min and max in -1..1,
     from ``first_ns`` on.
     """
@@ -32,8 +30,7 @@ class Waveform:
     peaks: NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SessionOverview:
+class SessionOverview(Value, eq=False):
     """``tiers`` are those derived from the recording. ``speed`` is float32, shape (n, 3): session seconds, m/s, rad/s.
     ``cameras`` are those with video, ``steps`` those of the protocol.
     """

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import OccupancyGrid
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.session_clock import clock_text
 
 Shape = Literal["bar", "diamond", "triangle", "dot", "square"]
@@ -29,8 +29,7 @@ _SCALE_PX = 18.0
 _UNKNOWN = (0x7A, 0x8A, 0x9B, 0x38)
 
 
-@dataclass(frozen=True, slots=True)
-class Item:
+class Item(Value):
     """Interval from ``start_s`` to ``end_s`` of the session, or a point event. ``look`` is its CSS class."""
 
     start_s: float
@@ -40,8 +39,7 @@ class Item:
     shape: Shape = "bar"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Curve:
+class Curve(Value, eq=False):
     """Values over time, filled from zero to ``top``."""
 
     label: str
@@ -50,8 +48,7 @@ class Curve:
     top: float
 
 
-@dataclass(frozen=True, slots=True)
-class Pin:
+class Pin(Value):
     """Marker on the map."""
 
     x_m: float
@@ -62,8 +59,7 @@ class Pin:
     shape: Shape = "dot"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Trajectory:
+class Trajectory(Value, eq=False):
     """Trajectory of the robot: ``points_m`` float64, shape (n, 2), at ``seconds``; ``by_itself`` while navigating
     autonomously.
     """

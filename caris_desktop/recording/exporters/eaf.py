@@ -18,7 +18,7 @@ from urllib.parse import quote
 from xml.etree import ElementTree
 
 from caris_desktop.domain.sensing import AudioBlock
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.annotation.annotation_editing import merge_documents, plain_text
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, shown_names
@@ -53,8 +53,7 @@ _SILENCE_FRAMES = 1 << 16
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True)
-class LinkedMedia:
+class LinkedMedia(Value):
     """One media file next to the .eaf, shown at document time plus ``time_origin_ms``."""
 
     file_name: str

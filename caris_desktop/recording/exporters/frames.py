@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.picture_checks import jpeg_of
 from caris_desktop.domain.sensing import People, PersonBox
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.exporters import lerobot
 from caris_desktop.recording.exporters.dialogue import TURNS_BEFORE, write_dialogue
@@ -34,8 +34,7 @@ _BOX_COLUMNS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class _Box:
+class _Box(Value):
     """Box in pixels of the image, from the upper left corner, clipped to it."""
 
     left: float
@@ -45,8 +44,7 @@ class _Box:
     person: PersonBox
 
 
-@dataclass(frozen=True, slots=True)
-class _Image:
+class _Image(Value):
     """Written image with its detections."""
 
     path: Path

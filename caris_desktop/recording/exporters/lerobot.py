@@ -23,7 +23,7 @@ from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.sensing import HeadState, LaserScan, Odometry, People, PeopleInMap, RobotPose
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.exporters.dialogue import session_columns
 from caris_desktop.recording.exporters.exported_pictures import camera_file_name
 from caris_desktop.recording.recorder.video_encoders import x264
@@ -73,8 +73,7 @@ _STREAMS = tuple(
 _Samples = dict[str, list[NDArray[Any]]]
 
 
-@dataclass(frozen=True, slots=True)
-class Dataset:
+class Dataset(Value):
     """Files written, numbers of episodes and frames, and frames per second."""
 
     paths: tuple[Path, ...]
@@ -83,8 +82,7 @@ class Dataset:
     fps: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Layout:
+class _Layout(Value, eq=False):
     """What all sessions of a dataset share: the rate, the sizes of the videos by the keys of their features, and the
     beams that all scans are given in. ``frames`` is about how many there are.
     """

@@ -19,7 +19,7 @@ from caris_desktop.domain.events import (
     ScenarioOpened,
 )
 from caris_desktop.domain.streams import spec_of_topic
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.measures.measure_definitions import MEASURES
 from caris_desktop.recording.measures.session_measures import Measures, ModelUse, measure, read_facts
 from caris_desktop.recording.session import mcap_chunks
@@ -38,8 +38,7 @@ _log = logging.getLogger(__name__)
 _PRACTICE = "practice"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Known:
+class _Known(Value, eq=False):
     """A session and what the sheet needs of it, without the high-rate values."""
 
     session: Session
@@ -273,8 +272,7 @@ def _software(headers: Iterable[SessionHeader]) -> dict[str, list[str]]:
 # Practice
 
 
-@dataclass(frozen=True, slots=True)
-class _Practice:
+class _Practice(Value):
     """Practice session of a wizard. ``score`` (0..100) of the guided exercise; None without it."""
 
     wizard: str

@@ -24,7 +24,7 @@ from caris_desktop.domain.json_encoding import DERIVED_TOPICS, schema_of
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_NAME, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.annotation_store import coding_jsonable, load_coding
 from caris_desktop.recording.csv_cells import CsvStyle
@@ -94,8 +94,7 @@ _OWN_NAMES = ("schemas", "FORMAT.md", "data_dictionary.csv", "ro-crate-metadata.
 Entity = dict[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class _Packed:
+class _Packed(Value):
     """One file of the crate, by its path in it; ``unlike_manifest``: changed since the session closed."""
 
     name: str
@@ -284,8 +283,7 @@ def _sha256(path: Path, progress: Callable[[int], None]) -> str:
     return digest.hexdigest()
 
 
-@dataclass(frozen=True, slots=True)
-class _Scrubbed:
+class _Scrubbed(Value):
     """Pseudonymised file: its name, and its content if that changes."""
 
     name: str
@@ -596,8 +594,7 @@ def _how_it_ended(session: Session) -> str:
     return words.get(session.reason, "It was cut off.") if session.closed_properly else "It was cut off."
 
 
-@dataclass(frozen=True, slots=True)
-class _Preview:
+class _Preview(Value):
     """Content of the preview page."""
 
     name: str

@@ -35,7 +35,7 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.exporters.exported_pictures import Pace, info_of, picture_of
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
@@ -59,8 +59,7 @@ _PERSON_HEIGHT_M, _PERSON_SHOWN_S = 1.7, 1.0
 _WHOLE = (LaserScan, Odometry, RobotPose, OccupancyGrid, PlannedPath, BatteryState, FrameRef)
 
 
-@dataclass(frozen=True, slots=True)
-class RosTopic:
+class RosTopic(Value):
     """``latched``: late subscribers receive the newest message. ``ros``: the bags that contain the topic."""
 
     name: str

@@ -6,7 +6,7 @@ The long text format of https://www.fon.hum.uva.nl/praat/manual/TextGrid_file_fo
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePath
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_model import shown_names
 from caris_desktop.recording.session.session_data import SessionData, read_data
 from caris_desktop.recording.session.session_reader import Session
@@ -17,8 +17,7 @@ FILE_NAME = "session.TextGrid"
 _MARKS_TIER = "Moments of marks"
 
 
-@dataclass(frozen=True, slots=True)
-class _Interval:
+class _Interval(Value):
     """Interval in whole microseconds."""
 
     start_us: int
@@ -26,16 +25,14 @@ class _Interval:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class _Tiers:
+class _Tiers(Value):
     """All tiers to write, in microseconds from the session start."""
 
     intervals: tuple[tuple[str, list[_Interval]], ...]
     moments: list[tuple[int, str]]
 
 
-@dataclass(frozen=True, slots=True)
-class _Span:
+class _Span(Value):
     """Time range of one TextGrid: ``whole_us`` from ``first_us`` of the session."""
 
     file_name: str

@@ -22,7 +22,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any, NamedTuple, Protocol
 from urllib.parse import quote
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.domain.yaml_source import parse_yaml
 from caris_desktop.recording.session.session_header import is_session
 
@@ -46,8 +46,7 @@ class BagError(Exception):
     """Unusable bag, with the reason as user text."""
 
 
-@dataclass(frozen=True, slots=True)
-class BagChannel:
+class BagChannel(Value):
     """One topic with one message type. ``type`` is spelled ``package/msg/Name``; ``encoding``: ros1, cdr, json...
 
     ``definition`` is the type's text in the file, in the format ``definition_form``: ros1msg, ros2msg, ros2idl or as

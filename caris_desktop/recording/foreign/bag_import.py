@@ -19,7 +19,7 @@ from caris_desktop.domain.events import SessionEnded, SessionStarted
 from caris_desktop.domain.file_replacement import no_room
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.foreign.bag_files import (
     Bag,
@@ -70,8 +70,7 @@ _MAX_TOPICS_TOLD = 1000
 _MAX_MOUNTS, _MAX_MOUNT_BYTES = 1000, 100_000
 
 
-@dataclass(frozen=True, slots=True)
-class TopicReport:
+class TopicReport(Value):
     """Result for one topic: ``became`` is its stream; empty if ``reason`` says why it was not used.
 
     ``used`` of ``messages`` could be read; then ``reason`` is the error of the first one that could not.
@@ -85,8 +84,7 @@ class TopicReport:
     reason: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class ImportReport:
+class ImportReport(Value):
     """Imported bag. ``values`` counts written values per stream; ``notes`` are sentences."""
 
     folder: Path

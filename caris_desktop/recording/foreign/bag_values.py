@@ -35,7 +35,7 @@ from caris_desktop.domain.sensing import (
     lidar_mounting,
 )
 from caris_desktop.domain.streams import BY_NAME
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.foreign.bag_files import BagChannel
 from caris_desktop.recording.session.session_header import SessionError, SessionHeader, header_of
 from caris_desktop.ros import message_conversion, navigation_messages
@@ -68,8 +68,7 @@ _SPEECH_WORDS = ("speech", "speak", "say", "tts", "utter", "transcript", "voice"
 _HEARD_WORDS = ("asr", "stt", "transcript", "recogni", "heard", "participant", "speech_to_text")
 
 
-@dataclass(frozen=True, slots=True)
-class BagPicture:
+class BagPicture(Value):
     """One camera image. ``image_bgr`` is uint8, shape (height, width, 3)."""
 
     camera: str
@@ -77,8 +76,7 @@ class BagPicture:
     image_bgr: NDArray[np.uint8]
 
 
-@dataclass(frozen=True, slots=True)
-class TopicRole:
+class TopicRole(Value):
     """Use of a channel. ``stream`` is its stream, or frames; ``camera`` if it belongs to one."""
 
     stream: str
@@ -86,8 +84,7 @@ class TopicRole:
     camera: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class TopicMapping:
+class TopicMapping(Value):
     """Role per channel, and reasons for the unused ones."""
 
     roles: dict[BagChannel, TopicRole]

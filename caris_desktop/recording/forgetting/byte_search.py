@@ -17,7 +17,7 @@ from typing import IO, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.forgetting.search_terms import SearchTerms, folded
 from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.mcap_records import MAGIC as MCAP_MAGIC
@@ -35,8 +35,7 @@ _SHORT = 6
 _TEXT_AROUND = 6
 
 
-@dataclass(frozen=True, slots=True)
-class Hit:
+class Hit(Value):
     """Hit of the search: ``inside`` names the part of the file, empty for its own bytes; ``words`` is the text around
     it.
     """
@@ -47,8 +46,7 @@ class Hit:
     words: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Searched:
+class Searched(Value):
     """Result for one file; ``closed`` lists parts that could not be unpacked and were searched as stored."""
 
     hits: tuple[Hit, ...]

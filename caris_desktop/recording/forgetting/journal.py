@@ -11,15 +11,14 @@ from typing import Any
 
 from caris_desktop.domain.file_replacement import SHOWN_CHARACTERS, bring_to_disk
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
 FOLDER = "forgotten"
 PART = ".forgetting.part"
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
+class Change(Value):
     """Change of one file. ``after`` is the SHA-256 of its new content, empty if removed.
 
     The old digest is not recorded: a name could be guessed from it by trial.

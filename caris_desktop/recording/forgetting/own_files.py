@@ -4,13 +4,12 @@ from collections.abc import Iterator
 from dataclasses import field
 from pathlib import Path
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.forgetting.search_terms import PersonNames
 from caris_desktop.recording.forgetting.speech_erasure import Sentences
 
 
-@dataclass(frozen=True, slots=True)
-class OwnFiles:
+class OwnFiles(Value):
     """Their locations. ``histories`` contain typed sentences, ``logs`` may be written at any time.
 
     ``voices`` contain robot speech audio left by a killed program. ``others`` are treated like study files, except for

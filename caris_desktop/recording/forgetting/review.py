@@ -7,7 +7,7 @@ from typing import get_args
 
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.forgetting.search_terms import ErasureStoppedError
 from caris_desktop.recording.forgetting.text_erasure import Decision, Passage
 
@@ -25,8 +25,7 @@ _MAX_BYTES = 64 << 20
 _DECISIONS = tuple(decision for decision in get_args(Decision) if decision)
 
 
-@dataclass(frozen=True, slots=True)
-class Review:
+class Review(Value):
     """Decisions by key of place; ``names`` are the search terms."""
 
     person_id: str

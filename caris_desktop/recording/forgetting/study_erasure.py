@@ -18,7 +18,7 @@ from typing import Any, Literal
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.forgetting import media, text_erasure
 from caris_desktop.recording.forgetting.byte_search import ByteSearch, Searched
 from caris_desktop.recording.forgetting.journal import FOLDER, PART, Change, Journal, first_line_of, path_of
@@ -125,8 +125,7 @@ class DatabaseTexts:
         return self._work.redact(text, self._file, yaml=False)[0]
 
 
-@dataclass(frozen=True, slots=True)
-class ForgetRequest:
+class ForgetRequest(Value):
     """Person to erase, and options. ``names`` and ``pictures`` are the person's data in the study's database.
 
     ``recordings``: mask the person in video and photos, or remove those files. ``decisions`` come from a review, by key
@@ -149,8 +148,7 @@ class ForgetRequest:
     own_files: OwnFiles = OwnFiles()
 
 
-@dataclass(frozen=True, slots=True)
-class Forgotten:
+class Forgotten(Value):
     """Result of an erasure. ``review`` lists ``waiting`` places and files that need a decision.
 
     ``left`` names files that still contain the person without a decision, ``problems`` lists failures, and ``closed``

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.search_terms import FORGOTTEN, FORGOTTEN_IN_YAML, PersonNames
 from caris_desktop.recording.forgetting.speech_erasure import Sentences, without_words
@@ -30,8 +30,7 @@ _BINARY_LOOK_BYTES = 8192
 _AS_IT_IS = {"utf-8": "surrogateescape", "utf-16-le": "surrogatepass", "utf-16-be": "surrogatepass"}
 
 
-@dataclass(frozen=True, slots=True)
-class Passage:
+class Passage(Value):
     """Possible mention of the person: the name as written, with the text around it.
 
     Places with the same text in one file are merged, with their ``count``. ``where`` is a line, or a session time.

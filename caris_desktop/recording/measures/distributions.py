@@ -5,12 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.responses import AT_ONCE_S
 
 
-@dataclass(frozen=True, slots=True)
-class SummaryStats:
+class SummaryStats(Value):
     """Distribution of values. ``sd`` is the sample standard deviation, None for a single value."""
 
     n: int

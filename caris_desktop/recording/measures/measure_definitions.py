@@ -3,15 +3,14 @@
 import re
 
 from caris_desktop.domain.events import LATE_FROM_S, RESPONSE_LIMIT_S
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.responses import AT_ONCE_S
 from caris_desktop.recording.session.session_driving import COMMAND_HOLDS_S
 from caris_desktop.recording.session.utterances import HEARD_FROM_NS, PRESENT_SHARE
 from caris_desktop.recording.tables.units import unit_of
 
 
-@dataclass(frozen=True, slots=True)
-class Measure:
+class Measure(Value):
     """Measure of a session: a column of ``measures`` in the SQL, NULL if it was not recorded.
 
     ``formula`` in words, where the description does not say it; ``reference``: where the field defines it. ``empty``:
@@ -29,8 +28,7 @@ class Measure:
         return unit_of(self.name)
 
 
-@dataclass(frozen=True, slots=True)
-class Threshold:
+class Threshold(Value):
     """Variable of the SQL, or of what the tables are made with."""
 
     name: str

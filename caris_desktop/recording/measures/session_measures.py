@@ -18,7 +18,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.measures.measure_definitions import TABLES, THRESHOLDS
 from caris_desktop.recording.session.responses import Response
 from caris_desktop.recording.session.session_alarms import AlarmRecord
@@ -34,8 +34,7 @@ _MEASURED = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class Delay:
+class Delay(Value):
     """Delay of an answer of the robot or a request of the wizard, until ``at_ns``."""
 
     at_ns: int
@@ -43,8 +42,7 @@ class Delay:
     utterance_id: str
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
+class Interval(Value):
     """Labelled interval of the session."""
 
     start_ns: int
@@ -52,8 +50,7 @@ class Interval:
     label: str
 
 
-@dataclass(frozen=True, slots=True)
-class ModelUse:
+class ModelUse(Value):
     """Exchanges with one language model, and the use of its answers.
 
     ``place`` is the host of its server, or this computer; empty if not recorded. ``settings`` are the parameters of
@@ -82,8 +79,7 @@ class ModelUse:
         return (self.said + self.edited) / self.answered if self.answered else None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Measures:
+class Measures(Value, eq=False):
     """Measures of one session: ``values`` by name, None if not recorded, and what they consist of.
 
     ``parts`` are by measure and label, in order of first occurrence.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.recorder.recorder_messages import BlurDemand, BlurWhat, UseConsents
 
 Corners = tuple[float, float, float, float]
@@ -50,16 +50,14 @@ class Covering(Protocol):
     def cover_all(self, image_bgr: NDArray[np.uint8]) -> None: ...
 
 
-@dataclass(frozen=True, slots=True)
-class _Seen:
+class _Seen(Value):
     """Area to cover of one person in one detection."""
 
     stamp_ns: int
     corners: Corners
 
 
-@dataclass(frozen=True, slots=True)
-class _Waiting:
+class _Waiting(Value):
     ref: FrameRef
     image_bgr: NDArray[np.uint8]
     since_ns: int

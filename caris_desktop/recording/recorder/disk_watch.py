@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Literal
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 Stage = Literal["ample", "scarce", "low", "out"]
 _STAGES: tuple[Stage, ...] = ("ample", "scarce", "low", "out")
@@ -17,8 +17,7 @@ _BETTER_BY = 1.5
 _SLOW_S, _VERY_SLOW_S, _FAST_AGAIN_S = 1.0, 2.0, 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class DiskLimits:
+class DiskLimits(Value):
     """Thresholds of free space, or of time until the disk is full, for the recorder's reactions.
 
     ``reserve_bytes`` is set aside at the start for events (less on a small disk), ``closing_bytes`` of it for closing
@@ -37,8 +36,7 @@ class DiskLimits:
     close_media_s: float = 4.0
 
 
-@dataclass(frozen=True, slots=True)
-class DiskState:
+class DiskState(Value):
     """``bytes_per_s`` is the recent growth of the session; ``room_s`` includes what other programs write.
 
     ``stage``: at ``scarce`` the wizard is notified, at ``low`` video is reduced, at ``out`` it ends. ``delay_s`` is the

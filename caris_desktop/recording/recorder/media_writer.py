@@ -19,7 +19,7 @@ from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.process_priority import RECORD_NICENESS
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.photo_file import CAMERA, PEOPLE, POSE, TIME, with_texts
 from caris_desktop.recording.recorder.recorder_messages import TakePhoto
@@ -37,8 +37,7 @@ MAX_QUEUED_BYTES = 64 * 1024 * 1024
 _CROWDED_SHARE = 0.6
 
 
-@dataclass(frozen=True, slots=True)
-class MediaFailed:
+class MediaFailed(Value):
     """``lost`` frames of ``camera``'s video, or one photo, were not written."""
 
     kind: str
@@ -126,8 +125,7 @@ class VideoRate:
         return change
 
 
-@dataclass(frozen=True, slots=True)
-class VideoRateChanged:
+class VideoRateChanged(Value):
     """From now on every ``step``-th frame of ``camera`` is encoded; ``change`` gives the direction."""
 
     camera: str

@@ -17,7 +17,7 @@ from typing import Literal
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.session_header import SessionHeader
 
 # Cannot begin a pickle; eight bytes of session time follow.
@@ -28,16 +28,14 @@ BlurWhat = Literal["faces", "persons"]
 RecorderState = Literal["idle", "recording", "paused", "failed"]
 
 
-@dataclass(frozen=True, slots=True)
-class BlurDemand:
+class BlurDemand(Value):
     """Whom to blur in stored images, and how much of them."""
 
     who: BlurWho = "nobody"
     what: BlurWhat = "persons"
 
 
-@dataclass(frozen=True, slots=True)
-class UseConsents:
+class UseConsents(Value):
     """Ids of people who consented to video and to photos: not blurred there if only people without consent must be.
     None before the first message.
     """
@@ -46,8 +44,7 @@ class UseConsents:
     photos: frozenset[str] = frozenset()
 
 
-@dataclass(frozen=True, slots=True)
-class StartRecording:
+class StartRecording(Value):
     """Begin a session in ``folder``, which is created if missing and must be empty. Ends a running one.
 
     The session starts when this message arrived at the console, which is when the recording was requested.
@@ -64,8 +61,7 @@ class StartRecording:
     blur: BlurDemand = BlurDemand()
 
 
-@dataclass(frozen=True, slots=True)
-class SetRecordingPermissions:
+class SetRecordingPermissions(Value):
     """Set what may be recorded from now on; sent when the scenario changes during a session."""
 
     video: bool
@@ -74,16 +70,14 @@ class SetRecordingPermissions:
     blur: BlurDemand = BlurDemand()
 
 
-@dataclass(frozen=True, slots=True)
-class PauseRecording:
+class PauseRecording(Value):
     """Pause recording, or resume with ``paused`` False; the pause itself is recorded."""
 
     paused: bool
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
-class OfferMarkers:
+class OfferMarkers(Value):
     """Open the Lab Streaming Layer outlet before a recording, so that other recorders find it, or close it. With
     ``words``, texts are sent too. ``StartRecording`` has the same fields.
     """
@@ -92,8 +86,7 @@ class OfferMarkers:
     words: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class TakePhoto:
+class TakePhoto(Value):
     """Save this frame as ``photos/NUMBER.png`` of the session, or as ``without_session`` if there is none.
 
     Answered by ``PhotoTaken`` or ``Problem``. ``blur`` applies without a session. ``person_id``, ``person_ids`` and
@@ -109,16 +102,14 @@ class TakePhoto:
     pose_in_map: Pose2D | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class StopRecording:
+class StopRecording(Value):
     """End the session after everything sent before. ``reason`` goes into ``SessionEnded``."""
 
     reason: str = "wizard"
     actor: Actor = ""
 
 
-@dataclass(frozen=True, slots=True)
-class RecorderReport:
+class RecorderReport(Value):
     """State of the recorder: at each change and about once per second while recording.
 
     ``dropped`` counts missing values per stream. ``bytes_per_s`` is the recent growth of the session, ``room_s`` the

@@ -38,7 +38,7 @@ from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import AudioBlock, AudioChunk, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.disk_file import DiskFile, Reserve
 from caris_desktop.recording.recorder.audio_file import AudioWriter
 from caris_desktop.recording.recorder.blurring import Blurring
@@ -901,8 +901,7 @@ class SessionRecorder:
         header.write(self.folder, on_full=self._make_room)
 
 
-@dataclass(frozen=True, slots=True)
-class _Held:
+class _Held(Value):
     """Throttle of a topic: time of the last write, and the value waiting for the next."""
 
     spec: StreamSpec

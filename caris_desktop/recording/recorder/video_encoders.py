@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import psutil
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
 TICKS_PER_S = 90_000
@@ -27,8 +27,7 @@ _SHARE_OF_IDLE = 0.08
 _PIXELS_720P = 1280 * 720
 
 
-@dataclass(frozen=True, slots=True)
-class Encoder:
+class Encoder(Value):
     """H.264 encoder with options. ``title`` goes into ``session.json``."""
 
     name: str

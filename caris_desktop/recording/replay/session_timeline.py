@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.streams import BY_TYPE, Delivery, StreamSpec, spec_of_topic
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.mcap_chunks import BlockIndex, DamagedBlockError, Message
 from caris_desktop.recording.session.session_header import reading
@@ -21,8 +21,7 @@ _KEPT_BLOCK_BYTES = 64 * 1024 * 1024
 _END_TOLD_NS = 1_000_000_000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Block:
+class _Block(Value, eq=False):
     """Decompressed chunk. ``arrivals_ns`` is int64, one for each message, non-decreasing."""
 
     content: bytes

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.session.frame_times import (
     NO_ROBOT_STAMP,
@@ -28,8 +28,7 @@ _log = logging.getLogger(__name__)
 _FRAMES_PER_SEEK = 4
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedFrame:
+class RecordedFrame(Value):
     """One frame of a camera. ``number`` counts the camera's frames from 0 across all of its files."""
 
     camera: str
@@ -40,8 +39,7 @@ class RecordedFrame:
     video_s: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class VideoPicture:
+class VideoPicture(Value, eq=False):
     """Frame with its pixels: uint8 BGR, shape (height, width, 3)."""
 
     info: RecordedFrame

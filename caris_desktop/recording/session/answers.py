@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Literal
 
 from caris_desktop.domain.events import AnswerUsed, LlmExchange
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.session_suggestions import Fate, ShownReply
 from caris_desktop.recording.session.utterances import SpokenUtterance
 
@@ -16,8 +16,7 @@ _USE_OF_FATE: dict[Fate, LlmUse] = {
 _SAID_WITHIN_NS = 5_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class LlmAnswer:
+class LlmAnswer(Value):
     """Exchange with a language model, and the use of its answer: empty if it gave none.
 
     Of an exchange for suggested replies, ``shown`` counts those that the wizard saw, ``latency_ms`` is that of the

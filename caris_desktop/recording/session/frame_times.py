@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_header import VideoInfo
 
@@ -20,8 +20,7 @@ _TAKEN = ("taken_ns", "uncertainty_ms")
 _MAX_INDEX_BYTES = 1 << 30
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FrameTimes:
+class FrameTimes(Value, eq=False):
     """One entry per frame. ``stamps_ns`` are arrivals; ``robot_stamps_ns`` is NO_ROBOT_STAMP if the robot sent none.
     ``taken_ns`` is the capture time within ``uncertainty_ms``; UNKNOWN and NaN if not known.
     """

@@ -5,13 +5,12 @@ from collections.abc import Iterable, Sequence
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import GoalChanged, GoalState
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _OVER: tuple[GoalState, ...] = ("reached", "cancelled", "failed")
 
 
-@dataclass(frozen=True, slots=True)
-class NavigationGoal:
+class NavigationGoal(Value):
     """One goal. ``end_ns`` is None if it was still active, and ``start_ns`` if it was refused at once. ``actor`` set
     it.
     """

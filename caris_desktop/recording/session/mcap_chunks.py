@@ -16,7 +16,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.session.mcap_records import (
     ATTACHMENT,
     CHANNEL,
@@ -73,8 +73,7 @@ class DamagedBlockError(ValueError):
     """Chunk that cannot be decompressed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Channel:
+class Channel(Value):
     """``record`` and ``schema`` are the complete raw records."""
 
     topic: str
@@ -99,8 +98,7 @@ class Channel:
         return schema if isinstance(schema, dict) else None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BlockIndex:
+class BlockIndex(Value, eq=False):
     """Positions of the chunks. Arrays have one entry per chunk, in file order.
 
     ``has_summary`` is True if the file's own index was used. Otherwise ``damaged_bytes`` counts skipped bytes, and

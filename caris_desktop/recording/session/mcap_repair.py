@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import IO
 
 from caris_desktop.domain.json_encoding import recorded_schema
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session import mcap_records as records
@@ -16,8 +16,7 @@ from caris_desktop.recording.session.mcap_file import McapFile
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True)
-class AddedMessage:
+class AddedMessage(Value):
     """Message to append. ``schema`` is a JSON Schema of that name; times are UTC nanoseconds."""
 
     topic: str

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.video_files import FILM_OPTIONS
 from caris_desktop.recording.session.frame_times import (
     INDEX_HEAD,
@@ -25,8 +25,7 @@ _LARGEST_WAV = 2**32 - 1
 _SAME_FRAME_NS = 25_000
 
 
-@dataclass(frozen=True, slots=True)
-class VideoContent:
+class VideoContent(Value):
     """Complete frames of a video file; ``times_s`` ascending."""
 
     times_s: tuple[float, ...]
@@ -34,8 +33,7 @@ class VideoContent:
     height_px: int
 
 
-@dataclass(frozen=True, slots=True)
-class SoundContent:
+class SoundContent(Value):
     """Audio in a WAV file. ``samples`` counts those of one channel."""
 
     sample_rate_hz: int

@@ -19,7 +19,7 @@ from caris_desktop.domain.json_encoding import DERIVED_TOPICS, from_message, sch
 from caris_desktop.domain.sensing import AudioBlock, FrameRef
 from caris_desktop.domain.streams import BY_TYPE, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_chunks, media_repair
 from caris_desktop.recording.session.folder_lock import FolderHeldError, hold
@@ -60,8 +60,7 @@ _MANIFEST_SINCE = 2
 _LOOKED_AT = (FrameRef, AudioBlock, Gap, RecordingPaused, SessionEnded)
 
 
-@dataclass(frozen=True, slots=True)
-class RepairReport:
+class RepairReport(Value):
     """``sentences`` list the repairs, or why they failed, as user texts; empty if none were needed."""
 
     repaired: bool

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import get_args
 
 from caris_desktop.domain.events import RESPONSE_LIMIT_S, ReplyMeans, ResponseTimed
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.utterances import SpokenUtterance
 
 AT_ONCE_S = 1.0
@@ -14,8 +14,7 @@ AT_ONCE_S = 1.0
 _MEANS: tuple[ReplyMeans, ...] = get_args(ReplyMeans)
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
+class Response(Value):
     """One answer. ``gap_s`` is from the end of the participant's voice to the first sound, negative for overlaps.
     ``first``: no filler or other answer came before it. Values that older recordings lack are None.
     """

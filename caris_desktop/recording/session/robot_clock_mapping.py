@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.events import LinkQuality
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.session_reader import Session
 
 # Far above any crystal's drift: the maximum rate between two estimates unless the clock was set.
@@ -26,16 +26,14 @@ _LEAST_UNCERTAINTY_NS = 1_000.0
 _NEVER_MS = 2**63 / 1e6
 
 
-@dataclass(frozen=True, slots=True)
-class Measured:
+class Measured(Value):
     """Moment in session time, true within ``uncertainty_ns``."""
 
     stamp_ns: int
     uncertainty_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class ClockSummary:
+class ClockSummary(Value):
     """Robot clock statistics of a session: robot minus session clock at the first estimate, the drift since, and the
     largest uncertainty. ``utc_offset_s`` is its initial offset to this computer's UTC.
     """
@@ -47,8 +45,7 @@ class ClockSummary:
     uncertainty_ms: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Run:
+class _Run(Value, eq=False):
     """Interval in which the robot's clock was not set. Session and robot times ascend, relative to the first."""
 
     first_session_ns: int

@@ -8,15 +8,14 @@ from typing import Any
 
 from caris_desktop.domain.events import ScenarioOpened
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 
 _log = logging.getLogger(__name__)
 _MAX_CHARACTERS = 256 * 1024
 
 
-@dataclass(frozen=True, slots=True)
-class ScenarioText:
+class ScenarioText(Value):
     """Scenario data for readers of a recording. ``permissions`` contains only what the file says."""
 
     title: str

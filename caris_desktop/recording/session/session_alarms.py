@@ -4,11 +4,10 @@ from collections.abc import Iterable, Sequence
 
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import AlarmChanged, Severity
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True)
-class AlarmRecord:
+class AlarmRecord(Value):
     """One alarm. ``start_ns`` is its first record, ``end_ns`` its last end, None if active at the end of the session.
     ``stood_s`` is its active time without pauses; ``times`` counts how often it was raised. ``seen_to_by`` is who
     resolved it, unless it ended without intervention.

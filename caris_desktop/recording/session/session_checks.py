@@ -3,11 +3,10 @@
 from collections.abc import Iterable
 
 from caris_desktop.domain.events import PreflightChecked
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True)
-class Preflight:
+class Preflight(Value):
     """State of each check at the start; those ticked manually afterwards are in ``ticked_later``."""
 
     checks: tuple[PreflightChecked, ...] = ()

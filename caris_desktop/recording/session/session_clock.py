@@ -3,11 +3,10 @@
 from datetime import UTC, datetime
 
 from caris_desktop.domain.clock import ClockAnchor
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True)
-class SessionClock:
+class SessionClock(Value):
     """Session clock; second 0 is ``started_ns``."""
 
     anchor: ClockAnchor

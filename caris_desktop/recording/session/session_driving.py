@@ -7,15 +7,14 @@ import numpy as np
 
 from caris_desktop.domain.events import CommandSent, CommandSource
 from caris_desktop.domain.geometry import Twist2D
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 COMMAND_HOLDS_S = 0.5
 """A velocity command counts as driving until the next one, but no longer than this: a base executes it for so long
 (``cmd_vel_timeout`` of ros2_control's diff_drive_controller, and the simulated robot)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Drive:
+class Drive(Value):
     """Interval in which the robot was commanded to move, with one velocity after the other from one source.
 
     ``source`` is that of the commands; a command counts if any velocity component is nonzero, however slow.

@@ -17,7 +17,7 @@ from caris_desktop.domain.json_encoding import from_message
 from caris_desktop.domain.schema import from_jsonable, to_jsonable
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files
 from caris_desktop.recording.session.mcap_chunks import BlockIndex, Message
@@ -59,8 +59,7 @@ def reading(path: Path, unreadable: Callable[..., Exception] = SessionError) -> 
         raise unreadable(QT_TR_NOOP("{path} cannot be read: {why}."), path=path, why=error.strerror or error) from error
 
 
-@dataclass(frozen=True, slots=True)
-class VideoInfo:
+class VideoInfo(Value):
     """One video. Its time 0 is ``first_stamp_ns`` of the session clock.
 
     ``rate_hz`` is its mean frame rate; ``left_out`` counts frames that were not encoded, to keep up. ``delay_ms`` is
@@ -83,8 +82,7 @@ class VideoInfo:
     uncertainty_ms: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class AudioInfo:
+class AudioInfo(Value):
     """One sound file. Its time 0 is ``first_stamp_ns`` of the session clock.
 
     ``samples`` counts those of one channel; ``last_stamp_ns`` is the end of the last one.
@@ -99,8 +97,7 @@ class AudioInfo:
     last_stamp_ns: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedScenario:
+class RecordedScenario(Value):
     """Scenario at the start of the session."""
 
     title: str = ""
@@ -108,32 +105,28 @@ class RecordedScenario:
     sha256: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedRobot:
+class RecordedRobot(Value):
     """Robot at the start of the session."""
 
     profile: str = ""
     address: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedPause:
+class RecordedPause(Value):
     """Pause of the recording, in session time; ``resumed_ns`` is None if it was not resumed."""
 
     paused_ns: int
     resumed_ns: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedFile:
+class RecordedFile(Value):
     """Relative path of a file, and its size at the close."""
 
     name: str
     bytes: int
 
 
-@dataclass(frozen=True, slots=True)
-class SessionHeader:
+class SessionHeader(Value):
     """Content of ``session.json``, field by field; what is missing or damaged there has its default.
 
     ``trial`` holds the answers of the start dialog by field name. ``software`` maps programs and libraries to versions;

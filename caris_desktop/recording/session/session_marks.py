@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import Marked, MarkKind
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 if TYPE_CHECKING:
     # The running console folds its own marks without reading a session.
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 _TAG = re.compile(r"(?<!\S)#(\w[\w-]*)")
 
 
-@dataclass(frozen=True, slots=True)
-class FinalMark:
+class FinalMark(Value):
     """Point or interval (with ``end_ns`` >= ``start_ns``) in session time.
 
     ``marked_ns`` is when ``actor`` created it; ``open_at_end``: an interval that only the end of the session closed.

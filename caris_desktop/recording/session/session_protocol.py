@@ -15,7 +15,7 @@ from caris_desktop.domain.events import (
     StepHow,
     StepTicked,
 )
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.session_reader import Session
 
 ProtocolEvent = ScenarioOpened | ProtocolOpened | StepEntered | StepTicked | ProtocolEnded
@@ -23,8 +23,7 @@ PROTOCOL_EVENTS = (ScenarioOpened, ProtocolOpened, StepEntered, StepTicked, Prot
 Left = Literal["", "next", "skipped", "back", "branch", "chosen", "ended"]
 
 
-@dataclass(frozen=True, slots=True)
-class StepVisit:
+class StepVisit(Value):
     """One visit of a step of the protocol in the scenario file ``scenario``. ``left`` is empty if the session ended in
     it or another protocol was opened. ``time_s`` excludes pauses; ``late_s`` is the excess over the expected time,
     including earlier time in the step after a return to it.
@@ -45,8 +44,7 @@ class StepVisit:
     scenario: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class StepRecord:
+class StepRecord(Value):
     """Step of the protocol in the scenario file ``scenario``, over the session. ``visits`` counts how often it was
     begun, without returns; 0 if never. ``ticked`` of ``to_tick`` items were ticked at the end.
     """

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from caris_desktop.domain.events import SessionEnded
 from caris_desktop.domain.json_encoding import DERIVED_TOPICS, from_message
 from caris_desktop.domain.streams import BY_NAME, BY_TYPE, StreamSpec, spec_of_topic
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session import mcap_chunks
 from caris_desktop.recording.session.missing_data import losses_of, missing_values
 from caris_desktop.recording.session.recovery import repair_session
@@ -31,8 +31,7 @@ def _as_it_is(content: T) -> T:
     return content
 
 
-@dataclass(frozen=True, slots=True)
-class Session:
+class Session(Value):
     """One recorded session. ``header`` is ``session.json``.
 
     For an interrupted recording ``closed_properly`` is False, ``reason`` is ``recovered``, or empty without a repair,

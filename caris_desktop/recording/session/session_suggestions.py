@@ -6,13 +6,12 @@ from typing import Literal
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import SuggestionChanged
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 Fate = Literal["taken", "edited", "dismissed", "superseded", "expired"]
 
 
-@dataclass(frozen=True, slots=True)
-class ShownReply:
+class ShownReply(Value):
     """Displayed suggestion. ``told`` is False if the session ended or paused before its outcome; it has then expired,
     as it could no longer be used.
     """

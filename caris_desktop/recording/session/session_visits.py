@@ -16,7 +16,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.session_reader import Session
 
 _log = logging.getLogger(__name__)
@@ -34,8 +34,7 @@ VISIT_EVENTS: tuple[type[VisitEvent], ...] = get_args(VisitEvent)
 VISIT_STREAMS = tuple(BY_TYPE[kind].name for kind in VISIT_EVENTS)
 
 
-@dataclass(frozen=True, slots=True)
-class Visit:
+class Visit(Value):
     """Visit of an identity. ``number`` is that of "Person 3" on screen, 0 if not recorded.
 
     A person lost and found again may have several identities. ``end_ns``: when the person counted as absent, some

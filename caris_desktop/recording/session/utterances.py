@@ -14,7 +14,7 @@ from caris_desktop.domain.events import (
     UtteranceOrigin,
     UtteranceState,
 )
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.pauses import pauses_of
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.session_visits import VISIT_STREAMS, Visit, VisitEvent, seen_throughout, visits_of
@@ -30,8 +30,7 @@ as the console reckons of somebody whose distance and gaze it does not know: som
 _ENDED: tuple[UtteranceState, ...] = ("finished", "interrupted", "failed")
 
 
-@dataclass(frozen=True, slots=True)
-class SpokenUtterance:
+class SpokenUtterance(Value):
     """One utterance, in session time.
 
     ``start_ns`` and ``end_ns`` are None if nothing was audible: dropped while waiting, speech failed, or the session

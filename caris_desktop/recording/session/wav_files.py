@@ -4,14 +4,13 @@ import struct
 from typing import IO
 
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 _HEADER = struct.Struct("<4sI4s4sIHHIIHH4sI")
 HEADER_BYTES = _HEADER.size
 
 
-@dataclass(frozen=True, slots=True)
-class WavLayout:
+class WavLayout(Value):
     """Format of a WAV file, and where its samples begin. ``data_bytes`` is what the header says of their length."""
 
     channels: int

@@ -14,7 +14,7 @@ from typing import Any
 from caris_desktop import __version__
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.data_dictionary import measure_rows
 from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES
@@ -59,8 +59,7 @@ class StatisticsError(Exception):
     """Statistics that were not computed; the text is for people."""
 
 
-@dataclass(frozen=True, slots=True)
-class SummaryRow:
+class SummaryRow(Value):
     """One measure over the sessions of a condition, or over all if ``condition`` is None.
 
     ``n`` counts the sessions that have it. ``sd`` is the sample standard deviation, None for a single value.
@@ -78,8 +77,7 @@ class SummaryRow:
     largest: float
 
 
-@dataclass(frozen=True, slots=True)
-class StudyStatistics:
+class StudyStatistics(Value):
     """Result: ``measures`` has a row per session, ``problems`` a sentence per excluded one.
 
     ``notices`` list copies, which count once, and missing data of the sessions that count.

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 from caris_desktop.domain.events import LlmExchange, Marked, Problem, RecordingPaused
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.annotation.annotation_store import load_documents
 from caris_desktop.recording.session.folder_lock import is_held
@@ -77,8 +77,7 @@ CREATE VIRTUAL TABLE item_text USING fts5 (
 """
 
 
-@dataclass(frozen=True, slots=True)
-class UnreadableSession:
+class UnreadableSession(Value):
     """Folder that looks like a session and cannot be read; ``trouble`` is the reason."""
 
     folder: Path
@@ -343,8 +342,7 @@ class StudyIndex:
         return database
 
 
-@dataclass(frozen=True, slots=True)
-class _Item:
+class _Item(Value):
     """One searchable text."""
 
     at_ns: int
@@ -453,8 +451,7 @@ def _age_and_size(path: str) -> str:
     return f"{status.st_mtime_ns}:{status.st_size}"
 
 
-@dataclass(frozen=True, slots=True)
-class _Content:
+class _Content(Value):
     """Index content of one session: its entry, identity and texts, or why it cannot be read."""
 
     entry: SessionEntry

@@ -2,13 +2,12 @@
 
 from pathlib import Path
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 PLACES_A_PAGE = 500
 
 
-@dataclass(frozen=True, slots=True)
-class SessionEntry:
+class SessionEntry(Value):
     """List entry of one session.
 
     ``losses`` describes missing data, in English and for ``tr``; ``copy_of`` names the original of a copy, as sessions
@@ -34,8 +33,7 @@ class SessionEntry:
     copy_of: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class SessionQuery:
+class SessionQuery(Value):
     """Search criteria; empty fields match everything. ``text`` is searched in utterances, notes and marks.
 
     The other fields are compared completely and case-insensitively, with ``*`` as a wildcard. Each word of ``text``
@@ -51,8 +49,7 @@ class SessionQuery:
     places: int = PLACES_A_PAGE
 
 
-@dataclass(frozen=True, slots=True)
-class SearchHit:
+class SearchHit(Value):
     """Text hit at ``at_ns`` in session time. ``snippet`` is the surrounding text.
 
     ``quoted`` prompts to language models contain this utterance and are not separate hits.

@@ -18,7 +18,7 @@ import numpy as np
 from caris_desktop.domain.schema import array_dtype, to_jsonable
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.domain.type_hints import union_members, without_alias
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.robot_clock_mapping import Measured, RobotClock
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import Session
@@ -63,8 +63,7 @@ _COMPUTED_S = ("duration_s", "late_s", "seen_s", "stood_s", "time_s")
 _HALVES = re.compile("[\ud800-\udfff]")
 
 
-@dataclass(frozen=True, slots=True)
-class RowTimes:
+class RowTimes(Value):
     """Turns stamps into what columns show."""
 
     clock: SessionClock
@@ -84,8 +83,7 @@ class Moment(NamedTuple):
     arrival_ns: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
+class Column(Value):
     """One column. ``read`` takes the value of a row, in time columns its moment; ``clock`` is the one that a time is
     told by. ``values`` are all that a text may have, ``empty`` is the meaning of an empty cell, or empty if there is
     none. ``field`` is the field of a message in events.mcap that it shows as it is.
@@ -102,8 +100,7 @@ class Column:
     field: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
+class Table(Value):
     """One table. ``items`` gives the values of the rows that one recorded value makes.
 
     ``time_columns`` precede the others, and tell when that value was.

@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.session.answers import LlmAnswer
 from caris_desktop.recording.session.goals import NavigationGoal
@@ -23,8 +23,7 @@ from caris_desktop.recording.tables.catalog import TIME_COLUMNS, Column, Moment,
 from caris_desktop.recording.tables.meanings import split_docstring
 
 
-@dataclass(frozen=True, slots=True)
-class Annotation:
+class Annotation(Value):
     """One label that a coder gave to an interval of the session, in session time."""
 
     start_ns: int
@@ -41,16 +40,14 @@ class Annotation:
         return (self.end_ns - self.start_ns) / 1e9
 
 
-@dataclass(frozen=True, slots=True)
-class _Fact:
+class _Fact(Value):
     """One line about the session as a whole."""
 
     key: str
     value: str
 
 
-@dataclass(frozen=True, slots=True)
-class DerivedTable:
+class DerivedTable(Value):
     """Table of derived records. ``records`` gives them; ``stamp_ns`` is the time of one for the time columns."""
 
     table: Table

@@ -7,15 +7,14 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.corrections import WhoSpoke
 from caris_desktop.domain.sound_values import Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ui import text_formatting
 
 NOT_SURE = QT_TR_NOOP("somebody")
 ROBOT, WIZARD, PARTICIPANT = QT_TR_NOOP("robot"), QT_TR_NOOP("wizard"), QT_TR_NOOP("participant")
 
 
-@dataclass(frozen=True, slots=True)
-class TranscriptRow:
+class TranscriptRow(Value):
     """Row of a turn. ``tentative`` words may still change. ``changeable``: the speaker can be corrected."""
 
     utterance_id: str
@@ -48,8 +47,7 @@ class TranscriptRow:
         return " · ".join(part for part in (sentence, *state) if part)
 
 
-@dataclass(frozen=True, slots=True)
-class _Made:
+class _Made(Value):
     """A row with its inputs."""
 
     turn: Turn

@@ -24,7 +24,7 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QAbstractScrollArea, QFrame, QToolTip
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ui import tokens
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow
 from caris_desktop.ui.icons import draw_icon
@@ -43,8 +43,7 @@ _AT_ONCE = 150
 """Rows measured per event loop turn: a few milliseconds."""
 
 
-@dataclass(frozen=True, slots=True)
-class RowButton:
+class RowButton(Value):
     """Button of a turn."""
 
     act: RowAct
@@ -72,8 +71,7 @@ _HEAD_PX = 19
 _ABOVE_PX, _BELOW_PX = 5, 6
 
 
-@dataclass(frozen=True, slots=True)
-class RowHighlight:
+class RowHighlight(Value):
     """Highlighting of a turn. ``ahead``: after the current time of a replay. ``found``: searched words in it."""
 
     raised: bool

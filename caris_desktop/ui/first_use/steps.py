@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from typing import Literal
 
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.status import PreflightCheck
 
 StepName = Literal["robot", "camera", "sound", "model"]
 
 
-@dataclass(frozen=True, slots=True)
-class SetUpStep:
+class SetUpStep(Value):
     """A set-up step. ``checks``: ids of its checks; if the scenario has none of them, the step is skipped."""
 
     name: StepName

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Literal
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.layout.layout_tree import Side, panels_in, path_of, shares, split_at
@@ -20,8 +20,7 @@ RoomOf = Callable[[PanelName], Room]
 _SQUEEZED: Room = (140, TITLE_PX)  # minimum that always remains of a panel: its title bar
 
 
-@dataclass(frozen=True, slots=True)
-class GroupPlace:
+class GroupPlace(Value):
     """Rectangle of a tab group or a single panel."""
 
     panels: tuple[PanelName, ...]
@@ -43,8 +42,7 @@ class GroupPlace:
         return Rect(self.rect.left, self.rect.top + bar, self.rect.width, max(0, self.rect.height - bar))
 
 
-@dataclass(frozen=True, slots=True)
-class Handle:
+class Handle(Value):
     """Split handle: divides the split at ``path`` between its parts ``before`` and ``after``, with minimum lengths
     ``least``. ``lengths``: current lengths of all visible parts by index.
     """
@@ -58,8 +56,7 @@ class Handle:
     least: tuple[int, int]
 
 
-@dataclass(frozen=True, slots=True)
-class DockGeometry:
+class DockGeometry(Value):
     groups: tuple[GroupPlace, ...] = ()
     handles: tuple[Handle, ...] = ()
 
@@ -193,8 +190,7 @@ def grown(
     return None
 
 
-@dataclass(frozen=True, slots=True)
-class Drop:
+class Drop(Value):
     """Drop target: next to or in the tabs of ``beside``; without it, at an outer edge."""
 
     beside: PanelName | None

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_model import (
     LayoutNode,
     PanelLeaf,
@@ -31,16 +31,14 @@ from caris_desktop.ui.layout.layout_tree import (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Floating:
+class Floating(Value):
     """Floating window: its panels and its geometry on the desktop."""
 
     tree: LayoutNode
     place: Rect
 
 
-@dataclass(frozen=True, slots=True)
-class DockLayout:
+class DockLayout(Value):
     """Dock layout. ``tree`` has all panels; those in ``floating`` are shown there instead, and ``hidden`` ones not at
     all.
     """

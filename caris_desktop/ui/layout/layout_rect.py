@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 LEAST_WINDOW_PX = (240, 160)
 _TITLE_PX = 40  # title bar of the window manager, above the window's own area
 
 
-@dataclass(frozen=True, slots=True)
-class Rect:
+class Rect(Value):
     left: int
     top: int
     width: int

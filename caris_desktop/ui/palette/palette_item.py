@@ -3,11 +3,10 @@
 from collections.abc import Callable
 from dataclasses import field
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True)
-class PaletteItem:
+class PaletteItem(Value):
     """Item that can be found and run; ``also``: synonyms.
 
     ``acts``: speaks or moves the robot, so only exact words find it, never fuzzy matching. ``deliberate``: disables a

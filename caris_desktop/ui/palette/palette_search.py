@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from difflib import SequenceMatcher
 from itertools import accumulate, chain
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ui.palette.palette_item import PaletteItem
 
 _MEANS_NOTHING = frozenset({"the", "a", "an", "to", "please", "into"})
@@ -15,8 +15,7 @@ _ENOUGH = 30
 """Fuzzy matches are skipped if there are this many exact ones."""
 
 
-@dataclass(frozen=True, slots=True)
-class Used:
+class Used(Value):
     """Usage history by ``Entry.id``: recent, newest first, and frequently used."""
 
     recent: tuple[str, ...] = ()

@@ -20,7 +20,7 @@ from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
 from caris_desktop.domain.process_title import title_of
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.child_process import Health
 from caris_desktop.live.status import LinkStatus, PerceptionStatus
 from caris_desktop.ros.dialect import same_type
@@ -63,8 +63,7 @@ _SORT_ROLE = int(Qt.ItemDataRole.UserRole)
 _Index = QModelIndex | QPersistentModelIndex
 
 
-@dataclass(frozen=True, slots=True)
-class TopicRow:
+class TopicRow(Value):
     """Topic of a link; ``state``: its reception as text."""
 
     link: str

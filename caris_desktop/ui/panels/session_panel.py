@@ -23,7 +23,7 @@ from PySide6.QtWidgets import (
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.scenario.scenario_model import PanelSettings
@@ -55,8 +55,7 @@ _TIME_ROLE = _CATEGORY_ROLE + 1
 IN_SESSION = ("starting", "recording", "paused")
 
 
-@dataclass(frozen=True, slots=True)
-class LogEntry:
+class LogEntry(Value):
     """Log line. A later one with the same ``key`` replaces it."""
 
     stamp_ns: int

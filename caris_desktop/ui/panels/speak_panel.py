@@ -12,7 +12,7 @@ from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.sound_values import WIZARD_MICROPHONE, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MicrophoneStatus, OpenGap, SoundStatus, SpeechStatus
 from caris_desktop.live.wizard_console import WizardConsole
@@ -36,8 +36,7 @@ from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 _HINT = QT_TR_NOOP("Type what the robot says…")
 
 
-@dataclass(frozen=True, slots=True)
-class _Size:
+class _Size(Value):
     """Size level of the panel. ``low``: phrase groups without a line of their own; ``tight``: no hints."""
 
     chip_px: int

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from PySide6.QtCore import QObject
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow
 
@@ -15,8 +15,7 @@ TO_READ_NS = 500_000_000
 """Minimum time before a new question can be answered: the key press may have been for the former one."""
 
 
-@dataclass(frozen=True, slots=True)
-class IdentityQuestion:
+class IdentityQuestion(Value):
     """Question whether ``person_id``, who is present, is ``is_person_id``; not answerable before ``from_ns``."""
 
     person_id: str

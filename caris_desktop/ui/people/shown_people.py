@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Literal
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.people.presence import PersonRow, unnamed_label
 from caris_desktop.ui import text_formatting
@@ -162,8 +162,7 @@ def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") ->
     return [part for part in parts if part]
 
 
-@dataclass(frozen=True, slots=True)
-class RowButton:
+class RowButton(Value):
     """Button of a row. ``text`` is dropped if space is short and there is an icon; ``tip`` is the full text."""
 
     act: ButtonAct

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.practice_steps import STEPS, PracticeStep
 from caris_desktop.live.status import PracticeStatus, PracticeStepStatus
 from caris_desktop.live.wizard_console import WizardConsole
@@ -199,8 +199,7 @@ _KEY = "practice"
 _AT_MOST = 100
 
 
-@dataclass(frozen=True, slots=True)
-class PracticeRun:
+class PracticeRun(Value):
     """Practice results, saved in the wizard's profile.
 
     Practice result. ``ended_utc``: ISO 8601; ``done`` of ``steps`` completed; ``score`` out of 100.

@@ -8,7 +8,7 @@ from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent, Q
 from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
@@ -21,8 +21,7 @@ _LEAST_PX = 130
 _ICONS: dict[StepState, str] = {"done": "check", "skipped": "skip-forward", "now": "", "late": "", "ahead": ""}
 
 
-@dataclass(frozen=True, slots=True)
-class DisplayedStep:
+class DisplayedStep(Value):
     """Step as displayed; ``time`` is set for the current one."""
 
     step_id: str

@@ -7,7 +7,7 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QComboBox, QDialog, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation import annotation_editing
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Tier, Vocabulary, VocabularyEntry
 from caris_desktop.ui import layouts, tokens
@@ -21,8 +21,7 @@ FREE_TEXT = QT_TR_NOOP("Free text")
 OWN_LIST = QT_TR_NOOP("A list of labels…")
 
 
-@dataclass(frozen=True, slots=True)
-class TierRequest:
+class TierRequest(Value):
     """Result of the dialog. ``vocabulary`` is None for free text."""
 
     coder: str

@@ -7,7 +7,7 @@ import numpy as np
 from PySide6.QtCore import QPointF, QRectF
 
 from caris_desktop.domain.translation import tr, tr_filled
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_model import Annotation
 from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, PAD_PX, RULER_PX, TimelineState
 from caris_desktop.ui.replay.timeline_model import (
@@ -26,8 +26,7 @@ Part = Literal["corner", "names", "ruler", "row", "below"]
 DragKind = Literal["create", "move", "start", "end", "seek", "pan", "row"]
 
 
-@dataclass(frozen=True, slots=True)
-class Hit:
+class Hit(Value):
     """Item under a point."""
 
     part: Part
@@ -36,8 +35,7 @@ class Hit:
     edge: Literal["", "start", "end"] = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Drag:
+class Drag(Value):
     """Mouse drag. ``moving`` once it exceeds the distance of a click."""
 
     kind: DragKind

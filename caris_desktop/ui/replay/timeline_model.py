@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sound_values import MICROPHONE, ROBOT_MICROPHONE, ROBOT_VOICE, WIZARD_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier, Vocabulary
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview, Waveform
 
@@ -25,8 +25,7 @@ _TICK_STEPS_MS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class TimeScale:
+class TimeScale(Value):
     """Mapping of time to pixels: ``start_ms`` at pixel 0, ``px_per_ms`` pixels per millisecond."""
 
     start_ms: float
@@ -74,8 +73,7 @@ def picture_step_ms(px_per_ms: float, apart_px: float) -> int:
     return round(250 * 2 ** (math.ceil(2 * math.log2(needed_ms / 250)) / 2))
 
 
-@dataclass(frozen=True, slots=True)
-class RulerTick:
+class RulerTick(Value):
     at_ms: int
     label: str  # empty for a minor tick
 
@@ -168,8 +166,7 @@ def tracks_of(document: AnnotationDocument, before: Mapping[str, Track] | None =
     }
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
+class Row(Value):
     """Timeline row. ``key`` identifies it permanently."""
 
     key: str

@@ -4,7 +4,7 @@ from PySide6.QtCore import QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPen, QPolygonF
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_model import Annotation
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
@@ -21,8 +21,7 @@ from caris_desktop.ui.replay.timeline_model import exact_text, length_text
 from caris_desktop.ui.theme import Theme
 
 
-@dataclass(frozen=True, slots=True)
-class OpenInterval:
+class OpenInterval(Value):
     """Open interval of a label, begun by its key and ended by the next press."""
 
     tier_id: str

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QSplitte
 
 from caris_desktop.domain.schema_paths import Difference, differences
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import Scenario
@@ -26,8 +26,7 @@ from caris_desktop.ui.widgets.drop_down import DropDown
 _WIDEST_PX = 900
 
 
-@dataclass(frozen=True, slots=True)
-class Other:
+class Other(Value):
     """Scenario to compare with: ``text`` reads its file."""
 
     title: str

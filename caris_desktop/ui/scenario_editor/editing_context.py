@@ -12,7 +12,7 @@ from caris_desktop.domain.schema_fields import Known, ValueForm
 from caris_desktop.domain.schema_labels import allowed_by, said_of
 from caris_desktop.domain.schema_paths import ABSENT
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.document import Mistake, ScenarioDocument, UndoStep
 from caris_desktop.ui.theme import Theme
 
@@ -81,16 +81,14 @@ class Editing(QObject):
         return [mistake for mistake in self.document.mistakes if mistake.path[: len(path)] == path]
 
 
-@dataclass(frozen=True, slots=True)
-class Names:
+class Names(Value):
     """Known names; ``all_of_them``: any other name does not exist."""
 
     names: tuple[str, ...] = ()
     all_of_them: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class FormContext:
+class FormContext(Value):
     """Context of the form's widgets. ``robot_pose``: current map pose or None; ``known``: existing names of a kind.
     ``within``: titles of the enclosing parts, innermost first, for screen readers.
     """

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from caris_desktop.conversation.face.face_file import face_names
 from caris_desktop.domain.schema_fields import Known
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.yaml_source import YamlSourceError
 from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.robot.profile import list_profiles
@@ -15,8 +15,7 @@ from caris_desktop.scenario.scenario_library import own_file
 from caris_desktop.scenario.scenario_model import Scenario
 
 
-@dataclass(frozen=True, slots=True)
-class Opened:
+class Opened(Value):
     """File contents, with the checksum that detects changes before saving."""
 
     path: Path

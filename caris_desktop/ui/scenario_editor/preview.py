@@ -12,7 +12,7 @@ from caris_desktop.domain.schema_labels import title_of
 from caris_desktop.domain.schema_paths import ABSENT, Difference, entry_name
 from caris_desktop.domain.schema_validation import quoted
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.phrases import phrase_groups
 from caris_desktop.scenario.protocol_steps import step_named
@@ -276,8 +276,7 @@ def _allowed(document: ScenarioDocument, colors: Colors) -> str:
 Sort = Literal["panel", "key", "act"]
 
 
-@dataclass(frozen=True, slots=True)
-class Consequence:
+class Consequence(Value):
     """Consequences of a permission, derived from the tables of intents, actions and panels.
 
     Feature that requires a permission.

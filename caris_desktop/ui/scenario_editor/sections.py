@@ -3,7 +3,7 @@
 from caris_desktop.domain.schema_fields import Key, keys_of
 from caris_desktop.domain.schema_labels import title_of
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_model import Scenario
 
 _ORDER: dict[str, tuple[str, str]] = {
@@ -50,8 +50,7 @@ _ORDER: dict[str, tuple[str, str]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+class Section(Value):
     """Section of the form: ``words`` explain it, ``keys`` are its keys of the file."""
 
     title: str

@@ -3,7 +3,7 @@
 from caris_desktop.domain.events import VoiceOutput
 from caris_desktop.domain.intents import SetVoice
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.status import VoiceStatus
 
 _OUTPUTS: tuple[tuple[VoiceOutput, str], ...] = (
@@ -20,8 +20,7 @@ _ID_OF_NORMAL_SPEED = "At usual speed"  # in the usage history, however it is wo
 _VOLUMES = ((0.25, QT_TR_NOOP("Quietly")), (0.5, QT_TR_NOOP("At half volume")), (1.0, QT_TR_NOOP("At full volume")))
 
 
-@dataclass(frozen=True, slots=True)
-class VoiceLine:
+class VoiceLine(Value):
     """Menu entry. ``chosen``: the current value. ``id`` does not depend on language."""
 
     id: str

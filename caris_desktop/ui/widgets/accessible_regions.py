@@ -6,11 +6,10 @@ from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt, QTimer
 from PySide6.QtGui import QPaintEvent
 from PySide6.QtWidgets import QAbstractButton, QWidget
 
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 
 
-@dataclass(frozen=True, slots=True)
-class AccessibleRegion:
+class AccessibleRegion(Value):
     """Accessible region of a painted item. ``key`` identifies it.
 
     ``rect``: in the coordinates of the painting widget. ``name``: accessible name; ``about``: accessible description.

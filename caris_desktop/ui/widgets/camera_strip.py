@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QAbstractButton, QWidget
 
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.ui import text_formatting, tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, draw_card_edge
@@ -32,8 +32,7 @@ _LITTLE_ROOM_PX = 150
 _BANDS = {"fresh": "green", "stale": "amber", "lost": "red", "none": "line"}
 
 
-@dataclass(frozen=True, slots=True)
-class StripPlace:
+class StripPlace(Value):
     """Side of the strip and size of a thumbnail; ``side`` is empty if there is no room."""
 
     side: Literal["right", "below", ""]

@@ -5,7 +5,7 @@ import math
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.sensing import FrameRef, HeadState
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.profile import RobotProfile
 
 FARTHEST_M = 8.0
@@ -14,8 +14,7 @@ FARTHEST_M = 8.0
 RING_M = 0.25
 
 
-@dataclass(frozen=True, slots=True)
-class FloorSpot:
+class FloorSpot(Value):
     """Floor point in the robot frame."""
 
     x_m: float

@@ -15,7 +15,7 @@ from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import PersonPlace
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
+from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
@@ -48,8 +48,7 @@ _PeopleRects = list[tuple[QRectF, QRectF | None]]
 Tool = Literal["look", "goal", "pose", "place"]
 
 
-@dataclass(frozen=True, slots=True)
-class Aim:
+class Aim(Value):
     """Target being chosen on the map, with its heading as far as set."""
 
     at: QPointF  # metres in the map
