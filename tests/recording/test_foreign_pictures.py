@@ -89,7 +89,7 @@ def refused_by_pages(content: bytes, folder: Path) -> None:
 
 def refused_by_bags(content: bytes, _folder: Path) -> None:
     with pytest.raises(MessageError):
-        bag_values._unfolded_image(content)
+        bag_values._decoded_image(content)
 
 
 def refused_by_robots_and_cameras(content: bytes, _folder: Path) -> None:
@@ -131,7 +131,7 @@ def test_complete_pictures_are_shown_everywhere(ending: str, tmp_path: Path) -> 
     assert decode_compressed(content).shape == (48, 64, 3)
     assert (image_of(content).width(), image_of(content).height()) == (64, 48)
     assert previews(in_file(content, tmp_path), 100)
-    assert bag_values._unfolded_image(content).shape == (48, 64, 3)
+    assert bag_values._decoded_image(content).shape == (48, 64, 3)
     padded = content[:2] + b"\xff\xff\xff" + content[2:] if ending == ".jpg" else content
     assert decoded(padded).shape == (48, 64, 3), "a JPEG may have fill bytes before its markers"
 

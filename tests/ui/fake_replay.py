@@ -25,6 +25,7 @@ from caris_desktop.recording.annotation.annotation_model import (
 )
 from caris_desktop.recording.annotation.timeline_overview import Moment, SessionOverview, Waveform
 from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import SessionHeader
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.scenario.scenario_model import PanelLeaf, RecordingSettings, Scenario
 from caris_desktop.ui.action_bindings import Actions
@@ -39,8 +40,9 @@ FRAME_NS = 33_333_333
 
 
 def sample_session(duration_s: float, *, trial: dict[str, str] | None = None) -> Session:
-    clock = SessionClock(ClockAnchor(STARTED_NS, _UTC_NS), STARTED_NS)
-    header = {"trial": {"participant": "P07", "condition": "B"} if trial is None else trial}
+    anchor = ClockAnchor(STARTED_NS, _UTC_NS)
+    clock = SessionClock(anchor, STARTED_NS)
+    header = SessionHeader(anchor, trial={"participant": "P07", "condition": "B"} if trial is None else trial)
     ended_ns = STARTED_NS + round(duration_s * 1e9)
     return Session(Path("2026-11-21-101400-P07"), header, clock, ended_ns, True, "wizard")
 

@@ -330,10 +330,7 @@ class MessageConverter:
                 yield BagPicture(role.camera, raw.robot_stamp_ns, raw.image_bgr)
             case "compressed_image":
                 image = decode.decode_compressed_image(message)
-                try:
-                    yield BagPicture(role.camera, image.robot_stamp_ns, np.asarray(decoded(image.content), np.uint8))
-                except PictureError as error:
-                    raise MessageError(f"an image that {error}") from error
+                yield BagPicture(role.camera, image.robot_stamp_ns, _decoded_image(image.content))
             case "compressed_video":
                 yield from self._video_frames(role.camera, message)
             case "camera_info":
@@ -489,3 +486,10 @@ class MessageConverter:
         if place is None:
             raise MessageError(f"it is in the frame '{frame}', and the pose of this frame in the map is unknown")
         return place.floor
+
+
+def _decoded_image(content: bytes) -> NDArray[np.uint8]:
+    try:
+        return np.asarray(decoded(content), np.uint8)
+    except PictureError as error:
+        raise MessageError(f"an image that {error}") from error
