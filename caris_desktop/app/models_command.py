@@ -15,6 +15,8 @@ from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "action",
+        nargs="?",
+        default="list",
         choices=("list", "add", "remove"),
         metavar="ACTION",
         help="list: the added models; add: check a file, ask its model a question, and add it; remove: delete one",

@@ -61,10 +61,10 @@ def playback(connection: Connection, *arguments: Any) -> None:
     run_playback(connection, *arguments)
 
 
-def language_model(connection: Connection, *arguments: Any) -> None:
+def language_model(connection: Connection, model: str = "") -> None:
     from caris_desktop.conversation.embedded_server import run_embedded_server
 
-    run_embedded_server(connection, *arguments)
+    run_embedded_server(connection, model=model)
 
 
 def model_addition(connection: Connection, *arguments: Any) -> None:

@@ -26,8 +26,9 @@ PAGES = {
     )
     for page in (*sorted(page for page in _FILES if not page.is_symlink()), *sorted(GUIDE.glob("*.md")))
 }
-KINDS = ("yaml", "sh", "text", "python", "r")
-"""Languages of code blocks; text is for lists. tests/test_documentation.py runs Python blocks."""
+KINDS = ("yaml", "sh", "text", "python", "r", "jinja")
+"""Languages of code blocks; text is for lists. tests/test_documentation.py runs Python blocks, test_templates.py the
+template."""
 
 SMALLEST = {
     "version": "version: 1",

@@ -16,7 +16,8 @@ import httpx
 import numpy as np
 
 from caris_desktop.app import process_entry_points
-from caris_desktop.conversation.embedded_messages import EmbeddedReady
+from caris_desktop.conversation.embedded_messages import EmbeddedReady, ModelAdded
+from caris_desktop.conversation.embedded_server import find_embedded_weights
 from caris_desktop.conversation.face.page import PageOpened, run_face_page
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserReady, RecogniserSettings
 from caris_desktop.conversation.microphone_messages import MicrophoneList, OpenMicrophone
@@ -151,6 +152,13 @@ class Driven:
             timeout=PATIENCE_S, trust_env=False,
         )  # fmt: skip
         assert answer.status_code == 200
+        return body
+
+    def model_addition(self) -> Body:
+        weights = find_embedded_weights()
+        assert weights is not None
+        body = Body(process_entry_points.model_addition, weights, "tried")
+        body.until(ModelAdded)
         return body
 
     def forgetting(self) -> Body:
