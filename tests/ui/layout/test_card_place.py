@@ -125,7 +125,6 @@ def test_on_small_screens_problems_cover_nothing_that_is_needed(
 ) -> None:
     console.scenario = load_scenario(layouts_dir() / f"{scenario}.yaml")
     console.state.scenario.reset_value(console.scenario)
-    freshen(console)
     for number in range(3):
         console.state.add(
             Problem(1, "error", f"The camera of the robot sends no picture {number}", "It means this.", "Do that.")
@@ -133,6 +132,7 @@ def test_on_small_screens_problems_cover_nothing_that_is_needed(
     told = set()
     for size in ((683, 384), (911, 512), (1366, 768), (683, 384)):
         window.resize(*size)
+        freshen(console)  # a stream that has become old meanwhile takes room from the line
         for _ in range(10):
             QApplication.processEvents()
         cards, line = window.problems, window.problems.line
