@@ -41,11 +41,11 @@ def _bytes_in(folders: list[Path]) -> Iterator[tuple[str, bytes]]:
                 yield f"messages of {path}", b"\n".join(m.data for _, _, m in make_reader(file).iter_messages())
 
 
-def _found(folders: list[Path], canaries: dict[str, list[bytes]]) -> set[tuple[str, str]]:
+def _found(folders: list[Path], terms: dict[str, list[bytes]]) -> set[tuple[str, str]]:
     return {
         (what, where)
         for where, content in _bytes_in(folders)
-        for what, pieces in canaries.items()
+        for what, pieces in terms.items()
         for piece in pieces
         if piece in content
     }
@@ -89,7 +89,7 @@ def test_no_byte_of_who_was_forgotten_is_left_after_a_rehearsal(tmp_path: Path) 
     sentences = [
         one.text for one in spoken(open_session(folder)) if one.speaker == "participant" and len(one.text) > 12
     ]
-    canaries = {
+    terms = {
         "name": [part.encode(code) for part in (NAME, *NAME.split()) for code in ("utf-8", "utf-16-le", "utf-16-be")],
         "portrait": []
         if portrait is None
@@ -98,11 +98,11 @@ def test_no_byte_of_who_was_forgotten_is_left_after_a_rehearsal(tmp_path: Path) 
         "sentence": [text.encode() for text in sentences],
         "voice": _voice(folder),
     }
-    found = {what: len(pieces) for what, pieces in canaries.items()}
+    found = {what: len(pieces) for what, pieces in terms.items()}
     assert found["name"] and found["sentence"] and found["voice"] and (found["portrait"] or found["looks"]), found
-    canaries = {what: pieces for what, pieces in canaries.items() if pieces}
+    terms = {what: pieces for what, pieces in terms.items() if pieces}
     everywhere = [study, home, temporary]  # exports to other folders are out of reach
-    before = _found(everywhere, canaries)
+    before = _found(everywhere, terms)
     assert {what for what, _where in before} >= {"name", "sentence", "voice"}, "there is something to find"
 
     program = "caris_desktop"
@@ -113,7 +113,7 @@ def test_no_byte_of_who_was_forgotten_is_left_after_a_rehearsal(tmp_path: Path) 
         review.write_text(decided, "utf-8")
         done = _run(environment, program, "forget", study, person.person_id, "--yes", "--review", review)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert _found(everywhere, canaries) == set()
+    assert _found(everywhere, terms) == set()
 
     left = b"\n".join(content for _where, content in _bytes_in(everywhere))
     digests = set(_DIGEST.findall(left))

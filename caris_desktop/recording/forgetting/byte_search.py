@@ -65,10 +65,10 @@ class _Readable(Protocol):
 class ByteSearch:
     """Search for one person."""
 
-    def __init__(self, canaries: SearchTerms) -> None:
-        self._words = canaries.words
-        self._beginnings = canaries.words.beginnings
-        self._probes = canaries.probes
+    def __init__(self, terms: SearchTerms) -> None:
+        self._words = terms.words
+        self._beginnings = terms.words.beginnings
+        self._probes = terms.probes
         keys = [text[:2] for text, _ in self._beginnings] + [folded(probe[:2]) for probe in self._probes]
         self._pairs = np.zeros(1 << 16, np.bool_)
         self._pairs[[key[0] | key[1] << 8 for key in keys]] = True

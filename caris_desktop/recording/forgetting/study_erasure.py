@@ -292,9 +292,9 @@ class _Forgetting:
         self._study = request.study
         self._erase = erase
         self._progress = progress
-        self._canaries = all_of(request.names, request.pictures)
-        self._words: PersonNames = self._canaries.words
-        self._search = ByteSearch(self._canaries)
+        self._terms = all_of(request.names, request.pictures)
+        self._words: PersonNames = self._terms.words
+        self._search = ByteSearch(self._terms)
         self._texts = TextWork(self._words, request.decisions, request.otherwise)
         self._journal = Journal(self._study, request.person_ids[0], without_names=self._without_names)
         self._review = review_path(self._study, request.person_ids[0])
