@@ -29,10 +29,11 @@ _DEEPEST = 4
 _SQLITE_MAGIC, _PARQUET_MAGIC, _ZIP_MAGIC = b"SQLite format 3\x00", b"PAR1", b"PK\x03\x04"
 _PNG_MAGIC, _BAG_MAGIC, _ZLIB_BEGINS = b"\x89PNG\r\n\x1a\n", b"#ROSBAG V2.0", b"\x78"
 _PNG_TEXTS = (b"zTXt", b"iTXt", b"iCCP")
-# Video, audio and images: in such bytes short words occur by chance.
+# Video, audio and images: their bytes are never text, but for a title or a comment.
 _MEDIA = (".mp4", ".wav", ".png", ".jpg", ".jpeg", ".mkv", ".webm", ".flac", ".onnx")
+# Shorter names occur by chance in arrays, vectors and images: "Zoe" in every megabyte of random bytes.
 _SHORT = 6
-_TEXT_AROUND = 6
+_TEXT_AROUND, _BINARY_AROUND, _ODD = 6, 8, 3
 
 
 class Hit(Value):
@@ -116,7 +117,9 @@ class ByteSearch:
                 # All in one stream: there are thousands, and starting a search takes longer than searching one.
                 yield f"{where}blocks", _Row(_mcap_blocks(file, closed, name))
             elif head.startswith(_SQLITE_MAGIC):
-                yield f"{where}rows", _Row(_values_of(file))
+                # Texts apart from images and vectors, beside whose bytes a short name would look like chance.
+                for part, kind in (("rows", str), ("bytes", bytes)):
+                    yield f"{where}{part}", _Row(_values_of(file, kind))
             elif head.startswith(_PARQUET_MAGIC):
                 yield f"{where}columns", _Row(_texts_of(file))
             elif head.startswith(_PNG_MAGIC):
@@ -202,7 +205,8 @@ class ByteSearch:
         for start, end in self._words.spans(window):
             if start == len(before):
                 length = len(window[start:end].encode(encoding, "ignore"))
-                by_chance = media and end - start < _SHORT and not _amid_text(data, place, length)
+                short = wide == 1 and end - start < _SHORT
+                by_chance = short and not _amid_text(data, place, length, media=media)
                 return None if by_chance else window[max(0, start - 40) : end + 40]
         return None
 
@@ -211,10 +215,17 @@ def _number(text: bytes) -> int:
     return int.from_bytes(text[:4], "little")
 
 
-def _amid_text(data: bytes, place: int, length: int) -> bool:
-    """True if the surrounding bytes are text rather than chance."""
-    around = data[max(0, place - _TEXT_AROUND) : place] + data[place + length : place + length + _TEXT_AROUND]
-    return sum(32 <= byte < 127 or byte == 0 for byte in around) >= len(around) - 1
+def _amid_text(data: bytes, place: int, length: int, *, media: bool) -> bool:
+    """True if the surrounding bytes are text rather than chance; tags and lengths of fields may be among them."""
+    around = _TEXT_AROUND if media else _BINARY_AROUND
+    before, after = data[max(0, place - around) : place], data[place + length : place + length + around]
+    if media:
+        return sum(32 <= byte < 127 or byte == 0 for byte in before + after) >= len(before + after) - 1
+    text = before.decode("utf-8", "replace") + after.decode("utf-8", "replace")
+    # The window may cut a letter of another alphabet at either end.
+    cut = text.startswith("\ufffd") + text.endswith("\ufffd")
+    odd = sum(letter == "\ufffd" or (letter < " " and letter not in "\0\t\n\r") for letter in text)
+    return odd - cut <= _ODD
 
 
 def _is_packed(head: bytes) -> bool:
@@ -288,7 +299,7 @@ class _Row(io.RawIOBase):
         return taken
 
 
-def _values_of(file: Any) -> Iterator[bytes]:
+def _values_of(file: Any, kind: type[str] | type[bytes]) -> Iterator[bytes]:
     name = getattr(file, "name", None)
     if not isinstance(name, str):
         raise ValueError("it is a database inside another file")  # noqa: TRY004 - of what lies in it
@@ -297,7 +308,7 @@ def _values_of(file: Any) -> Iterator[bytes]:
         for table in tables:
             quoted = table.replace('"', '""')
             for row in database.execute(f'SELECT * FROM "{quoted}"'):  # noqa: S608 - a table of this very file
-                yield from map(_text_of, row)
+                yield from (_text_of(value) for value in row if isinstance(value, kind))
 
 
 def _texts_of(file: Any) -> Iterator[bytes]:

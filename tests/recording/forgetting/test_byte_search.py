@@ -90,6 +90,37 @@ def test_short_names_are_found_as_words_and_in_film_only_amid_text(tmp_path: Pat
     assert len(search.file(film).hits) == 1
 
 
+def test_short_names_are_not_found_by_chance_in_arrays_vectors_and_databases(tmp_path: Path) -> None:
+    search = ByteSearch(all_of(["Zoë Quillfeather"], []))
+    random = np.random.default_rng(1)
+    noise = random.integers(0, 256, 8_000_000, np.uint8).tobytes()
+    arrays = random.normal(3, 1, 2_000_000).astype("<f4").tobytes() + random.normal(size=1_000_000).tobytes()
+    assert not search.data(noise + arrays).hits
+    database = tmp_path / "people.sqlite"
+    with closing(sqlite3.connect(database)) as people:
+        people.execute("CREATE TABLE people (id TEXT, name TEXT, portrait BLOB)")
+        people.execute("INSERT INTO people VALUES ('p-1', 'Nobody', ?)", (noise,))
+        people.commit()
+        assert not search.file(database).hits
+        people.execute("INSERT INTO people VALUES ('p-2', 'Zoe', ?)", (noise[:4000],))
+        people.commit()
+    assert "rows" in {hit.inside for hit in search.file(database).hits}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\x04\0\0\0name\x03\0\0\0Zoe\0\x07\0\0\0\x01",
+        "你好您好 Zoe 你好您好".encode(),
+        "Grüße, Zoë, für Ännchen".encode(),
+        b"Zoe",
+        b"\x01\x02Zoe",
+    ],
+)
+def test_a_short_name_is_found_among_fields_of_records_and_in_any_alphabet(content: bytes) -> None:
+    assert len(ByteSearch(all_of(["Zoë"], [])).data(content).hits) == 1
+
+
 def _packed_zip(path: Path) -> None:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         inner = io.BytesIO()
