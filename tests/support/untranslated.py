@@ -83,11 +83,13 @@ EXEMPT: dict[str, dict[str, str]] = {
     "ui/panels/assistant_panel.py": {"Enter": _CAP},
     "ui/panels/speak_panel.py": {"Tab": _CAP, "Enter": _CAP, "Delete": _CAP},
     "ui/layout_store.py": {"Save into the scenario": _ID, "Reset: as the scenario came": _ID},
-    "ui/palette/palette_entries.py": {"{} on": _ID, "{} off": _ID},
-    "ui/palette/setting_entries.py": {
+    "ui/palette/palette_entries.py": {
         "suggest: my key does it": _ID,
         "by itself, after a countdown": _ID,
         "like the system": _ID,
+        "{} % from the next start": _ID,
+        "as the system has it": _ID,
+        "person {}": _ID,
     },
     "ui/replay/timeline_commands.py": {"tier {}": _ROW},
     "ui/replay/timeline_model.py": {"tier {}": _ROW, "pictures {}": _ROW, "sound {}": _ROW, "record {}": _ROW},

@@ -334,7 +334,7 @@ def test_escape_closes_the_palette_and_stops(window: MainWindow, console: FakeCo
 
 def test_finding_wants_every_word_and_prefers_beginnings() -> None:
     entries = [
-        PaletteItem(text, "Place", "", "", lambda: None, id=text) for text in ("Go to Lab bench", "Lab tour", "Kitchen")
+        PaletteItem(text, "Place", "", lambda: None, id=text) for text in ("Go to Lab bench", "Lab tour", "Kitchen")
     ]
     assert [entry.text for entry in Finder(entries).matching("lab")] == ["Lab tour", "Go to Lab bench"]
     assert [entry.text for entry in Finder(entries).matching("lab go")] == ["Go to Lab bench"]

@@ -1,21 +1,23 @@
 """Items of the command palette, from the current state."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from functools import partial
+from typing import Any
+
+from PySide6.QtCore import QLocale
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.control_definitions import ControlValue, RobotControl
-from caris_desktop.domain.events import GoalChanged
+from caris_desktop.domain.events import AssistanceLevel
 from caris_desktop.domain.intents import INTENTS
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.status import MapStatus
+from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr, tr_filled
 from caris_desktop.live.wizard_console import ReplayControls, WizardConsole
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.studies.study_query import SessionEntry
 from caris_desktop.scenario.phrases import phrase_groups
-from caris_desktop.scenario.scenario_model import PanelName
-from caris_desktop.ui import text_formatting
+from caris_desktop.scenario.scenario_model import levels_up_to
+from caris_desktop.ui import event_messages, text_formatting
 from caris_desktop.ui.action_rows import (
     SAFETY_GROUP,
     SPEAKING_GROUP,
@@ -27,23 +29,24 @@ from caris_desktop.ui.action_rows import (
     say_phrase,
 )
 from caris_desktop.ui.action_spec import ActionSpec
-from caris_desktop.ui.app_context import AppContext
+from caris_desktop.ui.app_context import THEME_WORDS, AppContext
 from caris_desktop.ui.banners import QuestionBanner
 from caris_desktop.ui.control_messages import question_for
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
 from caris_desktop.ui.palette.palette_item import PaletteItem
-from caris_desktop.ui.palette.setting_entries import TWICE, SettingEntries
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.people.pending_identity_question import is_asked
 from caris_desktop.ui.people.shown_people import everyone
+from caris_desktop.ui.sound_menu import sound_choices
+from caris_desktop.ui.speak.voice_choices import voice_choices
 from caris_desktop.ui.step_intents import present_step, target_of
 from caris_desktop.ui.text_formatting import UNDER_WAY
+from caris_desktop.ui.theme import SCALES, ThemeChoice
+from caris_desktop.ui.window_appearance import percent_of, scale_words
 
 _COMMON_ROWS = frozenset(
     {"photo", "mark", "note", "silence", "name_person", "choose_place", "choose_scenario", "next_step", "shortcuts"}
 )
-
-
 _OTHER_WORDS = {
     "shortcuts": QT_TR_NOOP("help keys keyboard hotkeys"),
     "set_up": QT_TR_NOOP("help settings microphone begin welcome connect"),
@@ -52,6 +55,37 @@ _OTHER_WORDS = {
     "preflight": QT_TR_NOOP("preflight checklist ready"),
 }
 """Synonyms of rows of the action table."""
+
+_DO, _SAY, _WINDOW, _PANEL = QT_TR_NOOP("Do"), QT_TR_NOOP("Say"), QT_TR_NOOP("Window"), QT_TR_NOOP("Panel")
+_SCENARIO, _ROBOT, _CONTROL = QT_TR_NOOP("Scenario"), QT_TR_NOOP("Robot"), QT_TR_NOOP("Control")
+_PERSON, _MAP, _WIZARD = QT_TR_NOOP("Person"), QT_TR_NOOP("Map"), QT_TR_NOOP("Wizard")
+_TWICE = QT_TR_NOOP("select it, then Enter twice")
+
+# Parts of the ids in the usage history: they stay as they are, however the texts are worded.
+_LEVEL_IDS: dict[AssistanceLevel, str] = {
+    "off": "off",
+    "suggest": "suggest: my key does it",
+    "act": "by itself, after a countdown",
+}
+_THEME_IDS: dict[ThemeChoice, str] = {"system": "like the system", "dark": "dark", "light": "light"}
+
+_Items = Iterator[PaletteItem]
+
+
+def item(
+    kind: str,
+    text: str,
+    icon: str,
+    do: Callable[[], object],
+    also: str = "",
+    *,
+    id: str = "",  # noqa: A002
+    **more: Any,
+) -> PaletteItem:
+    """Item of marked texts, with the kind and the English text as its id if no other is given."""
+    return PaletteItem(
+        tr_filled(text), tr_filled(kind), icon, do, also=tr_filled(also), id=id or f"{kind}: {text}", **more
+    )
 
 
 class PaletteEntries:
@@ -65,29 +99,24 @@ class PaletteEntries:
         self._state = parts.console.state
         self._question = question
         self._show_connection = show_connection
-        self._settings = SettingEntries(parts)
-        self._people = PersonEntries(parts)
 
     def of_replay(self, replay: ReplayControls) -> list[PaletteItem]:
         """Items of a replay: no speech, and the stop only if robots are being driven."""
         left_out = {SPEAKING_GROUP} if replay.live_robots.value.robots else {SPEAKING_GROUP, SAFETY_GROUP}
         rows = [spec for spec in self._rows() if spec.group not in left_out]
         return [
-            *map(self._of_row, rows),
-            *self._of_panels(),
-            *self._of_layout(),
-            *self._settings.of_themes(),
+            *map(self._of_row, rows), *self._of_panels(), *self._of_layout(), *self._of_themes(),
             closing_entry(self._parts.close_window, replay=True),
-        ]
+        ]  # fmt: skip
 
     def now(self) -> list[PaletteItem]:
         """Items available now."""
-        parts, permissions = self._parts, self._console.scenario.permissions
+        permissions = self._console.scenario.permissions
         return [
             *self._of_emergency_stop(),
             *map(self._of_row, self._rows()),
             *(self._of_phrases() if permissions.speech else ()),
-            *(self._people.now() if permissions.naming_people else ()),
+            *(person_entries(self._parts) if permissions.naming_people else ()),
             *step_entries(self._console),
             *self._of_goal(),
             *(self.of_places() if permissions.driving else ()),
@@ -97,59 +126,21 @@ class PaletteEntries:
             *self._of_panels(),
             *self._of_layout(),
             *self._of_robots(),
-            *(
-                PaletteItem(
-                    tr(SEES_WORDS[sees]),
-                    tr("Window"),
-                    "monitor",
-                    "",
-                    parts.observers.opener(sees),
-                    also=tr("second screen"),
-                    id=f"Window: {SEES_WORDS[sees]}",
-                )
-                for sees in SEES_WORDS
-            ),
-            PaletteItem(
-                tr("Practise on the simulated robot"),
-                tr("Do"),
-                "student",
-                "",
-                parts.practise,
-                also=tr("learn training tutorial help"),
-                id="Do: Practise on the simulated robot",
-            ),
-            PaletteItem(
-                tr("Connection in the last minute"),
-                tr("Window"),
-                "wifi-high",
-                "",
-                self._show_connection,
-                id="Window: Connection in the last minute",
-            ),
-            *(
-                [
-                    PaletteItem(
-                        tr("Gamepad"), tr("Window"), "game-controller", "", parts.gamepad.open, id="Window: Gamepad"
-                    )
-                ]
-                if parts.gamepad.offered
-                else []
-            ),
+            *self._of_windows(),
             *self._of_sessions(),
-            PaletteItem(
-                tr("Edit this scenario…"),
-                tr("Scenario"),
-                "pencil-simple",
-                "",
-                parts.editor.open,
-                also=tr("change phrases places permissions protocol form yaml"),
-                id="Scenario: Edit this scenario…",
-            ),
-            *self.of_scenarios(),
-            *self._of_scenario_files(),
-            *self._settings.now(),
+            *self._of_scenarios(),
+            *(self._of_voices() if permissions.speech else ()),
+            *(self._of_levels() if permissions.assistant else ()),
+            *self._of_guard(),
+            *self._of_sound(),
+            *self._of_themes(),
+            *self._of_appearance(),
+            *self._of_wizards(),
             closing_entry(self._parts.close_window, replay=False),
         ]
+
+    def _ask(self, intent: intents.Intent) -> Callable[[], object]:
+        return partial(self._console.do, intent)
 
     def _rows(self) -> list[ActionSpec]:
         """Available rows of the action table, without places and layout commands, which have items of their own."""
@@ -171,587 +162,405 @@ class PaletteEntries:
         moves = intent is not None and (
             INTENTS[type(intent)].moves is not None or isinstance(intent, intents.UseControl)
         )
-        other_words = _OTHER_WORDS.get(spec.id, "")
-        return PaletteItem(
-            spec.text,
-            tr("Say") if is_utterance else tr("Do"),
-            spec.icon,
-            table.key_text(spec.id),
-            lambda: table.run(spec.id),
-            also=tr(other_words),
-            acts=is_utterance or moves,
+        return item(
+            _SAY if is_utterance else _DO, spec.text, spec.icon, lambda: table.run(spec.id),
+            _OTHER_WORDS.get(spec.id, ""), key=table.key_text(spec.id), acts=is_utterance or moves,
             named=spec.text if spec.intent is say_filler else spec.text.partition(": ")[2],
-            id=f"row {spec.id}",
-            common=spec.id in _COMMON_ROWS,
-        )
+            common=spec.id in _COMMON_ROWS, id=f"row {spec.id}",
+        )  # fmt: skip
 
-    def _of_phrases(self) -> list[PaletteItem]:
+    def _of_phrases(self) -> _Items:
         """Phrases of all groups, with the key that says them now."""
         table, chosen = self._parts.actions, self._state.phrase_group.value
         keyed = {spec.argument: spec.id for spec in table.all_specs if spec.intent is say_keyed_phrase}
-        entries = []
         for index, group in enumerate(phrase_groups(self._console.scenario.phrases)):
             for number, phrase in enumerate(group.phrases, start=1):
                 row = (keyed.get(phrase) if phrase.key else None) or (f"phrase_{number}" if index == chosen else "")
-                key = table.key_text(row) if row else ""
-                entries.append(
-                    PaletteItem(
-                        phrase.say,
-                        tr("Say"),
-                        "chat-text",
-                        key,
-                        partial(self._console.do, say(phrase)),
-                        also=group.title,
-                        acts=True,
-                        named=f"{phrase.say} {group.title}",
-                        id=f"Say: {phrase.say}",
-                    )
-                )
-        return entries
+                yield item(
+                    _SAY, phrase.say, "chat-text", self._ask(say(phrase)), group.title, acts=True,
+                    key=table.key_text(row) if row else "", named=f"{phrase.say} {group.title}",
+                )  # fmt: skip
 
-    def _of_emergency_stop(self) -> list[PaletteItem]:
-        if not self._state.drive.value.emergency_stop:
-            return []
-        return [
-            PaletteItem(
-                tr("Release emergency stop"),
-                tr(TWICE),
-                "lock-open",
-                "",
-                partial(self._console.do, intents.ReleaseEmergencyStop()),
-                also=tr("unlock free reset clear drive again"),
-                deliberate=True,
-                first=True,
-                again=tr("Press Enter again to release the emergency stop"),
-                id="Release emergency stop",
-            )
-        ]
+    def _of_emergency_stop(self) -> _Items:
+        if self._state.drive.value.emergency_stop:
+            yield item(
+                _TWICE, QT_TR_NOOP("Release emergency stop"), "lock-open", self._ask(intents.ReleaseEmergencyStop()),
+                QT_TR_NOOP("unlock free reset clear drive again"), deliberate=True, first=True,
+                again=tr("Press Enter again to release the emergency stop"), id="Release emergency stop",
+            )  # fmt: skip
 
-    def _of_goal(self) -> list[PaletteItem]:
-        goal: GoalChanged | None = self._state.goal.value
-        if goal is None or goal.state not in UNDER_WAY:
-            return []
-        return [
-            PaletteItem(
-                tr("Stop going to {place}").format(place=goal.place or tr("the chosen point")),
-                tr("Do"),
-                "x",
-                "",
-                partial(self._console.do, intents.CancelGoal()),
-                also=tr("cancel goal way"),
-                id=f"Do: Stop going to {goal.place or 'the chosen point'}",
-            )
-        ]
+    def _of_goal(self) -> _Items:
+        goal = self._state.goal.value
+        if goal is not None and goal.state in UNDER_WAY:
+            text = localized(QT_TR_NOOP("Stop going to {place}"), place=goal.place or QT_TR_NOOP("the chosen point"))
+            yield item(_DO, text, "x", self._ask(intents.CancelGoal()), QT_TR_NOOP("cancel goal way"))
 
     def of_places(self) -> list[PaletteItem]:
         return [
-            PaletteItem(
-                tr("Go to {place}").format(place=place.name),
-                tr("Place"),
-                "flag",
-                self._parts.actions.key_text(f"place_{number}"),
-                partial(self._console.do, intents.GoToPlace(place.name)),
-                also=tr("drive move navigate send take robot"),
-                acts=True,
-                named=place.name,
-                by_name=True,
-                id=f"Place: Go to {place.name}",
+            item(
+                QT_TR_NOOP("Place"), localized(QT_TR_NOOP("Go to {place}"), place=place.name), "flag",
+                self._ask(intents.GoToPlace(place.name)), QT_TR_NOOP("drive move navigate send take robot"),
+                key=self._parts.actions.key_text(f"place_{number}"), acts=True, named=place.name, by_name=True,
             )
             for number, place in enumerate(self._state.places.value, start=1)
-        ]
+        ]  # fmt: skip
 
-    def _of_controls(self) -> list[PaletteItem]:
+    def _of_controls(self) -> _Items:
         """Robot controls that need no value but a choice."""
-        entries = []
         held = self._state.drive.value.emergency_stop
         for control in self._state.controls.value:
             if held and control.is_held_by_stop:
                 continue
+            title, uses = control.title, list[tuple[str, ControlValue]]()
             if control.kind == "button":
-                uses: list[tuple[str, str, ControlValue]] = [(control.title, control.title, True)]
+                uses = [(title, True)]
             elif control.kind == "toggle":
-                uses = [
-                    (f"{control.title} on", tr("{control} on").format(control=control.title), True),
-                    (f"{control.title} off", tr("{control} off").format(control=control.title), False),
-                ]
+                on, off = QT_TR_NOOP("{control} on"), QT_TR_NOOP("{control} off")
+                uses = [(localized(on, control=title), True), (localized(off, control=title), False)]
             elif control.kind == "choice":
-                to_one = tr("{control}: {choice}")
-                uses = [
-                    (
-                        f"{control.title}: {choice.title}",
-                        to_one.format(control=control.title, choice=choice.title),
-                        choice.value,
-                    )
-                    for choice in control.choices
-                ]
+                to_one = QT_TR_NOOP("{control}: {choice}")
+                uses = [(localized(to_one, control=title, choice=each.title), each.value) for each in control.choices]
             elif "robot" in self._parts.panels.possible():
-                open_panel = self._parts.panels.opener("robot")
-                text = tr("Robot: {control}").format(control=control.title)
-                entries.append(
-                    PaletteItem(text, tr("Control"), "sliders", "", open_panel, id=f"Control: Robot: {control.title}")
-                )
-                continue
-            else:
-                continue
-            entries += [
-                PaletteItem(
-                    tr("Robot: {control}").format(control=use),
-                    control.group or tr("Control"),
-                    "sliders",
-                    "",
-                    self._control_user(control, value),
-                    also=tr("control"),
-                    acts=True,
-                    named=f"{use} {control.group}",
-                    id=f"{control.group or 'Control'}: Robot: {known_as}",
-                )
-                for known_as, use, value in uses
-            ]
-        return entries
+                text = localized(QT_TR_NOOP("Robot: {control}"), control=title)
+                yield item(_CONTROL, text, "sliders", self._parts.panels.opener("robot"))
+            for use, value in uses:
+                yield item(
+                    control.group or _CONTROL, localized(QT_TR_NOOP("Robot: {control}"), control=use), "sliders",
+                    self._control_user(control, value), QT_TR_NOOP("control"), acts=True,
+                    named=f"{tr_filled(use)} {control.group}",
+                )  # fmt: skip
 
     def _control_user(self, control: RobotControl, value: ControlValue) -> Callable[[], object]:
-        use = partial(self._console.do, intents.UseControl(control.id, value))
+        use = self._ask(intents.UseControl(control.id, value))
         if not control.confirm:
             return use
         return lambda: self._question.ask(question_for(control, value), tr("Do it"), use)
 
-    def _of_map(self) -> list[PaletteItem]:
+    def _of_map(self) -> _Items:
         """Mapping commands that need no name."""
-        status: MapStatus = self._state.mapping.value
-        entries = []
+        status = self._state.mapping.value
         if status.can_save:
             name = f"map-{datetime.now():%Y-%m-%d-%H-%M}"
-            entries.append(
-                PaletteItem(
-                    tr("Save the map as {name}").format(name=name),
-                    tr("Map"),
-                    "floppy-disk",
-                    "",
-                    partial(self._console.do, intents.SaveMap(name)),
-                    acts=True,
-                    named=tr("the map {name}").format(name=name),
-                    id="save map",
-                )
-            )
+            yield item(
+                _MAP, localized(QT_TR_NOOP("Save the map as {name}"), name=name), "floppy-disk",
+                self._ask(intents.SaveMap(name)), acts=True, named=tr("the map {name}").format(name=name),
+                id="save map",
+            )  # fmt: skip
         if status.can_switch and status.mapping is not True:
-            entries.append(
-                PaletteItem(
-                    tr("Start mapping"),
-                    tr("Map"),
-                    "map-trifold",
-                    "",
-                    partial(self._console.do, intents.SetMapping(mapping=True)),
-                    acts=True,
-                    named=tr("map mapping"),
-                    id="Map: Start mapping",
-                )
-            )
+            start = self._ask(intents.SetMapping(mapping=True))
+            yield item(_MAP, QT_TR_NOOP("Start mapping"), "map-trifold", start, acts=True, named=tr("map mapping"))
         if status.can_switch and status.mapping is not False:
-            entries.append(
-                PaletteItem(
-                    tr("Stop mapping, keep the map"),
-                    tr("Map"),
-                    "map-trifold",
-                    "",
-                    partial(self._console.do, intents.SetMapping(mapping=False)),
-                    acts=True,
-                    named=tr("the map mapping"),
-                    also=tr("localization localisation end"),
-                    id="Map: Stop mapping, keep the map",
-                )
-            )
-        return entries
+            yield item(
+                _MAP, QT_TR_NOOP("Stop mapping, keep the map"), "map-trifold",
+                self._ask(intents.SetMapping(mapping=False)), QT_TR_NOOP("localization localisation end"), acts=True,
+                named=tr("the map mapping"),
+            )  # fmt: skip
 
-    def _of_cameras(self) -> list[PaletteItem]:
+    def _of_cameras(self) -> _Items:
         state = self._state
-        return [
-            PaletteItem(
-                tr("Show the camera {name}").format(name=name),
-                tr("Video"),
-                "video-camera",
-                "",
-                partial(state.choose_camera, name),
-                also=tr("picture"),
-                id=f"Video: Show the camera {name}",
-            )
-            for name in state.cameras.value
-            if name != state.camera.value
-        ]
+        for name in state.cameras.value:
+            if name != state.camera.value:
+                text = localized(QT_TR_NOOP("Show the camera {name}"), name=name)
+                choose = partial(state.choose_camera, name)
+                yield item(QT_TR_NOOP("Video"), text, "video-camera", choose, QT_TR_NOOP("picture"))
 
-    def _of_panels(self) -> list[PaletteItem]:
-        panels = self._parts.panels
-        open_panels: list[PanelName] = [name for name in panels.possible() if panels.is_open(name)]
-        opened = [
-            PaletteItem(
-                tr(PANELS[name].title),
-                tr("Panel"),
-                PANELS[name].icon,
-                "",
-                panels.opener(name),
-                also="" if name in open_panels else tr("add open show"),
-                id=f"Panel: {PANELS[name].title}",
-            )
-            for name in panels.possible()
-        ]
-        closed = [
-            PaletteItem(
-                tr("Close {panel}").format(panel=tr(PANELS[name].title)),
-                tr("Panel"),
-                "x",
-                "",
-                panels.closer(name),
-                also=tr("hide remove"),
-                id=f"Panel: Close {PANELS[name].title}",
-            )
-            for name in open_panels
-        ]
-        floats = [
-            PaletteItem(
-                tr("{panel}: to a separate window, or back").format(panel=tr(PANELS[name].title)),
-                tr("Panel"),
-                "arrow-square-out",
-                "",
-                panels.floater(name),
-                also=tr("float undock second screen"),
-                id=f"Panel: {PANELS[name].title}: into a window of its own, or back",
-            )
-            for name in open_panels
-        ]
-        resizes = [
-            PaletteItem(
-                (tr("{panel}: larger") if by_px > 0 else tr("{panel}: smaller")).format(panel=tr(PANELS[name].title)),
-                tr("Panel"),
-                "arrows-out-simple" if by_px > 0 else "arrows-in-simple",
-                "",
-                do,
-                also=tr("size resize width height room split"),
-                id=f"Panel: {PANELS[name].title}: {'larger' if by_px > 0 else 'smaller'}",
-            )
-            for name in open_panels
-            for by_px, do in panels.resizers(name)
-        ]
-        return opened if self._parts.layout.locked else [*opened, *closed, *floats, *resizes]
+    def _of_panels(self) -> _Items:
+        panels, locked = self._parts.panels, self._parts.layout.locked
+        possible = panels.possible()
+        open_panels = [name for name in possible if panels.is_open(name)]
+        for name in possible:
+            also = "" if name in open_panels else QT_TR_NOOP("add open show")
+            yield item(_PANEL, PANELS[name].title, PANELS[name].icon, panels.opener(name), also)
+        if locked:
+            return
+        for name in open_panels:
+            text = localized(QT_TR_NOOP("Close {panel}"), panel=PANELS[name].title)
+            yield item(_PANEL, text, "x", panels.closer(name), QT_TR_NOOP("hide remove"))
+        for name in open_panels:
+            title = PANELS[name].title
+            yield item(
+                _PANEL, localized(QT_TR_NOOP("{panel}: to a separate window, or back"), panel=title),
+                "arrow-square-out", panels.floater(name), QT_TR_NOOP("float undock second screen"),
+                id=f"Panel: {title}: into a window of its own, or back",
+            )  # fmt: skip
+        for name in open_panels:
+            for by_px, resize in panels.resizers(name):
+                text = QT_TR_NOOP("{panel}: larger") if by_px > 0 else QT_TR_NOOP("{panel}: smaller")
+                yield item(
+                    _PANEL, localized(text, panel=PANELS[name].title),
+                    "arrows-out-simple" if by_px > 0 else "arrows-in-simple", resize,
+                    QT_TR_NOOP("size resize width height room split"),
+                )  # fmt: skip
 
-    def _of_layout(self) -> list[PaletteItem]:
-        layout = self._parts.layout
-        return [
-            PaletteItem(
-                tr("Layout: {what}").format(what=command.text),
-                tr("Window"),
-                command.icon,
-                self._parts.actions.key_text(command.action) if command.action else "",
-                layout.soon(command.do),
-                also=tr("panels arrangement put back save reset"),
-                id=f"row {command.action}" if command.action else f"Window: Layout: {command.id}",
-            )
-            for command in layout.commands()
-            if command.possible
-        ] + [
-            PaletteItem(
-                tr(text),
-                tr("Window"),
-                "layout",
-                "",
-                do,
-                also=tr("panels arrangement layout study screens size"),
-                id=f"Window: {text}",
-            )
-            for text, do in (
-                (QT_TR_NOOP("Unlock the layout"), lambda: layout.set_locked(False))
-                if layout.locked
-                else (QT_TR_NOOP("Lock for a study"), lambda: layout.set_locked(True)),
-                (QT_TR_NOOP("Use one layout for all screens"), lambda: layout.set_adapts(False))
-                if layout.adapts
-                else (QT_TR_NOOP("Adapt to small and large screens"), lambda: layout.set_adapts(True)),
-            )
-        ]
+    def _of_layout(self) -> _Items:
+        layout, also = self._parts.layout, QT_TR_NOOP("panels arrangement put back save reset")
+        for command in layout.commands():
+            if command.possible:
+                yield item(
+                    _WINDOW, tr("Layout: {what}").format(what=command.text), command.icon, layout.soon(command.do),
+                    also, key=self._parts.actions.key_text(command.action) if command.action else "",
+                    id=f"row {command.action}" if command.action else f"Window: Layout: {command.id}",
+                )  # fmt: skip
+        lock = QT_TR_NOOP("Unlock the layout") if layout.locked else QT_TR_NOOP("Lock for a study")
+        adapt = (
+            QT_TR_NOOP("Use one layout for all screens")
+            if layout.adapts
+            else QT_TR_NOOP("Adapt to small and large screens")
+        )
+        also = QT_TR_NOOP("panels arrangement layout study screens size")
+        yield item(_WINDOW, lock, "layout", partial(layout.set_locked, not layout.locked), also)
+        yield item(_WINDOW, adapt, "layout", partial(layout.set_adapts, not layout.adapts), also)
 
-    def _of_robots(self) -> list[PaletteItem]:
+    def _of_robots(self) -> _Items:
         robots = self._parts.robots
-        entries = [
-            PaletteItem(
-                tr("Connect to {robot}").format(robot=choice.title),
-                tr("Robot"),
-                "robot",
-                "",
-                robots.chooser(choice),
-                also=tr("use switch another"),
-                acts=True,
-                named=choice.title,
-                id=f"Robot: Connect to {choice.title}",
-            )
-            for choice in robots.others()
-        ]
+        for choice in robots.others():
+            yield item(
+                _ROBOT, localized(QT_TR_NOOP("Connect to {robot}"), robot=choice.title), "robot",
+                robots.chooser(choice), QT_TR_NOOP("use switch another"), acts=True, named=choice.title,
+            )  # fmt: skip
         if robots.can_detect:
-            entries.append(
-                PaletteItem(
-                    tr("Connect another robot…"),
-                    tr("Robot"),
-                    "plus",
-                    "",
-                    robots.open_dialog,
-                    also=tr("new add"),
-                    id="Robot: Connect another robot…",
-                )
-            )
-        return entries
+            yield item(_ROBOT, QT_TR_NOOP("Connect another robot…"), "plus", robots.open_dialog, QT_TR_NOOP("new add"))
 
-    def _of_sessions(self) -> list[PaletteItem]:
+    def _of_windows(self) -> _Items:
+        parts, connection = self._parts, QT_TR_NOOP("Connection in the last minute")
+        for sees, text in SEES_WORDS.items():
+            yield item(_WINDOW, text, "monitor", parts.observers.opener(sees), QT_TR_NOOP("second screen"))
+        practise, also = QT_TR_NOOP("Practise on the simulated robot"), QT_TR_NOOP("learn training tutorial help")
+        yield item(_DO, practise, "student", parts.practise, also)
+        yield item(_WINDOW, connection, "wifi-high", self._show_connection)
+        if parts.gamepad.offered:
+            yield item(_WINDOW, QT_TR_NOOP("Gamepad"), "game-controller", parts.gamepad.open)
+
+    def _of_sessions(self) -> _Items:
         status, windows = self._state.recording.value, self._parts.sessions
-        entries = []
         if status.state in ("recording", "paused"):
             paused = status.state == "paused"
-            entries.append(
-                PaletteItem(
-                    tr("Resume recording") if paused else tr("Pause recording"),
-                    tr("Do"),
-                    "record" if paused else "pause",
-                    "",
-                    partial(self._console.do, intents.PauseRecording(not paused)),
-                    also=tr("resume continue break"),
-                    id="Do: Go on recording" if paused else "Do: Pause recording",
-                )
-            )
-            stop = partial(self._console.do, intents.StopRecording())
-            also = tr("end finish")
-            entries.append(
-                PaletteItem(tr("Stop recording"), tr("Do"), "stop", "", stop, also=also, id="Do: Stop recording")
-            )
+            yield item(
+                _DO, QT_TR_NOOP("Resume recording") if paused else QT_TR_NOOP("Pause recording"),
+                "record" if paused else "pause", self._ask(intents.PauseRecording(not paused)),
+                QT_TR_NOOP("resume continue break"), id="Do: Go on recording" if paused else "",
+            )  # fmt: skip
+            stop = self._ask(intents.StopRecording())
+            yield item(_DO, QT_TR_NOOP("Stop recording"), "stop", stop, QT_TR_NOOP("end finish"))
         else:
-            entries.append(
-                PaletteItem(
-                    tr("Start recording"),
-                    tr("Do"),
-                    "record",
-                    "",
-                    windows.open_start_dialog,
-                    also=tr("begin trial new session"),
-                    common=True,
-                    id="Do: Start recording",
-                )
-            )
+            also = QT_TR_NOOP("begin trial new session")
+            yield item(_DO, QT_TR_NOOP("Start recording"), "record", windows.open_start_dialog, also, common=True)
             if status.folder is not None:
-                entries.append(
-                    PaletteItem(
-                        tr("Export the last session…"),
-                        tr("Window"),
-                        "export",
-                        "",
-                        windows.export_last_session,
-                        id="Window: Export the last session…",
-                    )
-                )
+                yield item(_WINDOW, QT_TR_NOOP("Export the last session…"), "export", windows.export_last_session)
         if windows.has_library:
-            also = tr("replay search study export")
-            entries.append(
-                PaletteItem(
-                    tr("All sessions…"),
-                    tr("Window"),
-                    "archive",
-                    "",
-                    windows.open_sessions,
-                    also=also,
-                    id="Window: All sessions…",
-                )
-            )
-        return [*entries, *map(self._of_session, windows.recent)]
+            also = QT_TR_NOOP("replay search study export")
+            yield item(_WINDOW, QT_TR_NOOP("All sessions…"), "archive", windows.open_sessions, also)
+        yield from map(self._of_session, windows.recent)
 
     def _of_session(self, session: SessionEntry) -> PaletteItem:
         from caris_desktop.ui.session_table import local_time  # imported late: the first window does not need it
 
         heading = (session.participant or session.folder.name, local_time(session.started_utc), session.scenario)
-        return PaletteItem(
-            tr("Replay {session}").format(session=" · ".join(part for part in heading if part)),
-            tr("Session"),
-            "play",
-            "",
-            lambda: self._parts.sessions.open_replay(session.folder),
-            also=tr("recording open watch"),
-            id=f"session {session.folder.name}",
-        )
+        return item(
+            QT_TR_NOOP("Session"), localized(QT_TR_NOOP("Replay {session}"), session=" · ".join(filter(None, heading))),
+            "play", lambda: self._parts.sessions.open_replay(session.folder),
+            QT_TR_NOOP("recording open watch"), id=f"session {session.folder.name}",
+        )  # fmt: skip
 
     def of_scenarios(self) -> list[PaletteItem]:
-        parts = self._parts
+        parts, text = self._parts, QT_TR_NOOP("Open scenario {title}")
         return [
-            PaletteItem(
-                tr("Open scenario {title}").format(title=choice.title),
-                tr("Scenario"),
-                "map-trifold",
-                "",
-                partial(parts.open_scenario, choice.path),
-                id=f"Scenario: Open scenario {choice.title}",
+            item(
+                _SCENARIO, localized(text, title=choice.title), "map-trifold", partial(parts.open_scenario, choice.path)
             )
             for choice in parts.scenarios.now()
         ]
 
-    def _of_scenario_files(self) -> list[PaletteItem]:
-        parts = self._parts
-        return [
-            PaletteItem(
-                tr("Import a scenario"),
-                tr("Scenario"),
-                "download-simple",
-                "",
-                parts.scenario_files.choose_import,
-                also=tr("open received file"),
-                id="Scenario: Import a scenario",
-            ),
-            PaletteItem(
-                tr("Export this scenario as one file"),
-                tr("Scenario"),
-                "export",
-                "",
-                parts.scenario_files.choose_share,
-                also=tr("share export send"),
-                id="Scenario: Write this scenario as one file",
-            ),
-        ]
+    def _of_scenarios(self) -> _Items:
+        files, also = self._parts.scenario_files, QT_TR_NOOP("change phrases places permissions protocol form yaml")
+        yield item(_SCENARIO, QT_TR_NOOP("Edit this scenario…"), "pencil-simple", self._parts.editor.open, also)
+        yield from self.of_scenarios()
+        text, also = QT_TR_NOOP("Import a scenario"), QT_TR_NOOP("open received file")
+        yield item(_SCENARIO, text, "download-simple", files.choose_import, also)
+        yield item(
+            _SCENARIO, QT_TR_NOOP("Export this scenario as one file"), "export", files.choose_share,
+            QT_TR_NOOP("share export send"), id="Scenario: Write this scenario as one file",
+        )  # fmt: skip
+
+    # Settings: current values are left out.
+
+    def _of_voices(self) -> _Items:
+        kind, also = QT_TR_NOOP("Voice"), QT_TR_NOOP("speak voice")
+        for group in voice_choices(self._state.voice.value):
+            for choice in group:
+                if not choice.chosen:
+                    do = self._ask(choice.intent)
+                    yield item(kind, choice.text, "sliders-horizontal", do, also, acts=True, id=f"Voice: {choice.id}")
+
+    def _of_levels(self) -> _Items:
+        """Autonomy levels of the language model, where they can be changed."""
+        scenario, levels = self._console.scenario, self._state.levels.value
+        for function, title in event_messages.FUNCTIONS.items():
+            for level in levels_up_to(scenario.highest_level(function)) if function in scenario.assisted else ():
+                if level != getattr(levels, function):
+                    text = QT_TR_NOOP("{function}: {level}")
+                    yield item(
+                        _DO, localized(text, function=title, level=event_messages.LEVELS[level]), "sliders-horizontal",
+                        self._ask(intents.SetLevel(function, level)),
+                        QT_TR_NOOP("assistant level suggestions proposals"), id=f"Do: {title}: {_LEVEL_IDS[level]}",
+                    )  # fmt: skip
+
+    def _of_guard(self) -> _Items:
+        guard = self._state.drive.value.guard
+        if guard == "overridden":
+            yield item(
+                _DO, QT_TR_NOOP("Turn on the obstacle guard"), "shield-check", self._ask(intents.SetGuard(on=True)),
+                id="Do: Switch the obstacle guard on",
+            )  # fmt: skip
+        elif guard != "absent" and self._console.scenario.permissions.driving:
+            yield item(
+                _TWICE, QT_TR_NOOP("Turn off the obstacle guard"), "shield-slash",
+                self._ask(intents.SetGuard(on=False)), deliberate=True,
+                again=tr("Press Enter again to turn off the guard"), id="Switch the obstacle guard off",
+            )  # fmt: skip
+
+    def _of_wizards(self) -> _Items:
+        wizards = self._parts.wizards
+        for name in (*wizards.names, ""):
+            if name != wizards.current:
+                yield item(
+                    _WIZARD, localized(QT_TR_NOOP("Wizard: {name}"), name=name or QT_TR_NOOP("not specified")),
+                    "user-gear", partial(wizards.choose, name), QT_TR_NOOP("who is at the console profile keys"),
+                    id=f"Wizard: Wizard: {name or 'nobody in particular'}",
+                )  # fmt: skip
+
+    def _of_sound(self) -> _Items:
+        for choice in sound_choices(self._console):
+            if not choice.chosen:
+                yield item(
+                    QT_TR_NOOP("Sound"), tr("{setting}: {choice}").format(setting=choice.title, choice=choice.text),
+                    "microphone", self._ask(choice.intent), QT_TR_NOOP("device input volume"), id=f"Sound: {choice.id}",
+                )  # fmt: skip
+
+    def _of_themes(self) -> _Items:
+        also = QT_TR_NOOP("theme colours colors mode night day")
+        for choice, words in THEME_WORDS.items():
+            yield item(
+                _WINDOW, localized(QT_TR_NOOP("Appearance: {theme}"), theme=words), "moon",
+                partial(self._parts.appearance.choose_theme, choice), also,
+                id=f"Window: Appearance: {_THEME_IDS[choice]}",
+            )  # fmt: skip
+
+    def _of_appearance(self) -> _Items:
+        appearance = self._parts.appearance
+        for scale in SCALES:
+            if scale != appearance.scale:
+                size = f"{percent_of(scale)} % from the next start" if scale else "as the system has it"
+                yield item(
+                    _WINDOW, scale_words(scale), "text-aa", partial(appearance.choose_scale, scale),
+                    QT_TR_NOOP("larger bigger smaller text font zoom scale"), id=f"Window: Size: {size}",
+                )  # fmt: skip
+        for name in appearance.languages():
+            if name != appearance.language:
+                native = QLocale(name).nativeLanguageName()
+                yield item(
+                    _WINDOW, localized(QT_TR_NOOP("Language: {name} after a restart"), name=native), "translate",
+                    partial(appearance.choose_language, name), QT_TR_NOOP("translation"),
+                    id=f"Window: Language: {native} from the next start",
+                )  # fmt: skip
 
 
 def closing_entry(close: Callable[[], object], *, replay: bool) -> PaletteItem:
     """Palette item that quits the program.
 
-    Quit item; the console's needs a second Enter, because closing a panel has nearly the same words.
+    The console's needs a second Enter, because closing a panel has nearly the same words.
     """
-    return PaletteItem(
-        tr("Close this window") if replay else tr("Close the console"),
-        tr("Window") if replay else tr(TWICE),
-        "x",
-        "",
-        close,
-        also=tr("quit exit end leave program"),
-        deliberate=not replay,
-        again=tr("Press Enter again to close the console"),
-        id="Window: Close this window" if replay else "Close the console",
-    )
+    also = QT_TR_NOOP("quit exit end leave program")
+    if replay:
+        return item(_WINDOW, QT_TR_NOOP("Close this window"), "x", close, also)
+    return item(
+        _TWICE, QT_TR_NOOP("Close the console"), "x", close, also, deliberate=True,
+        again=tr("Press Enter again to close the console"), id="Close the console",
+    )  # fmt: skip
 
 
 def step_entries(console: WizardConsole) -> list[PaletteItem]:
     """Palette items for the protocol: steps, and branches of the current step."""
-
     scenario = console.scenario
     step = present_step(scenario, console.state)
-    branches = [
-        PaletteItem(
-            tr("{what}: continue to {step}").format(what=branch.title, step=target_of(scenario, branch).title),
-            tr("Branch"), "git-branch", "", partial(console.do, intents.TakeBranch(branch.title)),
-            also=tr("branch protocol"), acts=True,
-            named=f"{branch.title} {target_of(scenario, branch).title}",
-            id=f"Branch: {branch.title}: on to {target_of(scenario, branch).title}",
-        )
-        for branch in (() if step is None else step.branches)
+    branches = [(branch, target_of(scenario, branch).title) for branch in (() if step is None else step.branches)]
+    return [
+        *(
+            item(
+                QT_TR_NOOP("Branch"),
+                localized(QT_TR_NOOP("{what}: continue to {step}"), what=branch.title, step=target), "git-branch",
+                partial(console.do, intents.TakeBranch(branch.title)), QT_TR_NOOP("branch protocol"), acts=True,
+                named=f"{branch.title} {target}", id=f"Branch: {branch.title}: on to {target}",
+            )
+            for branch, target in branches
+        ),
+        *(
+            item(
+                QT_TR_NOOP("Step"), localized(QT_TR_NOOP("Step {number}: {title}"), number=number, title=one.title),
+                "list-numbers", partial(console.do, intents.GoToStep(one.step_id)), QT_TR_NOOP("protocol jump begin"),
+                acts=True, named=f"{number} {one.title}",
+            )
+            for number, one in enumerate(scenario.protocol.steps, start=1)
+        ),
     ]  # fmt: skip
-    steps = [
-        PaletteItem(
-            tr("Step {number}: {title}").format(number=number, title=one.title), tr("Step"), "list-numbers", "",
-            partial(console.do, intents.GoToStep(one.step_id)), also=tr("protocol jump begin"), acts=True,
-            named=f"{number} {one.title}",
-            id=f"Step: Step {number}: {one.title}",
-        )
-        for number, one in enumerate(scenario.protocol.steps, start=1)
-    ]  # fmt: skip
-    return [*branches, *steps]
 
 
-class PersonEntries:
-    """Palette items for people, and for the pending question about one."""
+def person_entries(parts: AppContext) -> _Items:
+    """Items to select, rename, view and annotate each person; and the pending question."""
+    state = parts.console.state
+    persons = everyone(state.persons.value, state.everybody.value, state.present.now_ns())
+    yield from _answers(parts, persons)
+    for person in persons:
+        # The usage history must not contain names.
+        name, person_key = text_formatting.person_name(person), f"person {person.person_id}"
+        also = " ".join((tr("person"), person.group, *person.tags))
+        yield item(
+            QT_TR_NOOP("Select"), name, "user", partial(_select, parts, person), also, acts=True,
+            id=f"{person_key} select",
+        )  # fmt: skip
+        if "people" not in parts.panels.possible():
+            continue
+        yield item(
+            _PERSON, localized(QT_TR_NOOP("Details of {person}"), person=name), "identification-card",
+            partial(_show, parts, person, card=True), acts=True, id=f"{person_key} card",
+        )  # fmt: skip
+        if person.here:
+            yield item(
+                _PERSON, localized(QT_TR_NOOP("Rename {person}"), person=name), "pencil-simple",
+                partial(_show, parts, person, rename=True), acts=True, id=f"{person_key} rename",
+            )  # fmt: skip
+    if state.everybody.value or state.persons.value:
+        undo = partial(parts.console.do, intents.UndoPeople())
+        text, also = QT_TR_NOOP("Undo the last change to people"), QT_TR_NOOP("take back name merge")
+        yield item(_DO, text, "arrow-u-up-left", undo, also)
 
-    def __init__(self, parts: AppContext) -> None:
-        self._parts = parts
-        self._console = parts.console
-        self._state = parts.console.state
 
-    def now(self) -> list[PaletteItem]:
-        """Items to select, rename, view and annotate each person; and the pending question."""
-        table, state = self._parts.actions, self._state
-        persons = everyone(state.persons.value, state.everybody.value, state.present.now_ns())
-        entries = []
-        suggested = next((person for person in persons if is_asked(person, state.asked_person.value)), None)
-        if suggested is not None and suggested.suggestion is not None:
-            named = {
-                "person": text_formatting.person_name(suggested),
-                "other": text_formatting.name_in_words(suggested.suggestion.name),
-            }
-            for action_id, text, icon in (
-                ("answer_yes", tr("Yes, {person} is {other}").format(**named), "check"),
-                ("answer_no", tr("No, {person} is not {other}").format(**named), "x"),
-            ):
-                entries.append(
-                    PaletteItem(
-                        text,
-                        tr("Person"),
-                        icon,
-                        table.key_text(action_id),
-                        partial(table.run, action_id),
-                        also=tr("confirm reject"),
-                        acts=True,
-                        id=f"row {action_id}",
-                    )
-                )
-        for person in persons:
-            name, also = text_formatting.person_name(person), " ".join((tr("person"), person.group, *person.tags))
-            # The usage history must not contain names.
-            known_as = person.person_id
-            entries.append(
-                PaletteItem(
-                    name,
-                    tr("Select"),
-                    "user",
-                    "",
-                    partial(self._select, person),
-                    also=also,
-                    acts=True,
-                    id=f"person {known_as} select",
-                )
-            )
-            if "people" not in self._parts.panels.possible():
-                continue
-            entries.append(
-                PaletteItem(
-                    tr("Details of {person}").format(person=name),
-                    tr("Person"),
-                    "identification-card",
-                    "",
-                    partial(self._show, person, card=True),
-                    acts=True,
-                    id=f"person {known_as} card",
-                )
-            )
-            if person.here:
-                entries.append(
-                    PaletteItem(
-                        tr("Rename {person}").format(person=name),
-                        tr("Person"),
-                        "pencil-simple",
-                        "",
-                        partial(self._show, person, rename=True),
-                        acts=True,
-                        id=f"person {known_as} rename",
-                    )
-                )
-        if state.everybody.value or state.persons.value:
-            entries.append(
-                PaletteItem(
-                    tr("Undo the last change to people"),
-                    tr("Do"),
-                    "arrow-u-up-left",
-                    "",
-                    partial(self._console.do, intents.UndoPeople()),
-                    also=tr("take back name merge"),
-                    id="Do: Undo the last change to people",
-                )
-            )
-        return entries
+def _answers(parts: AppContext, persons: Sequence[PersonRow]) -> _Items:
+    table = parts.actions
+    asked = parts.console.state.asked_person.value
+    suggested = next((person for person in persons if is_asked(person, asked)), None)
+    if suggested is None or suggested.suggestion is None:
+        return
+    person, other = text_formatting.person_name(suggested), text_formatting.name_in_words(suggested.suggestion.name)
+    for action_id, text, icon in (
+        ("answer_yes", QT_TR_NOOP("Yes, {person} is {other}"), "check"),
+        ("answer_no", QT_TR_NOOP("No, {person} is not {other}"), "x"),
+    ):
+        yield item(
+            _PERSON, localized(text, person=person, other=other), icon, partial(table.run, action_id),
+            QT_TR_NOOP("confirm reject"), key=table.key_text(action_id), acts=True, id=f"row {action_id}",
+        )  # fmt: skip
 
-    def _select(self, person: PersonRow) -> None:
-        self._console.do(intents.AttendPerson(person.person_id))
-        panel = self._parts.panels.panels.get("people")
-        if panel is not None:
-            panel.show_person(person.person_id)
 
-    def _show(self, person: PersonRow, *, rename: bool = False, card: bool = False) -> None:
-        panels = self._parts.panels
-        panels.open("people")
-        panel = panels.panels.get("people")
-        if panel is not None:
-            panel.show_person(person.person_id, rename=rename, card=card)
+def _select(parts: AppContext, person: PersonRow) -> None:
+    parts.console.do(intents.AttendPerson(person.person_id))
+    panel = parts.panels.panels.get("people")
+    if panel is not None:
+        panel.show_person(person.person_id)
+
+
+def _show(parts: AppContext, person: PersonRow, *, rename: bool = False, card: bool = False) -> None:
+    parts.panels.open("people")
+    panel = parts.panels.panels.get("people")
+    if panel is not None:
+        panel.show_person(person.person_id, rename=rename, card=card)

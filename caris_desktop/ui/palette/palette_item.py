@@ -20,8 +20,8 @@ class PaletteItem(Value):
     text: str
     kind: str
     icon: str
-    key: str
     do: Callable[[], object]
+    key: str = ""
     also: str = ""
     acts: bool = False
     deliberate: bool = False

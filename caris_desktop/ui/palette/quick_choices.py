@@ -46,7 +46,7 @@ class QuickChoices:
         wizards = self._parts.wizards
 
         def chosen(name: str, text: str) -> PaletteItem:
-            return PaletteItem(text, tr("Wizard"), "user-gear", "", lambda: wizards.choose(name), id=f"Wizard: {name}")
+            return PaletteItem(text, tr("Wizard"), "user-gear", lambda: wizards.choose(name), id=f"Wizard: {name}")
 
         known = [chosen(name, name) for name in wizards.names if name != wizards.current]
         self._palette.ask(

@@ -73,7 +73,7 @@ def test_speech_and_motion_are_found_by_their_own_words_only(window: MainWindow,
 
 def test_other_things_are_still_found_where_they_are_misspelt(window: MainWindow) -> None:
     assert texts(palette_of(window, "diagnotics")) == ["Diagnostics"]
-    guess = PaletteItem("Kitchen", "Panel", "", "", lambda: None, id="Panel: Kitchen")
+    guess = PaletteItem("Kitchen", "Panel", "", lambda: None, id="Panel: Kitchen")
     assert Finder([guess]).matching("kichen") == [guess]
     assert Finder([dataclasses.replace(guess, acts=True)]).matching("kichen") == []
     assert Finder([dataclasses.replace(guess, acts=True)]).matching("kitch")

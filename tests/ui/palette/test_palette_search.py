@@ -19,7 +19,7 @@ from tests.ui.conftest import MemorySettings
 
 
 def entry(text: str, **more: object) -> PaletteItem:
-    return PaletteItem(text, "Do", "", "", lambda: None, id=f"Do: {text}", **more)  # type: ignore[arg-type]
+    return PaletteItem(text, "Do", "", lambda: None, id=f"Do: {text}", **more)  # type: ignore[arg-type]
 
 
 def texts(entries: object) -> list[str]:
