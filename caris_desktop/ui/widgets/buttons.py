@@ -87,6 +87,7 @@ class ActionButton(QAbstractButton):
         """Set whether the key cap is shown on the button or only in the tooltip."""
         if shown != self._key_shown:
             self._key_shown = shown
+            (self.removeEventFilter if shown else self.installEventFilter)(self)
             self.updateGeometry()
             self.update()
 
@@ -289,15 +290,12 @@ class ActionButton(QAbstractButton):
         if self._menu_arrow:
             draw_icon(painter, QRectF(left, center - 6, 12, 12), "caret-down", ink)
 
-    def changeEvent(self, event: QEvent) -> None:
-        self.update()
-        super().changeEvent(event)
-
-    def event(self, event: QEvent) -> bool:
-        if isinstance(event, QHelpEvent) and event.type() == QEvent.Type.ToolTip and self._key and not self._key_shown:
-            QToolTip.showText(event.globalPos(), f"{self.toolTip()} ({self._key})".strip(), self)
-            return True
-        return super().event(event)
+    def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
+        """Add a key that is not shown to the tooltip."""
+        if not isinstance(event, QHelpEvent) or event.type() != QEvent.Type.ToolTip or not self._key:
+            return False
+        QToolTip.showText(event.globalPos(), f"{self.toolTip()} ({self._key})".strip(), self)
+        return True
 
 
 class _Binding(QObject):
