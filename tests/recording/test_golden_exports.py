@@ -7,6 +7,7 @@ import pytest
 from tests.recording.golden_exports import GOLDEN, SESSIONS, exported
 
 
+@pytest.mark.long("people", "killed", "titles", "seldom", "creeping", "whole")
 @pytest.mark.parametrize("name", SESSIONS)
 @pytest.mark.logs(r".*")
 def test_exports_are_as_before(name: str, tmp_path: Path) -> None:

@@ -432,6 +432,7 @@ def test_at_most_about_five_are_reported_in_a_second() -> None:
     assert len([one for one in told if one is not None]) <= 11
 
 
+@pytest.mark.long
 def test_a_scan_costs_little() -> None:
     chance = np.random.default_rng(1)
     cluttered = [scan(lambda angles: chance.uniform(0.3, 4.0, len(angles)), at_s=T + 0.1 * n) for n in range(20)]

@@ -41,6 +41,7 @@ def document(text: str = SMALL) -> ScenarioDocument:
     return ScenarioDocument(text, Path("small.yaml"))
 
 
+@pytest.mark.long("reception", "mental-health-check", "practice")
 @pytest.mark.parametrize("shipped", SHIPPED, ids=lambda path: path.stem)
 def test_each_field_changes_its_own_lines_alone(
     shipped: Path, sampled: Callable[[list[tuple[KeyPath, ValueForm]]], list[tuple[KeyPath, ValueForm]]]
@@ -70,6 +71,7 @@ def test_nearly_every_field_has_another_value_that_may_stand_there_alone(shipped
     assert len(alone) > 0.9 * len(all_of_them)
 
 
+@pytest.mark.long("reception", "mental-health-check", "practice")
 @pytest.mark.parametrize("shipped", SHIPPED, ids=lambda path: path.stem)
 def test_entries_come_move_and_go_and_take_no_comment_of_others_along(shipped: Path) -> None:
     text = shipped.read_text(encoding="utf-8")

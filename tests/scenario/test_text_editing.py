@@ -219,6 +219,17 @@ SHIPPED = [
 ]
 
 
+@pytest.mark.long(
+    "simulated-ros2",
+    "pepper",
+    "turtlebot*",
+    "tiago*",
+    "generic-ros2",
+    "reception",
+    "nao",
+    "practice",
+    "mental-health-check",
+)
 @pytest.mark.parametrize("shipped", sorted(SHIPPED), ids=lambda path: path.stem)
 def test_each_section_of_a_shipped_file_is_written_as_it_is_read(shipped: Path) -> None:
     text = shipped.read_text(encoding="utf-8")
@@ -265,6 +276,7 @@ def test_a_value_of_another_kind_keeps_the_comments_around_it(
     assert edited(text, {"a": old} | rest, {"a": new} | rest) == changed
 
 
+@pytest.mark.long("reception", "mental-health-check", "practice")
 @pytest.mark.parametrize("shipped", sorted(layouts_dir().glob("*.yaml")), ids=lambda path: path.stem)
 def test_a_shipped_scenario_is_copied_with_its_comments(shipped: Path, tmp_path: Path) -> None:
     own = tmp_path / "own" / shipped.name

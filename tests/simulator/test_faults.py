@@ -37,6 +37,7 @@ def test_a_black_camera_and_its_recovery(robot: SimulatedRobot, client: Rosbridg
     wait_for(lambda: picture(client.messages(CAMERA)[-1]).std() > 20, "pictures of the room")
 
 
+@pytest.mark.long
 def test_a_frozen_camera_repeats_itself_with_new_stamps(robot: SimulatedRobot, client: RosbridgeClient) -> None:
     client.subscribe(CAMERA, queue_length=1)
     client.wait_for_messages(CAMERA)

@@ -22,6 +22,7 @@ def handled(client: RosbridgeClient, request_id: str) -> None:
     client.send(op="call_service", id=request_id, service="/no_such_service", args={})
 
 
+@pytest.mark.long("/slow", "goal that nobody takes")
 @pytest.mark.parametrize("service", ["/slow", "goal", "goal that nobody takes"])
 def test_a_goal_and_a_slow_service_hold_their_client_and_no_other(service: str) -> None:
     with (

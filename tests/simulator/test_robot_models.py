@@ -121,6 +121,7 @@ def _scanner_ahead_m(name: str) -> float:
     return {"tiago": 0.202, "turtlebot3": -0.064, "turtlebot4": -0.04, "pepper": 0.0}[name]
 
 
+@pytest.mark.long
 def test_pal_speech_needs_a_language_speaks_and_is_preempted(wardrobe: Wardrobe) -> None:
     robot = wardrobe.wearing("tiago")
     with RosbridgeClient(robot.address) as client:
@@ -159,6 +160,7 @@ def test_tiagos_tilt_joint_is_inverted_and_its_stop_button_reported(wardrobe: Wa
         assert 50.0 < client.wait_for_messages("/power/battery_level")[0]["data"] <= 100.0
 
 
+@pytest.mark.long
 def test_naoqi_turns_its_head_by_share_of_speed_and_walks_sideways(wardrobe: Wardrobe) -> None:
     robot = wardrobe.wearing("nao")
     with RosbridgeClient(robot.address) as client:

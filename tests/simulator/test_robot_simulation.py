@@ -42,6 +42,7 @@ def test_without_a_command_for_half_a_second_it_stops_automatically() -> None:
     assert robot.truth.turn_radps == 0.0
 
 
+@pytest.mark.long
 def test_the_same_seed_repeats_a_run_and_another_does_not() -> None:
     def trace(seed: int) -> list[Any]:
         robot = Robot(seed)
@@ -58,6 +59,7 @@ def test_the_same_seed_repeats_a_run_and_another_does_not() -> None:
     assert trace(5) != trace(6)
 
 
+@pytest.mark.long("exhibition", "counselling room")
 @pytest.mark.parametrize("name", ["lab bench", "counselling room", "exhibition"])
 def test_a_goal_is_reached(name: str) -> None:
     robot = Robot(seed=1)
@@ -123,6 +125,7 @@ def test_the_emergency_stop_stops_and_refuses_until_it_is_cleared() -> None:
     assert robot.truth.turn_radps > 0.3
 
 
+@pytest.mark.long
 def test_a_visitor_comes_up_to_the_robot_and_leaves_again() -> None:
     robot = Robot(seed=1)
 
@@ -142,6 +145,7 @@ def test_a_visitor_comes_up_to_the_robot_and_leaves_again() -> None:
     assert farthest > 2.7
 
 
+@pytest.mark.long
 def test_people_walk_and_stop_without_walking_through_anything() -> None:
     robot = Robot(seed=2)
     travelled = np.zeros(3)

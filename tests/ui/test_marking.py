@@ -86,6 +86,7 @@ def hold(qtbot: QtBot, widget: QWidget, key: Qt.Key, modifiers: Qt.KeyboardModif
     QTest.keyRelease(widget, key, modifiers)
 
 
+@pytest.mark.long("video_view", "the number pad drives")
 def test_a_tap_marks_the_moment_at_once(focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
     held = window.hold.held
     alt = alt_of(console, window)
@@ -99,6 +100,7 @@ def test_a_tap_marks_the_moment_at_once(focused: QWidget, window: MainWindow, co
     assert QApplication.focusWidget() is focused, "the card takes no focus"
 
 
+@pytest.mark.long("video_view", "the number pad drives")
 def test_a_held_key_is_an_interval(qtbot: QtBot, focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
     hold(qtbot, focused, Qt.Key.Key_F1, SHIFT | alt_of(console, window), console)
     assert [name for name, _ in console.calls] == ["mark", "stretch_mark", "end_mark"]
@@ -119,6 +121,7 @@ def test_the_bare_key_marks_with_the_driving_focus(qtbot: QtBot, window: MainWin
     QTest.keyRelease(view, Qt.Key.Key_W)
 
 
+@pytest.mark.long("video_view", "the number pad drives")
 def test_an_interval_by_two_presses(focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
     alt = alt_of(console, window)
     QTest.keyClick(focused, Qt.Key.Key_R, CTRL | alt)
@@ -129,6 +132,7 @@ def test_an_interval_by_two_presses(focused: QWidget, window: MainWindow, consol
     assert not console.state.marks.value.open
 
 
+@pytest.mark.long("video_view", "the number pad drives")
 def test_it_was_earlier_and_earlier_still(focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
     alt = alt_of(console, window)
     QTest.keyClick(focused, Qt.Key.Key_F1, SHIFT | alt)
@@ -154,6 +158,7 @@ def test_alt_is_for_driving_also_when_driving_has_ended_automatically(window: Ma
     QTest.keyRelease(field, Qt.Key.Key_W, ALT)
 
 
+@pytest.mark.long("video_view", "the number pad drives")
 def test_a_note_keeps_the_moment_of_its_key(
     qtbot: QtBot, focused: QWidget, window: MainWindow, console: FakeConsole
 ) -> None:
@@ -186,6 +191,7 @@ def test_escape_leaves_a_note(window: MainWindow, console: FakeConsole) -> None:
     assert field.hasFocus()
 
 
+@pytest.mark.long("video_view", "the number pad drives")
 def test_a_wizard_error_takes_two_keystrokes(focused: QWidget, window: MainWindow, console: FakeConsole) -> None:
     held, alt = window.hold.held, alt_of(console, window)
     for key, modifiers, label in (

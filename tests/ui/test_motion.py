@@ -60,6 +60,7 @@ def test_a_pause_of_commands_is_a_gap() -> None:
     assert rows[2, 1] != rows[2, 1], "not a number, so that no line is drawn"
 
 
+@pytest.mark.long
 def test_memory_is_bounded(panel: MotionPanel, console: FakeConsole) -> None:
     feed(console, seconds=POINTS / 20 + 60)
     assert panel.sample_count <= 3 * POINTS
@@ -92,6 +93,7 @@ def test_the_limit_of_the_motion_is_named_and_marked(panel: MotionPanel, console
     assert marked.max() > 0 > marked.min()
 
 
+@pytest.mark.long
 def test_drawing_is_cheap(panel: MotionPanel, console: FakeConsole) -> None:
     feed(console, seconds=SPAN_S)
 

@@ -72,6 +72,7 @@ def test_without_a_live_robot_there_is_no_red_button(window: MainWindow) -> None
     assert not red_button(window).isVisible()
 
 
+@pytest.mark.long("robots0*", "robots2*")
 @pytest.mark.parametrize(
     ("robots", "text"),
     [

@@ -213,6 +213,7 @@ def test_the_people_panel_says_who_is_seen_by_another_camera_only(
     assert [people.model.seen(row) for row in rows] == ["front camera · here just now", "here just now"]
 
 
+@pytest.mark.long
 def test_boxes_and_words_cost_no_more_than_the_picture_under_them(panel: VideoPanel, console: FakeConsole) -> None:
     show_frame(console)
     view = panel.view

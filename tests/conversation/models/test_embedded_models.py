@@ -87,6 +87,7 @@ def test_a_file_that_cannot_serve_is_refused_in_words(
     assert refused.value.meaning == "The model was not added." and refused.value.advice
 
 
+@pytest.mark.long("0.01", "0.9999")
 @pytest.mark.parametrize("share", [0.0, 0.0001, 0.01, 0.5, 0.9999])
 def test_a_cut_off_file_is_refused(weights: Path, tmp_path: Path, share: float) -> None:
     cut = tmp_path / "cut.gguf"

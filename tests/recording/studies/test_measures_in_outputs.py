@@ -413,6 +413,7 @@ def test_every_measure_has_its_place(output: str) -> None:
     assert not set(PLACES[output]) & NOT_SHOWN[output]
 
 
+@pytest.mark.long("busy", "seldom", "creeping", "titles")
 @pytest.mark.parametrize("made", SESSIONS, indirect=True)
 @pytest.mark.logs(r".*")
 def test_every_measure_is_the_same_in_every_output(made: Made) -> None:

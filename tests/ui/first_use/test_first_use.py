@@ -251,6 +251,7 @@ def test_it_comes_once_automatically_and_later_when_it_is_requested(
     assert "Alt" in hint.accessibleName(), "the keys that work now"
 
 
+@pytest.mark.long("*-size1", "*-size2")
 @pytest.mark.parametrize("size", [(683, 384), (1366, 768), (1920, 1080)])
 @pytest.mark.parametrize("alarm_first", [True, False])
 def test_an_alarm_is_seen_next_to_the_page(
