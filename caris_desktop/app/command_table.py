@@ -18,6 +18,7 @@ COMMANDS = {
     "rehearse": ("caris_desktop.app.rehearse_command", "play a scenario in the real console with a scripted wizard"),
     "replay": ("caris_desktop.app.replay_command", "open a recorded session in the console's window"),
     "export": ("caris_desktop.app.export_command", "export recorded sessions as files for analysis"),
+    "anonymise": ("caris_desktop.app.anonymise_command", "copy sessions without names, faces and voices"),
     "sessions": ("caris_desktop.recording.studies.sessions_command", "find sessions by what was said in them"),
     "statistics": (
         "caris_desktop.app.statistics_command",
@@ -40,7 +41,17 @@ COMMANDS = {
 # As for the console, the user waits for a window; importing its parts is half of that time.
 _OPEN_A_WINDOW = ("replay",)
 # Their output is sentences about events; details for developers go to the log.
-_DETAILS_IN_LOG = ("export", "sessions", "statistics", "agreement", "forget", "track", "perceive-again", "models")
+_DETAILS_IN_LOG = (
+    "export",
+    "anonymise",
+    "sessions",
+    "statistics",
+    "agreement",
+    "forget",
+    "track",
+    "perceive-again",
+    "models",
+)
 
 
 def run(words: Sequence[str]) -> int:

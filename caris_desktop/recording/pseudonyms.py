@@ -1,15 +1,16 @@
-"""Pseudonyms of wizards, coders and robot addresses in exports.
+"""Pseudonyms of wizards, coders and robot addresses in exports, and of participants in anonymised sessions.
 
 The assignment is stored in the study's own folder, next to the database with participants' names, and nowhere else.
 Speech and notes of a session are data and stay as they are.
 """
 
+import contextlib
 import hashlib
 import json
 import logging
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -22,14 +23,15 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.annotation_store import annotation_files, load_documents
-from caris_desktop.recording.session.session_header import HEADER_NAME, SessionError, header_of, read_header
+from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session.session_header import HEADER_NAME, SessionError, header_of, read_header, reading
 from caris_desktop.recording.session.session_reader import Session
 
 _log = logging.getLogger(__name__)
 FILE_NAME = "pseudonyms.json"
 _FORMAT, _FORMAT_VERSION = "caris-desktop pseudonyms", 1
 _MAX_BYTES = 1024 * 1024
-_WIZARD, _CODER = "W", "C"
+_WIZARD, _CODER, _PERSON = "W", "C", "P"
 _ROBOT = "robot"
 # Hosts that do not identify a location.
 _OWN_HOSTS = ("localhost", "127.0.0.1", "::1", "0.0.0.0")  # noqa: S104 - compared, not bound
@@ -40,12 +42,13 @@ _ADDRESS = re.compile(rb"wss?://[^\s\"'\\<>(),;]+")
 
 
 class Pseudonyms(Value):
-    """Pseudonyms of the wizards (by case-insensitive name) and coders of a study. Names that are codes already are
-    unchanged.
+    """Pseudonyms of the wizards (by case-insensitive name) and coders of a study, and of ``people`` (as wizards) whom
+    its sessions were asked to hide. Names that are codes already are unchanged.
     """
 
     wizards: dict[str, str]
     coders: dict[str, str]
+    people: dict[str, str] = field(default_factory=dict)
 
     def wizard(self, name: str) -> str:
         return self.wizards.get(_key(name), name)
@@ -53,46 +56,70 @@ class Pseudonyms(Value):
     def coder(self, name: str) -> str:
         return self.coders.get(name, name)
 
+    def participant(self, name: str) -> str:
+        return self.people.get(_key(name), name)
 
-def pseudonyms_of(sessions: Sequence[Path]) -> Pseudonyms:
+
+def pseudonyms_of(sessions: Sequence[Path], people: Sequence[str] | None = None) -> Pseudonyms:
     """Pseudonyms of the study of ``sessions``; new names get the next numbers.
 
-    Sessions outside of a study are numbered separately, in chronological order.
+    Sessions outside of a study are numbered separately, in chronological order. With a list of ``people``, those and
+    the participants whose entry is a name, which is one without a digit, get pseudonyms too.
     """
     studies: dict[Path, list[Path]] = {}
     for folder in sessions:
         studies.setdefault(folder.absolute().parent, []).append(folder.absolute())
     wizards: dict[str, str] = {}
     coders: dict[str, str] = {}
+    others: dict[str, str] = {}
     for parent, folders in studies.items():
         stored = parent.parent / FILE_NAME if parent.name == "sessions" else None
-        known = _read_assignment(stored) if stored is not None else Pseudonyms(dict(wizards), dict(coders))
+        known = (
+            _read_assignment(stored) if stored is not None else Pseudonyms(dict(wizards), dict(coders), dict(others))
+        )
+        named = () if people is None else map(_key, (*people, *_entries_of(folders, "participant")))
         now = Pseudonyms(
-            _numbered(map(_key, _wizards_of(folders)), known.wizards, _WIZARD),
+            _numbered(map(_key, _entries_of(folders, "wizard")), known.wizards, _WIZARD),
             _numbered(_coders_of(folders), known.coders, _CODER),
+            _numbered(named, known.people, _PERSON),
         )
         if stored is not None and now != known:
             _persist(stored, now)
         wizards |= now.wizards
         coders |= now.coders
-    return Pseudonyms(wizards, coders)
+        others |= now.people
+    return Pseudonyms(wizards, coders, others)
 
 
 def pseudonymised(session: Session, of: Pseudonyms) -> Session:
     """Session with pseudonyms in its header and for each acting wizard, and the robot's profile name in place of its
     address.
     """
-    without_addresses, without_actors = _scrubber(session), _actor_scrubber(of)
-
-    def scrub(content: bytes) -> bytes:
-        return without_actors(without_addresses(content))
-
+    scrub = scrubber_of(session, of)
     content = json.loads(scrub(json.dumps(session.header.to_json()).encode()))
     header = header_of(content, session.folder / HEADER_NAME)
     if header.trial.get("wizard"):
         header = replace(header, trial={**header.trial, "wizard": of.wizard(header.trial["wizard"])})
     names = hashlib.sha256(json.dumps([of.wizards, of.coders], sort_keys=True).encode()).hexdigest()
     return replace(session, header=header, scrub=scrub, coder_name=of.coder, wizard_name=of.wizard, names=names)
+
+
+def scrubber_of(session: Session, of: Pseudonyms) -> Callable[[bytes], bytes]:
+    """Function that replaces robot addresses and acting wizards in JSON and text of a session."""
+    without_addresses, without_actors = address_scrubber(session), _actor_scrubber(of)
+    return lambda content: without_actors(without_addresses(content))
+
+
+def other_wizards(session: Session) -> list[str]:
+    """Names of wizards who acted from other computers. Raises SessionError."""
+    path = session.folder / "events.mcap"
+    found: dict[str, None] = {}
+    with reading(path), path.open("rb") as file:
+        for content in mcap_chunks.intact_blocks(file, mcap_chunks.read_index(path)):
+            for match in _ACTOR.finditer(content) if _ACTOR_BEGINS in content else ():
+                with contextlib.suppress(ValueError):
+                    found.setdefault(str(json.loads(match[2]))[len(OTHER_WIZARD) :])
+    return list(found)
 
 
 def coding_of(session: Session, *, on_damaged: Callable[[str], None]) -> AnnotationDocument:
@@ -105,7 +132,7 @@ def _key(name: str) -> str:
     return " ".join(name.split()).casefold()
 
 
-def _scrubber(session: Session) -> Callable[[bytes], bytes]:
+def address_scrubber(session: Session) -> Callable[[bytes], bytes]:
     """Replace robot addresses by the profile name in JSON and text."""
     chosen = [(session.header.robot.profile, session.header.robot.address)]
     chosen += [(event.name, event.address) for _, event in session.values(BY_TYPE[RobotChosen].name)]
@@ -162,6 +189,9 @@ def _actor_scrubber(of: Pseudonyms) -> Callable[[bytes], bytes]:
 
 
 def _is_code(name: str, letter: str) -> bool:
+    """True for a pseudonym of this letter. A participant has a code of the researcher, with a digit in it."""
+    if letter == _PERSON:
+        return len(name) < 2 or any(character.isdigit() for character in name)
     return re.fullmatch(rf"{letter}\d+", name, re.IGNORECASE) is not None
 
 
@@ -184,16 +214,16 @@ def _numbered(names: Iterable[str], known: dict[str, str], letter: str) -> dict[
     return numbered
 
 
-def _wizards_of(folders: Iterable[Path]) -> list[str]:
-    """Wizards in chronological order of their sessions."""
+def _entries_of(folders: Iterable[Path], name: str) -> list[str]:
+    """Entries of the start dialog in chronological order of the sessions."""
     found: list[tuple[int, str]] = []
     for folder in folders:
         try:
             header = read_header(folder)
         except SessionError:
             continue
-        found.append((header.clock.utc_ns_at(header.started_ns), header.trial.get("wizard", "").strip()))
-    return [name for _, name in sorted(found)]
+        found.append((header.clock.utc_ns_at(header.started_ns), header.trial.get(name, "").strip()))
+    return [entry for _, entry in sorted(found)]
 
 
 def _coders_of(folders: Iterable[Path]) -> list[str]:
@@ -223,15 +253,17 @@ def _read_assignment(path: Path) -> Pseudonyms:
             data: Any = json.loads(file.read(_MAX_BYTES))
         if data["format"] != _FORMAT:
             raise ValueError("a file of something else")  # noqa: TRY301 - reported below, like its other errors
-        wizards, coders = (
-            {str(name): str(pseudonym) for name, pseudonym in data[part].items()} for part in ("wizards", "coders")
+        return Pseudonyms(
+            *(
+                {str(name): str(pseudonym) for name, pseudonym in data.get(part, {}).items()}
+                for part in ("wizards", "coders", "people")
+            )
         )
     except FileNotFoundError:
         return Pseudonyms({}, {})
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         _log.warning("%s cannot be read: the pseudonyms are made anew", path, exc_info=True)
         return Pseudonyms({}, {})
-    return Pseudonyms(wizards, coders)
 
 
 def _persist(path: Path, pseudonyms: Pseudonyms) -> None:
@@ -245,6 +277,7 @@ def _persist(path: Path, pseudonyms: Pseudonyms) -> None:
         ),
         "wizards": pseudonyms.wizards,
         "coders": pseudonyms.coders,
+        **({"people": pseudonyms.people} if pseudonyms.people else {}),
     }
     try:
         replace_file(path, (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode(), durable=False)

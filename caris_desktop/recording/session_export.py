@@ -305,23 +305,28 @@ def export_all(
 
 
 def export_folders(request: ExportRequest) -> tuple[Path, ...]:
-    """Output folder of each session. Sessions of the same name are distinguished by their studies."""
+    """Output folder of each session."""
     out = request.out.absolute()
     if not request.folder_per_session:
         return (out,) * len(request.sessions)
-    names = [folder.absolute().name for folder in request.sessions]
+    return tuple(out / name for name in export_names(request.sessions))
+
+
+def export_names(sessions: Sequence[Path]) -> list[str]:
+    """Name of the output folder of each session. Sessions of the same name are distinguished by their studies."""
+    names = [folder.absolute().name for folder in sessions]
     folded = [name.casefold() for name in names]
     taken: set[str] = set()
     targets = []
-    for folder, name in zip(request.sessions, names, strict=True):
+    for folder, name in zip(sessions, names, strict=True):
         if folded.count(name.casefold()) > 1:
             name = f"{_study_name(folder)}_{name}"  # noqa: PLW2901 - the name it goes by from here on
         unique, number = name, 2
         while unique.casefold() in taken:
             unique, number = f"{name}-{number}", number + 1
         taken.add(unique.casefold())
-        targets.append(out / unique)
-    return tuple(targets)
+        targets.append(unique)
+    return targets
 
 
 def written_in(targets: Iterable[Path]) -> list[Path]:
@@ -374,7 +379,7 @@ def export_session(folder: Path, fmt: str, out: Path, context: ExportContext | N
     context = context or ExportContext()
     pseudonyms = None if context.with_names else context.pseudonyms or pseudonyms_of([folder])
     session = _opened(folder, pseudonyms)
-    with _whole_folder(out, folder) as partial:
+    with whole_folder(out, folder) as partial:
         written = _write(fmt, session, partial, context)
     return [out.absolute() / path.relative_to(partial) for path in written]
 
@@ -438,7 +443,7 @@ def _export_formats(session: Session, request: ExportRequest, out: Path, tell: P
     name, formats = session.folder.absolute().name, request.formats
     problems: list[str] = []
     failed = 0
-    with _whole_folder(out, session.folder) as partial:
+    with whole_folder(out, session.folder) as partial:
         for number, fmt in enumerate(formats):
             title = _message_for(name, BY_FORMAT[fmt].title)
 
@@ -471,7 +476,7 @@ def _export_formats(session: Session, request: ExportRequest, out: Path, tell: P
 def _export_combined(name: str, sessions: Sequence[Session], request: ExportRequest, context: ExportContext) -> Path:
     """Write one format once for all sessions, into the folder of its name. Raises ExportError."""
     target = request.out.absolute() / name
-    with _whole_folder(target, sessions[0].folder) as partial:
+    with whole_folder(target, sessions[0].folder) as partial:
         _converting_errors(
             lambda: BY_FORMAT[name].study_exporter()(sessions, partial, context),
             f"{len(sessions)} sessions",
@@ -532,7 +537,7 @@ def attempt(session: Session, read: Callable[[Session], object], warn: Callable[
 
 
 @contextlib.contextmanager
-def _whole_folder(out: Path, session_folder: Path) -> Iterator[Path]:
+def whole_folder(out: Path, session_folder: Path) -> Iterator[Path]:
     """Temporary folder that replaces ``out`` on success and is removed otherwise.
 
     Raises ExportError if ``out`` cannot be created or is not empty.

@@ -339,7 +339,7 @@ def _copy_scrubbed(session: Session, source: Path, target: Path) -> bool:
             return False
         copy = DiskFile(target)
         try:
-            copy_changed(file, index, copy, session.scrub)
+            copy_changed(file, index, copy, lambda _channel, data: session.scrub(data))
         finally:
             copy.close()
     return True

@@ -1,4 +1,4 @@
-"""Redaction of a person in media files: blanked areas in video and photos, silence in audio."""
+"""Redaction of people in media files: covered areas in video and photos, silence in audio."""
 
 import logging
 from collections.abc import Callable, Iterable
@@ -26,6 +26,10 @@ ENCODER = x264("veryfast")
 _COPIED_BYTES = 1 << 20
 
 
+Cover = Callable[[NDArray[np.uint8]], None]
+"""Covers people in an image in place: uint8, shape (height, width, 3) or as the photo has it."""
+
+
 class UnreadableMediaError(Exception):
     """File without readable video, audio or image; the text is for people."""
 
@@ -35,11 +39,12 @@ def covered_video(
     target: Path,
     times: FrameTimes,
     first_stamp_ns: int,
-    areas_at: Callable[[int], tuple[Area, ...]],
+    cover_at: Callable[[int], Cover | None],
     *,
     progress: Callable[[float], None],
 ) -> int:
-    """Rewrite the video ``source`` to ``target``: same frames, times and key frames, with areas covered.
+    """Rewrite the video ``source`` to ``target``: same frames, times and key frames, each covered as ``cover_at`` its
+    arrival says; None leaves it.
 
     Returns the number of frames covered in part or whole. Raises OSError, UnreadableMediaError.
     """
@@ -56,10 +61,12 @@ def covered_video(
             written = add_stream(new, ENCODER, width_px, height_px)
             for number, frame in enumerate(old.decode(stream)):
                 at_s = float(frame.pts * frame.time_base)
-                areas = areas_at(_stamp_of(times, number, at_s, first_stamp_ns))
+                cover = cover_at(_stamp_of(times, number, at_s, first_stamp_ns))
                 picture = frame
-                if areas:
-                    picture = av.VideoFrame.from_ndarray(_covered(frame.to_ndarray(format="bgr24"), areas), "bgr24")
+                if cover is not None:
+                    image_bgr = frame.to_ndarray(format="bgr24")
+                    cover(image_bgr)
+                    picture = av.VideoFrame.from_ndarray(image_bgr, "bgr24")
                     picture.pts, picture.time_base = frame.pts, frame.time_base
                     covered += 1
                 picture.pts = round(at_s * TICKS_PER_S)
@@ -91,8 +98,8 @@ def _stamp_of(times: FrameTimes, number: int, at_s: float, first_stamp_ns: int) 
     return first_stamp_ns + round(at_s * 1e9)
 
 
-def covered_picture(source: Path, target: Path, areas: Iterable[Area]) -> None:
-    """Rewrite a photo with these areas covered, preserving its PNG texts.
+def covered_picture(source: Path, target: Path, cover: Cover) -> None:
+    """Rewrite a photo covered, preserving its PNG texts and nothing else that is not a pixel.
 
     Raises OSError, UnreadableMediaError.
     """
@@ -107,7 +114,8 @@ def covered_picture(source: Path, target: Path, areas: Iterable[Area]) -> None:
         ) from error
     if image.dtype != np.uint8:
         image = (image >> 8).astype(np.uint8)
-    done, coded = cv2.imencode(source.suffix.lower(), _covered(image, areas))
+    cover(image)
+    done, coded = cv2.imencode(source.suffix.lower(), image)
     if not done:
         raise UnreadableMediaError(
             localized(QT_TR_NOOP("{file} cannot be written as an image again"), file=source.name)
@@ -125,7 +133,8 @@ def covered_picture(source: Path, target: Path, areas: Iterable[Area]) -> None:
         file.close()
 
 
-def _covered(image: NDArray[np.uint8], areas: Iterable[Area]) -> NDArray[np.uint8]:
+def cover_areas(areas: Iterable[Area], image: NDArray[np.uint8]) -> None:
+    """Cover these areas in a single colour, in place."""
     height_px, width_px = image.shape[:2]
     for area in areas:
         left, top = int(area.left * width_px), int(area.top * height_px)
@@ -134,7 +143,6 @@ def _covered(image: NDArray[np.uint8], areas: Iterable[Area]) -> NDArray[np.uint
             left, top, right, bottom = 0, 0, width_px, height_px
         part = image[max(0, top) : bottom, max(0, left) : right]
         part[...] = _COVER_BGR[: part.shape[2]] if part.ndim == 3 and part.shape[2] <= 3 else _COVER_BGR[0]
-    return image
 
 
 def silenced_sound(source: Path, target: Path, first_stamp_ns: int, spans_ns: Iterable[tuple[int, int]]) -> None:

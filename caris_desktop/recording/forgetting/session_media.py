@@ -91,7 +91,7 @@ class SessionMedia:
                     part,
                     times,
                     first_stamp_ns,
-                    lambda at_ns: self._tracks.areas_at(camera, at_ns),
+                    lambda at_ns: _cover_of(self._tracks.areas_at(camera, at_ns)),
                     progress=progress,
                 ),
             )
@@ -166,7 +166,7 @@ class SessionMedia:
         """Silence the utterances ``silent``, in which the person spoke or was named, and all else that a participant's
         microphone recorded during their presence, except ``audible``. Raises OSError.
         """
-        spans = [_span_of(utterance) for utterance in spoken(self._session) if utterance.utterance_id in silent]
+        spans = [sound_span_of(utterance) for utterance in spoken(self._session) if utterance.utterance_id in silent]
         visits = [
             (from_ns - AROUND_VISIT_NS, until_ns + AROUND_VISIT_NS) for from_ns, until_ns in self._tracks.visits_ns
         ]
@@ -243,8 +243,12 @@ def photos_of(folder: Path, person_ids: frozenset[str]) -> list[Path]:
     return found
 
 
+def _cover_of(areas: tuple[Area, ...]) -> media.Cover | None:
+    return partial(media.cover_areas, areas) if areas else None
+
+
 def _covered(path: Path, areas: tuple[Area, ...], part: Path) -> int:
-    media.covered_picture(path, part, areas)
+    media.covered_picture(path, part, partial(media.cover_areas, areas))
     return len(areas)
 
 
@@ -266,11 +270,12 @@ def _without_spans(spans: Iterable[tuple[int, int]], holes: Iterable[tuple[int, 
 
 
 def _exactly(utterance: SpokenUtterance) -> tuple[int, int]:
-    begin_ns, end_ns = _span_of(utterance)
+    begin_ns, end_ns = sound_span_of(utterance)
     return begin_ns + _SOUND_AROUND_NS, end_ns - _SOUND_AROUND_NS
 
 
-def _span_of(utterance: SpokenUtterance) -> tuple[int, int]:
+def sound_span_of(utterance: SpokenUtterance) -> tuple[int, int]:
+    """Session time of an utterance in a sound file, with a margin."""
     start_ns = utterance.start_ns if utterance.start_ns is not None else utterance.requested_ns or 0
     end_ns = utterance.end_ns if utterance.end_ns is not None else start_ns
     if end_ns <= start_ns:

@@ -219,7 +219,7 @@ def inspect_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
             return value
 
         for record in index.beside:
-            _changed_metadata(record, scan)
+            changed_metadata(record, scan)
         for content in mcap_chunks.intact_blocks(opened, index):
             for message in mcap_chunks.messages_of(content):
                 text = _text_of(content[message.start : message.end])
@@ -248,10 +248,10 @@ def rewrite_events(work: TextWork, path: Path, file: str, target: Path) -> int:
 
     with path.open("rb") as opened:
         index = mcap_chunks.scan(opened)
-        beside = tuple(_changed_metadata(record, change) for record in index.beside)
+        beside = tuple(changed_metadata(record, change) for record in index.beside)
         written = DiskFile(target)
         try:
-            copy_changed(opened, replace(index, beside=beside), written, change)
+            copy_changed(opened, replace(index, beside=beside), written, lambda _channel, data: change(data))
             written.sync()
         finally:
             written.close()
@@ -271,7 +271,7 @@ def _with_own_checksum(message: str) -> str:
     return message[: checksum.start(1)] + digest + message[checksum.end(1) :]
 
 
-def _changed_metadata(record: bytes, change: Callable[[bytes], bytes]) -> bytes:
+def changed_metadata(record: bytes, change: Callable[[bytes], bytes]) -> bytes:
     """Metadata record with changed values; other records unchanged."""
     if record[0] != records.METADATA:
         return record

@@ -6,7 +6,7 @@ area is interpolated with a margin; a person missed once stays covered. If detec
 whole frame is covered: no pixel of a person is written because of a delay.
 """
 
-from bisect import bisect_right, insort
+from bisect import bisect_left, bisect_right, insort
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -153,7 +153,7 @@ class Blurring:
     def _pass_on(self, line: "_CameraQueue") -> None:
         waiting = line.waiting.popleft()
         self._waiting_bytes -= waiting.image_bgr.nbytes
-        near = line.detections_around(waiting.ref.stamp_ns)
+        near = detections_around(line.detections, waiting.ref.stamp_ns)
         agreed = self._consents.photos if waiting.photo else self._consents.video
         stamp_ns = waiting.ref.stamp_ns
         parts = None if near is None else parts_at(stamp_ns, near, self._demand, agreed, self._covering)
@@ -174,34 +174,33 @@ class _CameraQueue:
         self.waiting: deque[_Waiting] = deque()
         self.whole_since_ns: int | None = None
         self.whole_at_ns = 0
-        self._detections: list[People] = []
+        self.detections: list[People] = []
         self._detected_ns: int | None = None
 
     def add_detections(self, people: People, now_ns: int) -> None:
         self._detected_ns = now_ns
-        insort(self._detections, people, key=_stamp_of)
-        del self._detections[:-_KEPT_LOOKS]
+        insort(self.detections, people, key=_stamp_of)
+        del self.detections[:-_KEPT_LOOKS]
 
     def is_due(self, now_ns: int) -> bool:
         """True if the first frame has its detections, or has waited long enough."""
         first = self.waiting[0]
-        newest_ns = self._detections[-1].stamp_ns if self._detections else 0
+        newest_ns = self.detections[-1].stamp_ns if self.detections else 0
         silent = self._detected_ns is None or now_ns - self._detected_ns > _SILENT_AFTER_NS
         return silent or newest_ns >= first.ref.stamp_ns + AHEAD_NS or now_ns - first.since_ns >= WAIT_AT_MOST_NS
 
-    def detections_around(self, stamp_ns: int) -> list[People] | None:
-        """Detections around this time; None if they are missing or too far apart."""
-        detections = self._detections
-        after = bisect_right(detections, stamp_ns, key=_stamp_of)
-        if after == 0:
-            return None
-        before_ns = detections[after - 1].stamp_ns
-        after_ns = (
-            before_ns if before_ns == stamp_ns else detections[after].stamp_ns if after < len(detections) else None
-        )
-        if after_ns is None or after_ns - before_ns > GAP_AT_MOST_NS:
-            return None
-        return [people for people in detections if abs(stamp_ns - people.stamp_ns) <= NEAR_NS]
+
+def detections_around(detections: Sequence[People], stamp_ns: int) -> list[People] | None:
+    """Detections around this time, of those of one camera in order; None if they are missing or too far apart."""
+    after = bisect_right(detections, stamp_ns, key=_stamp_of)
+    if after == 0:
+        return None
+    before_ns = detections[after - 1].stamp_ns
+    after_ns = before_ns if before_ns == stamp_ns else detections[after].stamp_ns if after < len(detections) else None
+    if after_ns is None or after_ns - before_ns > GAP_AT_MOST_NS:
+        return None
+    first = bisect_left(detections, stamp_ns - NEAR_NS, key=_stamp_of)
+    return list(detections[first : bisect_right(detections, stamp_ns + NEAR_NS, key=_stamp_of)])
 
 
 def parts_at(

@@ -53,7 +53,11 @@ def rewrite(
     writer.finish()
 
 
-def copy_changed(source: IO[bytes], index: BlockIndex, target: DiskFile, change: Callable[[bytes], bytes]) -> None:
+Change = Callable[[int, bytes], bytes]
+"""Receives channel and data of a message; returns the data to write."""
+
+
+def copy_changed(source: IO[bytes], index: BlockIndex, target: DiskFile, change: Change) -> None:
     """Copy a log to the new file ``target``, with the data of each message replaced by ``change``.
 
     ``index`` is from :func:`mcap_blocks.scan`. Damaged chunks are left out. Raises OSError.
@@ -71,12 +75,12 @@ def copy_changed(source: IO[bytes], index: BlockIndex, target: DiskFile, change:
     writer.finish()
 
 
-def _changed(content: bytes, change: Callable[[bytes], bytes]) -> bytes:
+def _changed(content: bytes, change: Change) -> bytes:
     parts: list[bytes] = []
     at = 0
     for message in mcap_chunks.messages_of(content):
         data = content[message.start : message.end]
-        new = change(data)
+        new = change(message.channel, data)
         if new != data:
             start = message.record_start
             body = start + records.HEAD.size

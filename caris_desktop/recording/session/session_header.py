@@ -39,7 +39,7 @@ _CLOCK_NOTE = (
     "measurement time of a value, from the robot's timestamp if its clock is known. log_time is the arrival time at "
     "the console. Both are in UTC."
 )
-_LEFT_OUT_IF_EMPTY = ("source", "lost", "losses", "repairs")
+_LEFT_OUT_IF_EMPTY = ("source", "lost", "losses", "repairs", "anonymised")
 _MEDIA = ("videos", "audio")
 
 
@@ -126,6 +126,20 @@ class RecordedFile(Value):
     bytes: int
 
 
+class Anonymised(Value):
+    """How a copy of a session was anonymised: when, by which version, and what became of names, faces and voices.
+
+    ``left_out`` has a sentence for each file that is not in the copy.
+    """
+
+    utc: str = ""
+    program_version: str = ""
+    names: str = ""
+    faces: str = ""
+    voices: str = ""
+    left_out: tuple[str, ...] = ()
+
+
 class SessionHeader(Value):
     """Content of ``session.json``, field by field; what is missing or damaged there has its default.
 
@@ -134,8 +148,9 @@ class SessionHeader(Value):
 
     ``ended_ns`` is None for a session that was not closed. ``counts`` are values per stream, ``dropped`` those that
     were not recorded, and ``lost`` those that a repair found missing, which ``losses`` describe. ``source`` describes
-    the bag that the session was imported from. ``invalid_videos`` are entries that cannot be understood; ``as_read`` is
-    the content of the file, of which :meth:`to_json` preserves what was not changed.
+    the bag that the session was imported from. ``anonymised`` is set in an anonymised copy only. ``invalid_videos``
+    are entries that cannot be understood; ``as_read`` is the content of the file, of which :meth:`to_json` preserves
+    what was not changed.
     """
 
     clock: ClockAnchor
@@ -163,6 +178,7 @@ class SessionHeader(Value):
     lost: dict[str, int] = field(default_factory=dict)
     losses: tuple[str, ...] = ()
     repairs: tuple[str, ...] = ()
+    anonymised: Anonymised | None = None
     invalid_videos: tuple[str, ...] = ()
     as_read: Mapping[str, Any] = field(default_factory=dict, compare=False)
 

@@ -1,0 +1,216 @@
+"""``caris-desktop anonymise``: copies of sessions without names, faces and voices."""
+
+import argparse
+import io
+import secrets
+import shutil
+import sys
+from collections.abc import Sequence
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+
+from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.person_marks import mark_of
+from caris_desktop.domain.private_files import narrow
+from caris_desktop.live.study_jobs import JobError, Progress, WorkersError, add_worker_arguments, run_jobs, workers_of
+from caris_desktop.people.database import PeopleStoreError
+from caris_desktop.people.people_store import PeopleStore
+from caris_desktop.perception import blur
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.anonymising.known_names import KnownNames
+from caris_desktop.recording.anonymising.session_copy import AnonymiseOptions, FoundText, anonymise_session
+from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
+from caris_desktop.recording.pseudonyms import pseudonyms_of
+from caris_desktop.recording.recorder.recorder_messages import BlurDemand, UseConsents
+from caris_desktop.recording.session.session_header import SessionError, is_session
+from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session_export import (
+    ExportError,
+    export_names,
+    remove_partial_exports,
+    sessions_in,
+    whole_folder,
+)
+from caris_desktop.recording.studies.study_index import study_dir_of
+from caris_desktop.recording.terminal import ProgressLine
+from caris_desktop.study.study_folder import StudyFolder
+
+_CANCELLED = 130
+# Factors between which a changed pitch lies, higher or lower: the voice stays understandable.
+_PITCHES = (1.18, 1.32)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("recording", metavar="SESSION|STUDY", type=Path, help="session folder, or study folder")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder to create outside the study; of a study, each session gets its own subfolder",
+    )
+    parser.add_argument(
+        "--blur",
+        choices=("without-consent", "everybody", "nobody"),
+        default="without-consent",
+        help="whom to make unrecognisable in videos and photos (default: people without noted consent)",
+    )
+    parser.add_argument(
+        "--blur-what", choices=("faces", "persons"), default="faces", help="how much of them (default: faces)"
+    )
+    parser.add_argument(
+        "--voice",
+        choices=("keep", "remove", "change"),
+        default="keep",
+        help="voices of people: unchanged (default), removed, or with another pitch; the robot's voice stays",
+    )
+    parser.add_argument(
+        "--also-called",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="further name to replace, of somebody whom neither the study's people nor the start dialog name",
+    )
+    parser.add_argument("--keep-wizards", action="store_true", help="keep the names of wizards")
+    add_csv_arguments(parser)
+    add_worker_arguments(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Exit status: 0 if everything was copied, 1 if a session was not (reasons on stderr), 130 if cancelled."""
+    try:
+        return _copy_all(arguments)
+    except (ExportError, WorkersError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    except PeopleStoreError as error:
+        print(f"{error} Without it, names of people would stay. Nothing was written.", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\nCancelled. Nothing was written.", file=sys.stderr)
+        return _CANCELLED
+
+
+def _copy_all(arguments: argparse.Namespace) -> int:
+    out = arguments.out.absolute()
+    review = out.with_name(f"{out.name}-review.csv")
+    sessions = sessions_in(arguments.recording)
+    study = _study_of(arguments.recording)
+    _check_places(study, out, review)
+    options = _options(arguments, sessions, study)
+    names = KnownNames({**options.names, **options.pseudonyms.people, **options.pseudonyms.wizards})
+    found: dict[Path, tuple[tuple[str, ...], tuple[FoundText, ...]]] = {}
+    problems: list[str] = []
+    remove_partial_exports(out)
+    with ProgressLine() as line, whole_folder(out, arguments.recording) as part:
+        called = ("",) if sessions == (arguments.recording,) else map(names.replace, export_names(sessions))
+        targets = {folder: part / name for folder, name in zip(sessions, called, strict=True)}
+        job = partial(_anonymise, options, targets)
+        for folder, result in run_jobs(job, sessions, line.show, workers=workers_of(arguments)):
+            if isinstance(result, JobError):
+                problems.append(f"{folder.name}: {result}")
+                shutil.rmtree(targets[folder], ignore_errors=True)
+            else:
+                found[folder] = result
+        if not found:
+            raise ExportError("{problems} Nothing was written.", problems=" ".join(problems))
+    left_out = [f"{folder.name}: {sentence}" for folder in sessions if folder in found for sentence in found[folder][0]]
+    rows = [
+        (
+            targets[folder].name if targets[folder] != part else out.name,
+            text.file,
+            text.place,
+            text.kind,
+            text.count,
+            text.text,
+        )
+        for folder in sessions
+        if folder in found
+        for text in found[folder][1]
+    ]
+    _write_review(review, rows, arguments)
+    for sentence in (*left_out, *problems):
+        print(sentence, file=sys.stderr)
+    if not study.people_database.exists():
+        print("The study has no people database: only names of wizards, coders and participants were known.")
+    print(f"Anonymised {len(found)} of {len(sessions)} sessions to {out}")
+    print(f"Read {review}: {len(rows)} texts may still say who somebody is. It is not part of the copy.")
+    return 1 if problems else 0
+
+
+def _study_of(recording: Path) -> StudyFolder:
+    """Study of a session (itself, if it is in none), or the study."""
+    path = recording.absolute()
+    if is_session(path):
+        return StudyFolder(path.parent.parent if path.parent.name == "sessions" else path)
+    return StudyFolder(study_dir_of(path))
+
+
+def _check_places(study: StudyFolder, out: Path, review: Path) -> None:
+    home = study.path.resolve()
+    if home in (out.resolve(), *out.resolve().parents):
+        raise ExportError(
+            f"{out} is inside the study, with the names that the copy must not have. Nothing was written; choose a "
+            "folder outside."
+        )
+    if review.exists():
+        raise ExportError(f"{review} exists. Nothing was written; move it away, or choose another folder.")
+
+
+def _options(arguments: argparse.Namespace, sessions: Sequence[Path], study: StudyFolder) -> AnonymiseOptions:
+    low, high = _PITCHES
+    factor = low + (high - low) * secrets.randbelow(1000) / 1000  # not noted anywhere, so that it cannot be undone
+    names: dict[str, str] = {}
+    consents = None
+    if study.people_database.exists():
+        with closing(PeopleStore(study.people_database)) as store:
+            people, noted = store.everybody(), store.consents()
+        root_of = {person.person_id: person.is_person_id or person.person_id for person in people}
+        names = {person.name: mark_of(root_of[person.person_id]) for person in people if person.name}
+        video, photos = (
+            frozenset(
+                each for each, root in root_of.items() if kind in (held := noted.get(root, {})) and held[kind].given
+            )
+            for kind in ("video", "photo")
+        )
+        consents = UseConsents(video, photos)
+    return AnonymiseOptions(
+        pseudonyms_of(sessions, arguments.also_called),
+        names,
+        consents,
+        BlurDemand(arguments.blur.replace("-", "_"), arguments.blur_what),
+        arguments.voice,
+        factor if secrets.randbelow(2) else 1 / factor,
+        arguments.keep_wizards,
+    )
+
+
+def _anonymise(
+    options: AnonymiseOptions, targets: dict[Path, Path], folder: Path, progress: Progress
+) -> tuple[tuple[str, ...], tuple[FoundText, ...]]:
+    target = targets[folder]
+    try:
+        shutil.rmtree(target, ignore_errors=True)  # of a process that died
+        target.mkdir(parents=True)
+        return anonymise_session(
+            open_session(folder), target, options, blur, lambda share: progress(share, folder.name)
+        )
+    except (SessionError, AnnotationError) as error:
+        raise JobError(str(error)) from error
+    except OSError as error:
+        reason = "the disk is full" if no_room(error) else error.strerror or str(error)
+        raise JobError(f"the copy could not be written: {reason}.") from error
+
+
+def _write_review(path: Path, rows: Sequence[Sequence[object]], arguments: argparse.Namespace) -> None:
+    style = csv_style_of(arguments)
+    text = io.StringIO(newline="")
+    writer = style.writer(text)
+    writer.writerow(("session", "file", "place", "kind", "count", "text"))
+    writer.writerows(rows)
+    try:
+        replace_file(path, text.getvalue().encode(style.encoding, "replace"), durable=False)
+        narrow([path])
+    except OSError as error:
+        raise ExportError(f"{path} could not be written: {error.strerror or error}. The copy is complete.") from error

@@ -1,0 +1,1 @@
+"""Copies of sessions without names, faces and voices."""

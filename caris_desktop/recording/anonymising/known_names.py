@@ -1,0 +1,60 @@
+"""Known names in texts, replaced by pseudonyms."""
+
+import re
+import unicodedata
+from collections.abc import Mapping
+
+from caris_desktop.recording.forgetting.search_terms import PersonNames
+
+_SEVERAL = "[name]"
+"""Pseudonym of a part of a name that several people have."""
+_BETWEEN = re.compile(r"(?:\s|\\[nrt]|%20|&nbsp;|&#160;|[+_.-])+")
+_HOME = re.compile(r"(?:/(?:home|Users)/|\b[A-Za-z]:\\Users\\)[^/\\\s\"':;,]+")
+_HOMES = ("/home/", "/Users/", ":\\Users\\")
+_IN_YAML = str.maketrans("[]{}", "()()")  # a bracket at the start of a value has a meaning there
+_KEY_LINE = re.compile(r"[ \t-]*[\"']?([a-z][a-z0-9_]*)[\"']?[ \t]*:", re.MULTILINE)
+_KEY = re.compile(r"[a-z][a-z0-9_]*")
+_LONG = 8
+"""Shorter names such as Max are also words of the program, as in the key ``max``."""
+
+
+class KnownNames:
+    """Names with their pseudonyms. Parts of a name are replaced too, since people are called by them; so are home
+    folders in paths.
+    """
+
+    def __init__(self, pseudonyms: Mapping[str, str]) -> None:
+        self._words = PersonNames(tuple(pseudonyms))
+        self._of: dict[str, str] = {}
+        whole = {_plain(name): pseudonym for name, pseudonym in pseudonyms.items()}
+        for name in pseudonyms:
+            pseudonym = whole[_plain(name)]
+            for form in map(_plain, PersonNames((name,)).alternatives):
+                known = self._of.setdefault(form, whole.get(form, pseudonym))
+                if known != pseudonym and form not in whole:
+                    self._of[form] = _SEVERAL
+
+    def named(self, text: str) -> bool:
+        """True if the text contains a known name."""
+        return next(self._words.spans(text), None) is not None
+
+    def replace(self, text: str, *, yaml: bool = False) -> str:
+        """Text with pseudonyms. In YAML, keys that are words of the program stay."""
+        parts, at = [], 0
+        keys = [match.span(1) for match in _KEY_LINE.finditer(text)] if yaml and self.named(text) else []
+        for start, end in self._words.spans(text):
+            if end - start < _LONG and any(begin <= start and end <= until for begin, until in keys):
+                continue
+            pseudonym = self._of.get(_plain(text[start:end]), _SEVERAL)
+            parts += [text[at:start], pseudonym.translate(_IN_YAML) if yaml else pseudonym]
+            at = end
+        changed = "".join([*parts, text[at:]])
+        return _HOME.sub("~", changed) if any(word in changed for word in _HOMES) else changed
+
+    def replace_key(self, key: str) -> str:
+        """Key of a JSON object with pseudonyms, unless it is a word of the program."""
+        return key if len(key) < _LONG and _KEY.fullmatch(key) else self.replace(key)
+
+
+def _plain(text: str) -> str:
+    return _BETWEEN.sub(" ", unicodedata.normalize("NFC", text)).strip().casefold()

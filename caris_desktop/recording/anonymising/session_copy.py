@@ -1,0 +1,518 @@
+"""Anonymised copy of a session folder: pseudonyms for names, faces covered by consent, voices changed or removed.
+
+The copy is a session like any other, with a manifest of its own. What cannot be anonymised is left out, and said.
+"""
+
+import hashlib
+import json
+import logging
+import shutil
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import field, replace
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caris_desktop import __version__
+from caris_desktop.domain.events import ConsentNoted, PhotoTaken, RobotChosen, ScenarioOpened
+from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.person_marks import with_names
+from caris_desktop.domain.private_files import narrow
+from caris_desktop.domain.sensing import People, StatusShown
+from caris_desktop.domain.sound_values import ROBOT_VOICE
+from caris_desktop.domain.streams import BY_TYPE, StreamSpec, spec_of_topic
+from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.type_hints import union_members, without_alias
+from caris_desktop.domain.value_class import Value
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
+from caris_desktop.recording.annotation.annotation_store import annotation_files, coding_jsonable, load_coding
+from caris_desktop.recording.anonymising.known_names import KnownNames
+from caris_desktop.recording.anonymising.voices import write_sound
+from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.recording.forgetting import media
+from caris_desktop.recording.forgetting.media import Cover, UnreadableMediaError
+from caris_desktop.recording.forgetting.session_media import sound_span_of
+from caris_desktop.recording.forgetting.text_erasure import changed_metadata, encoding_of, lines_of
+from caris_desktop.recording.photo_file import PhotoFileError, change_texts, texts_of
+from caris_desktop.recording.pseudonyms import Pseudonyms, address_scrubber, other_wizards, scrubber_of
+from caris_desktop.recording.recorder.blurring import Covering, detections_around, parts_at
+from caris_desktop.recording.recorder.recorder_messages import BlurDemand, UseConsents
+from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session.frame_times import INDEX_SUFFIX, FrameTimes, index_path, read_frame_times
+from caris_desktop.recording.session.manifest import session_files, write_manifest
+from caris_desktop.recording.session.mcap_records import ATTACHMENT
+from caris_desktop.recording.session.mcap_repair import copy_changed
+from caris_desktop.recording.session.missing_data import missing_words
+from caris_desktop.recording.session.session_clock import clock_text
+from caris_desktop.recording.session.session_header import (
+    HEADER_NAME,
+    Anonymised,
+    header_of,
+    recorded_files,
+)
+from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.utterances import spoken
+
+_log = logging.getLogger(__name__)
+Voice = Literal["keep", "remove", "change"]
+_EVENTS, _RECOVERED, _CODINGS = "events.mcap", "recovered/", "annotations/"
+_PHOTOS, _SOUNDS = (".png", ".jpg", ".jpeg"), (".wav",)
+_TOLD_ANYWAY = ("movement.txt", "speech.txt")
+_LARGEST_TEXT_BYTES = 64 << 20
+# A photo is the newest frame at its request, hence slightly older than the request.
+_PHOTO_NS = range(-700_000_000, 200_000_001, 100_000_000)
+_FREE_TEXTS = (
+    "answer", "branch", "committed", "content", "detail", "heard_text", "item", "label", "message", "note", "prompt",
+    "tags", "tentative", "text", "title", "value",
+)  # fmt: skip
+_YAML_TEXTS = {(ScenarioOpened, "content"), (RobotChosen, "profile")}
+_UNNAMED = "Person "
+
+_NO_PEOPLE = QT_TR_NOOP(
+    "{file} is left out: it is not known where people are in its images, so that they cannot be covered."
+)
+_NO_VIDEO = QT_TR_NOOP("{file} is left out: the session header does not list it, so that its times are not known.")
+_UNREADABLE = QT_TR_NOOP("{file} is left out: {why}.")
+_WITH_SOUND = QT_TR_NOOP("{file} is left out: the video contains sound.")
+_VOICE = QT_TR_NOOP("{file} is left out: it contains voices.")
+_BEFORE_REPAIR = QT_TR_NOOP("{file} is left out: a repair saved it, and it may name people.")
+_UNKNOWN = QT_TR_NOOP("{file} is left out: it cannot be searched for names.")
+_DAMAGED = QT_TR_NOOP("{file} is left out: it is damaged and may contain names.")
+
+
+class AnonymiseOptions(Value):
+    """What to hide. ``names`` are those of the study's people with their marks, ``pseudonyms`` of everybody else.
+
+    ``consents`` lists who consented to video and to photos; None: as noted in the recording. ``voice`` applies to all
+    voices but the robot's, whose pitch is multiplied by ``pitch``. With ``wizards``, their names stay.
+    """
+
+    pseudonyms: Pseudonyms
+    names: dict[str, str] = field(default_factory=dict)
+    consents: UseConsents | None = None
+    blur: BlurDemand = BlurDemand("without_consent", "faces")
+    voice: Voice = "keep"
+    pitch: float = 1.0
+    wizards: bool = False
+
+
+class FoundText(Value):
+    """Free text of the copy, to be read by a person. ``count`` is how often it is in the file."""
+
+    file: str
+    place: str
+    kind: str
+    text: str
+    count: int = 1
+
+
+def anonymise_session(
+    session: Session,
+    target: Path,
+    options: AnonymiseOptions,
+    covering: Covering,
+    progress: Callable[[float], None] = lambda _: None,
+) -> tuple[tuple[str, ...], tuple[FoundText, ...]]:
+    """Fill the empty folder ``target``; return a sentence for each file that was left out, and the texts for review.
+
+    Raises OSError, SessionError.
+    """
+    copy = _Copy(session, target, options, covering)
+    copy.write(progress)
+    narrow([target])
+    return tuple(copy.left_out), tuple(copy.texts.values())
+
+
+class _Copy:
+    """One copy being made."""
+
+    def __init__(self, session: Session, target: Path, options: AnonymiseOptions, covering: Covering) -> None:
+        self._session, self._folder, self._target = session, session.folder, target
+        self._options, self._covering = options, covering
+        self.left_out: list[str] = []
+        self.texts: dict[tuple[str, str, str], FoundText] = {}
+        self._people: dict[str, list[People]] = {}
+        self._photos: dict[str, PhotoTaken] = {}
+        self._checksums: dict[str, str] = {}
+        consents = {kind: set[str]() for kind in ("video", "photo")}
+        known = options.pseudonyms.coders | options.names | options.pseudonyms.people
+        known |= {} if options.wizards else options.pseudonyms.wizards
+        scenarios: list[ScenarioOpened] = []
+        for _, value in session.values(*(BY_TYPE[kind].name for kind in _BEFORE)):
+            match value:
+                case People():
+                    self._people.setdefault(value.camera, []).append(value)
+                case PhotoTaken():
+                    self._photos[value.file_name] = value
+                case ConsentNoted(kind=kind) if kind in consents:
+                    (set.add if value.given else set.discard)(consents[kind], value.person_id)
+                case ScenarioOpened():
+                    scenarios.append(value)
+                case StatusShown(name="persons", content=list(rows)):
+                    # Imported recordings only: ours have no names there.
+                    names = (str(row.get("name") or "") for row in rows if isinstance(row, dict))
+                    known = {name: "{p-unknown}" for name in names if name and not name.startswith(_UNNAMED)} | known
+        for people in self._people.values():
+            people.sort(key=lambda each: each.stamp_ns)
+        self._consents = options.consents or UseConsents(frozenset(consents["video"]), frozenset(consents["photo"]))
+        if options.wizards:
+            self._scrub = address_scrubber(session)
+        else:
+            self._scrub = scrubber_of(session, options.pseudonyms)
+            known = dict.fromkeys(other_wizards(session), "another wizard") | known
+        self._names = KnownNames(known)
+        for scenario in scenarios:
+            changed = self._names.replace(scenario.content, yaml=True)
+            if changed != scenario.content:
+                self._checksums[scenario.sha256] = hashlib.sha256(changed.encode("utf-8", "replace")).hexdigest()
+
+    def write(self, progress: Callable[[float], None]) -> None:
+        names = [name for name in session_files(self._folder) if name != HEADER_NAME]
+        names += [path.relative_to(self._folder).as_posix() for path in annotation_files(self._folder)]
+        names.sort(key=lambda name: name.endswith(INDEX_SUFFIX))  # after their videos
+        sizes = {name: (self._folder / name).stat().st_size for name in names}
+        total, done = max(1, sum(sizes.values())), 0
+        named_in_sound = self._named_in_sound()
+        for name, size in sizes.items():
+            path, target = self._folder / name, self._target / self._names.replace(name)
+            target.parent.mkdir(parents=True, exist_ok=True)
+
+            def report(share: float, *, before: int = done, size: int = size) -> None:
+                progress((before + share * size) / total)
+
+            try:
+                self._write_file(name, path, target, named_in_sound, report)
+            except UnreadableMediaError as error:
+                target.unlink(missing_ok=True)
+                self._leave_out(name, _UNREADABLE, why=self._names.replace(str(error)))
+            done += size
+            progress(done / total)
+        for folder in sorted((path for path in self._target.rglob("*") if path.is_dir()), reverse=True):
+            if not any(folder.iterdir()):
+                folder.rmdir()
+        self._write_header()
+        write_manifest(self._target)
+
+    def _write_file(
+        self,
+        name: str,
+        path: Path,
+        target: Path,
+        named_in_sound: list[tuple[int, int]],
+        progress: Callable[[float], None],
+    ) -> None:
+        suffix = path.suffix.lower()
+        if name == _EVENTS:
+            self._write_events(path, target)
+        elif name.startswith(_RECOVERED):
+            self._leave_out(name, _BEFORE_REPAIR)
+        elif suffix == ".mp4":
+            self._write_video(name, path, target, progress)
+        elif name.endswith(INDEX_SUFFIX):
+            # Numbers of the video with this name.
+            if any(name in (video.index_file, index_path(Path(video.file_name)).name) for video in self._videos):
+                shutil.copyfile(path, target)
+        elif suffix in _SOUNDS:
+            self._write_sound(name, path, target, named_in_sound)
+        elif suffix in _PHOTOS:
+            self._write_photo(name, path, target)
+        elif name.startswith(_CODINGS):
+            self._write_coding(name, path)
+        elif path.stat().st_size > _LARGEST_TEXT_BYTES or (encoding := encoding_of(path)) is None:
+            self._leave_out(name, _UNKNOWN)
+        elif suffix == ".json":
+            self._write_json(name, path, target)
+        else:
+            self._write_text(name, path, target, encoding)
+
+    @property
+    def _videos(self) -> list[Any]:
+        """Videos of the header that are in the copy: they are written before their indices and the header."""
+        videos = self._session.header.videos
+        return [video for video in videos if (self._target / self._names.replace(video.file_name)).is_file()]
+
+    def _leave_out(self, name: str, sentence: str, **values: object) -> None:
+        self.left_out.append(localized(sentence, file=self._names.replace(name), **values))
+
+    def _find(self, name: str, place: str, kind: str, text: str) -> None:
+        if text.strip():
+            name = self._names.replace(name)
+            key = name, kind, text
+            known = self.texts.get(key)
+            self.texts[key] = (
+                FoundText(name, place, kind, text) if known is None else replace(known, count=known.count + 1)
+            )
+
+    # The recording
+
+    def _write_events(self, path: Path, target: Path) -> None:
+        with path.open("rb") as file:
+            index = mcap_chunks.scan(file)
+            specs = {number: spec_of_topic(channel.topic) for number, channel in index.channels.items()}
+
+            def change(channel: int, data: bytes) -> bytes:
+                return self._changed_message(specs.get(channel), self._scrub(data))
+
+            def change_metadata(data: bytes) -> bytes:
+                return self._names.replace(self._scrub(data).decode("utf-8", "replace")).encode()
+
+            beside = tuple(changed_metadata(one, change_metadata) for one in index.beside if one[0] != ATTACHMENT)
+            copy = DiskFile(target)
+            try:
+                copy_changed(file, replace(index, beside=beside), copy, change)
+            finally:
+                copy.close()
+
+    def _changed_message(self, spec: StreamSpec | None, data: bytes) -> bytes:
+        text = data.decode("utf-8", "surrogateescape")
+        is_event = spec is not None and spec.name.startswith("event/")
+        if not (is_event or self._names.replace(text) != text):
+            return data
+        try:
+            message = parse_json(text)
+        except ValueError:
+            return self._names.replace(text).encode("utf-8", "surrogateescape")
+        find = None
+        if spec is not None and is_event and isinstance(message, dict):
+            stamp_ns = message.get("stamp_ns")
+            place = clock_text(self._session.clock.session_s(stamp_ns)) if isinstance(stamp_ns, int) else ""
+            find = partial(self._find, _EVENTS, place, spec.name.removeprefix("event/"))
+        changed = self._changed(message, spec, find)
+        return data if changed == message else json.dumps(changed, separators=(",", ":")).encode()
+
+    def _changed(
+        self, value: Any, spec: StreamSpec | None = None, find: Callable[[str], None] | None = None, key: str = ""
+    ) -> Any:
+        """JSON value with pseudonyms; ``find`` gets its free texts."""
+        if isinstance(value, dict):
+            return {self._names.replace_key(name): self._changed(its, spec, find, name) for name, its in value.items()}
+        if isinstance(value, list):
+            return [self._changed(its, spec, find, key) for its in value]
+        kind = None if spec is None else spec.value_type
+        if not isinstance(value, str) or key == "actor" or (kind is not None and key in _fixed_words(kind)):
+            return value
+        if value in self._checksums:
+            return self._checksums[value]
+        is_yaml = (kind, key) in _YAML_TEXTS
+        text = self._names.replace(value, yaml=is_yaml)
+        if find is not None and key in _FREE_TEXTS and not is_yaml:
+            find(text)
+        return text
+
+    def _named_in_sound(self) -> list[tuple[int, int]]:
+        """Session times at which a name is spoken. In texts of the robot, marks replace the names that it says."""
+        return [
+            sound_span_of(one)
+            for one in spoken(self._session)
+            for text in [f"{one.text}\n{one.heard_text or ''}"]
+            if self._names.named(text) or with_names(text, lambda _: "") != text
+        ]
+
+    # Media
+
+    def _write_video(self, name: str, path: Path, target: Path, progress: Callable[[float], None]) -> None:
+        video = next((video for video in self._session.header.videos if video.file_name == name), None)
+        if video is None:
+            self._leave_out(name, _NO_VIDEO)
+        elif self._options.voice != "keep" and _has_sound(path):
+            self._leave_out(name, _WITH_SOUND)
+        elif self._options.blur.who == "nobody":
+            shutil.copyfile(path, target)
+        elif not self._people.get(video.camera):
+            self._leave_out(name, _NO_PEOPLE)
+        else:
+            try:
+                times = read_frame_times(index_path(path))
+            except (OSError, ValueError) as error:
+                _log.info("%s: %s", path, error)
+                times = FrameTimes.none()
+            cover_at = partial(self._cover_at, video.camera, self._consents.video)
+            media.covered_video(path, target, times, video.first_stamp_ns, cover_at, progress=progress)
+
+    def _write_photo(self, name: str, path: Path, target: Path) -> None:
+        photo, covers = self._photos.get(name), list[Cover]()
+        if self._options.blur.who != "nobody":
+            if photo is None or not self._people.get(photo.camera):
+                self._leave_out(name, _NO_PEOPLE)
+                return
+            moments = [
+                self._cover_at(photo.camera, self._consents.photos, photo.stamp_ns + since) for since in _PHOTO_NS
+            ]
+            covers = list(filter(None, moments))
+
+        def cover(image: NDArray[np.uint8]) -> None:
+            for one in covers:
+                one(image)
+
+        media.covered_picture(path, target, cover)
+        try:
+            texts = texts_of(target.read_bytes())
+        except PhotoFileError:
+            return
+        changed = {key: self._names.replace(text) for key, text in texts.items()}
+        change_texts(target, changed)
+        for key, text in changed.items():
+            self._find(name, key, "photo", text)
+
+    def _cover_at(self, camera: str, consenting: frozenset[str], stamp_ns: int) -> Cover | None:
+        detections, demand = self._people[camera], self._options.blur
+        near = detections_around(detections, stamp_ns)
+        if near is None:
+            return self._covering.cover_all
+        parts = parts_at(stamp_ns, near, demand, consenting, self._covering)
+        if not parts:
+            return None
+        width_px = detections[0].frame_width_px
+
+        def cover(image: NDArray[np.uint8]) -> None:
+            scale = image.shape[1] / width_px
+            scaled = [(left * scale, top * scale, right * scale, bottom * scale) for left, top, right, bottom in parts]
+            self._covering.cover(image, scaled, demand.what)
+
+        return cover
+
+    def _write_sound(self, name: str, path: Path, target: Path, named: list[tuple[int, int]]) -> None:
+        sound = next((sound for sound in self._session.header.audio if sound.file_name == name), None)
+        human = sound is None or sound.source != ROBOT_VOICE
+        if human and self._options.voice == "remove":
+            self._leave_out(name, _VOICE)
+            return
+        part = target.with_name(f".{target.name}.part")
+        try:
+            if sound is not None:
+                media.silenced_sound(path, part, sound.first_stamp_ns, named)
+            pitch = self._options.pitch if human and self._options.voice == "change" else 1.0
+            write_sound(path if sound is None else part, target, pitch)
+        finally:
+            part.unlink(missing_ok=True)
+        if sound is None:
+            self._find(name, "", "sound", "Not searched for spoken names.")
+
+    # Files next to the recording
+
+    def _write_coding(self, name: str, path: Path) -> None:
+        try:
+            coding = load_coding(path)
+            coder = str(parse_json(path.read_bytes())["coder"])
+        except (AnnotationError, ValueError, KeyError):
+            self._leave_out(f"{_CODINGS}…", _DAMAGED)
+            return
+        pseudonym = self._options.pseudonyms.coder(coder)
+        renamed = with_coders_called(coding, self._options.pseudonyms.coder)
+        content = self._changed(json.loads(self._scrub(json.dumps(coding_jsonable(renamed, pseudonym)).encode())))
+        target = self._target / _CODINGS / f"{pseudonym}.json"
+        target.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", "utf-8")
+        name = f"{_CODINGS}{pseudonym}.json"
+        for vocabulary in content.get("vocabularies", ()):
+            for entry in vocabulary["entries"]:
+                self._find(name, vocabulary["name"], "vocabulary", f"{entry['value']} {entry.get('description', '')}")
+        for tier in content["tiers"]:
+            self._find(name, "", "tier", tier["name"])
+            for one in tier["annotations"]:
+                self._find(name, clock_text(one["start_ms"] / 1000), "annotation", one["value"])
+
+    def _write_json(self, name: str, path: Path, target: Path) -> None:
+        try:
+            content = parse_json(self._scrub(path.read_bytes()))
+        except ValueError:
+            self._leave_out(name, _DAMAGED)
+            return
+        known = name == "people.json" or name.startswith("llm/")
+        find = None if known else partial(self._find, name, "", "file")
+        changed = self._changed(content, _LLM if name.startswith("llm/") else None, find)
+        target.write_text(json.dumps(changed, indent=2, ensure_ascii=False) + "\n", "utf-8", "replace")
+
+    def _write_text(self, name: str, path: Path, target: Path, encoding: str) -> None:
+        with target.open("w", encoding="utf-8", errors="replace", newline="") as file:
+            for number, line in enumerate(lines_of(path, encoding), start=1):
+                scrubbed = self._scrub(line.encode("utf-8", "surrogateescape")).decode("utf-8", "replace")
+                text = self._names.replace(scrubbed.lstrip("\ufeff"), yaml=path.suffix.lower() in (".yaml", ".yml"))
+                file.write(text)
+                if name not in _TOLD_ANYWAY:
+                    self._find(name, f"line {number}", "file", text.strip())
+
+    # The header
+
+    def _write_header(self) -> None:
+        options, header = self._options, self._session.header
+        called = {"participant": options.pseudonyms.participant}
+        if not options.wizards:
+            called["wizard"] = options.pseudonyms.wizard
+        trial = {key: self._names.replace(called.get(key, str)(text)) for key, text in header.trial.items()}
+        for key, text in trial.items():
+            self._find(HEADER_NAME, f"trial.{key}", "trial", text)
+        # The copy has the files as they are; what was lost before is not to be seen from their sizes any more.
+        missing = missing_words(header, Counter(self._session.lost) - Counter(header.lost))
+        losses = (self._names.replace(loss) for loss in self._session.losses if loss not in missing)
+        content = self._changed(parse_json(self._scrub(json.dumps(header.to_json()).encode())))
+        copied = header_of({**content, "trial": trial}, self._target / HEADER_NAME)
+        sounds = tuple(sound for sound in copied.audio if (self._target / sound.file_name).is_file())
+        videos = tuple(video for video in copied.videos if (self._target / video.file_name).is_file())
+        who = {"without_consent": "people without consent", "everybody": "everybody", "nobody": "nobody"}[
+            options.blur.who
+        ]
+        copied = replace(
+            copied,
+            videos=videos,
+            audio=sounds,
+            losses=tuple(dict.fromkeys((*copied.losses, *losses))),
+            files=recorded_files(self._target),
+            anonymised=Anonymised(
+                utc=f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
+                program_version=__version__,
+                names="pseudonyms for all known names" + (" but those of wizards" if options.wizards else ""),
+                faces=f"{options.blur.what} covered of {who}",
+                voices={"keep": "unchanged", "remove": "removed", "change": "pitch changed"}[options.voice],
+                left_out=tuple(self.left_out),
+            ),
+            as_read={key: its for key, its in content.items() if key not in _MADE_ANEW},
+        )
+        copied.write(self._target)
+
+
+_BEFORE = (People, PhotoTaken, ConsentNoted, ScenarioOpened, StatusShown)
+_LLM = spec_of_topic("/event/llm_exchange")
+_MADE_ANEW = ("videos", "audio", "files", "trial")
+
+
+def _has_sound(path: Path) -> bool:
+    import av
+
+    try:
+        with av.open(str(path)) as file:
+            return bool(file.streams.audio)
+    except (av.error.FFmpegError, ValueError) as error:
+        raise UnreadableMediaError(
+            localized(QT_TR_NOOP("{file} cannot be read as a video: {error}"), file=path.name, error=error)
+        ) from error
+
+
+_WORDS: dict[type[Any], frozenset[str]] = {}
+
+
+def _fixed_words(kind: type[Any]) -> frozenset[str]:
+    """Fields of a value, and of the values in it, whose texts are words of the program."""
+    if kind not in _WORDS:
+        found, waiting, seen = set[str](), [kind], set[type[Any]]()
+        while waiting:
+            one = waiting.pop()
+            if one in seen:
+                continue
+            seen.add(one)
+            for name, hint in get_type_hints(one).items():
+                hints = [without_alias(hint)]
+                while hints:
+                    each = hints.pop()
+                    if get_origin(each) is Literal:
+                        found.add(name)
+                    elif isinstance(each, type) and issubclass(each, Value):
+                        waiting.append(each)
+                    else:
+                        hints += union_members(each) or get_args(each)
+        _WORDS[kind] = frozenset(found)
+    return _WORDS[kind]
