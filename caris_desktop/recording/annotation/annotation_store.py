@@ -45,7 +45,7 @@ def load_documents(folder: Path, *, on_damaged: Callable[[str], None] | None = N
     documents = []
     for path in annotation_files(folder):
         try:
-            document, _ = _load(path)
+            document, _ = load_coding(path)
         except AnnotationError as error:
             if on_damaged is None:
                 raise
@@ -54,11 +54,6 @@ def load_documents(folder: Path, *, on_damaged: Callable[[str], None] | None = N
         documents.append(document)
     merged = merge_documents(*documents)
     return replace(merged, duration_ms=max(merged.duration_ms, _duration_ms(folder)))
-
-
-def load_coding(path: Path) -> AnnotationDocument:
-    """Annotations of one coder, from the file ``path``. Raises AnnotationError."""
-    return _load(path)[0]
 
 
 def save_coder(folder: Path, document: AnnotationDocument, coder: str) -> Path:
@@ -112,7 +107,7 @@ def _path_of(folder: Path, coder: str) -> Path:
         path = files.get(name.casefold())
         if path is None:
             return folder / _FOLDER / name
-        if _load(path)[1] == coder:
+        if load_coding(path)[1] == coder:
             return path
     raise AnnotationError(
         QT_TR_NOOP("{path} contains the annotations of another coder. Choose another coder name."),
@@ -155,8 +150,8 @@ def file_content(path: Path) -> bytes:
     return content
 
 
-def _load(path: Path) -> tuple[AnnotationDocument, str]:
-    """Document in one file, and its coder."""
+def load_coding(path: Path) -> tuple[AnnotationDocument, str]:
+    """Annotations of one coder from the file ``path``, and the coder. Raises AnnotationError."""
     try:
         data = json.loads(file_content(path))
     except (ValueError, RecursionError) as error:

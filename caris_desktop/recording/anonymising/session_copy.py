@@ -6,7 +6,6 @@ The copy is a session like any other, with a manifest of its own. What cannot be
 import hashlib
 import json
 import logging
-import shutil
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import field, replace
@@ -29,9 +28,10 @@ from caris_desktop.domain.streams import BY_TYPE, StreamSpec, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.type_hints import union_members, without_alias
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
-from caris_desktop.recording.annotation.annotation_store import annotation_files, coding_jsonable, load_coding
+from caris_desktop.recording.annotation.annotation_editing import AnnotationError
+from caris_desktop.recording.annotation.annotation_store import annotation_files
 from caris_desktop.recording.anonymising.known_names import KnownNames
+from caris_desktop.recording.anonymising.pseudonymous_copy import CODINGS, copy_file, renamed_coding
 from caris_desktop.recording.anonymising.voices import write_sound
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting import media
@@ -60,7 +60,7 @@ from caris_desktop.recording.session.utterances import spoken
 
 _log = logging.getLogger(__name__)
 Voice = Literal["keep", "remove", "change"]
-_EVENTS, _RECOVERED, _CODINGS = "events.mcap", "recovered/", "annotations/"
+_EVENTS, _RECOVERED = "events.mcap", "recovered/"
 _PHOTOS, _SOUNDS = (".png", ".jpg", ".jpeg"), (".wav",)
 _TOLD_ANYWAY = ("movement.txt", "speech.txt")
 _LARGEST_TEXT_BYTES = 64 << 20
@@ -216,12 +216,12 @@ class _Copy:
         elif name.endswith(INDEX_SUFFIX):
             # Numbers of the video with this name.
             if any(name in (video.index_file, index_path(Path(video.file_name)).name) for video in self._videos):
-                shutil.copyfile(path, target)
+                copy_file(path, target)
         elif suffix in _SOUNDS:
             self._write_sound(name, path, target, named_in_sound)
         elif suffix in _PHOTOS:
             self._write_photo(name, path, target)
-        elif name.startswith(_CODINGS):
+        elif name.startswith(CODINGS):
             self._write_coding(name, path)
         elif path.stat().st_size > _LARGEST_TEXT_BYTES or (encoding := encoding_of(path)) is None:
             self._leave_out(name, _UNKNOWN)
@@ -278,7 +278,8 @@ class _Copy:
         except ValueError:
             return self._names.replace(text).encode("utf-8", "surrogateescape")
         find = None
-        if spec is not None and is_event and isinstance(message, dict):
+        automatic = isinstance(message, dict) and message.get("manual") is False  # a check in the program's own words
+        if spec is not None and is_event and isinstance(message, dict) and not automatic:
             stamp_ns = message.get("stamp_ns")
             place = clock_text(self._session.clock.session_s(stamp_ns)) if isinstance(stamp_ns, int) else ""
             find = partial(self._find, _EVENTS, place, spec.name.removeprefix("event/"))
@@ -322,7 +323,7 @@ class _Copy:
         elif self._options.voice != "keep" and _has_sound(path):
             self._leave_out(name, _WITH_SOUND)
         elif self._options.blur.who == "nobody":
-            shutil.copyfile(path, target)
+            copy_file(path, target)
         elif not self._people.get(video.camera):
             self._leave_out(name, _NO_PEOPLE)
         else:
@@ -397,17 +398,14 @@ class _Copy:
 
     def _write_coding(self, name: str, path: Path) -> None:
         try:
-            coding = load_coding(path)
-            coder = str(parse_json(path.read_bytes())["coder"])
-        except (AnnotationError, ValueError, KeyError):
-            self._leave_out(f"{_CODINGS}…", _DAMAGED)
+            pseudonym, coding = renamed_coding(path, self._options.pseudonyms.coder)
+        except AnnotationError:
+            self._leave_out(f"{CODINGS}…", _DAMAGED)
             return
-        pseudonym = self._options.pseudonyms.coder(coder)
-        renamed = with_coders_called(coding, self._options.pseudonyms.coder)
-        content = self._changed(json.loads(self._scrub(json.dumps(coding_jsonable(renamed, pseudonym)).encode())))
-        target = self._target / _CODINGS / f"{pseudonym}.json"
+        content = self._changed(json.loads(self._scrub(coding)))
+        target = self._target / CODINGS / f"{pseudonym}.json"
         target.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", "utf-8")
-        name = f"{_CODINGS}{pseudonym}.json"
+        name = f"{CODINGS}{pseudonym}.json"
         for vocabulary in content.get("vocabularies", ()):
             for entry in vocabulary["entries"]:
                 self._find(name, vocabulary["name"], "vocabulary", f"{entry['value']} {entry.get('description', '')}")

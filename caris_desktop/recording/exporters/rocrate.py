@@ -8,7 +8,6 @@ twice, for three more dependencies.
 import dataclasses
 import hashlib
 import json
-import os
 import re
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
@@ -18,29 +17,23 @@ from typing import Any
 from urllib.parse import quote
 
 from caris_desktop import __version__
-from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.foxglove import INFINITE, INVALID
 from caris_desktop.domain.json_encoding import DERIVED_TOPICS, schema_of
 from caris_desktop.domain.schema import to_jsonable
 from caris_desktop.domain.streams import BY_NAME, spec_of_topic
-from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
-from caris_desktop.recording.annotation.annotation_store import coding_jsonable, load_coding
+from caris_desktop.recording.anonymising.pseudonymous_copy import CopiedFile, copy_session
 from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.data_dictionary import DICTIONARY_TABLE, dictionary_columns
-from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.exporters.templates import write_page
-from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files
-from caris_desktop.recording.session.mcap_chunks import intact_blocks, read_index, scan
-from caris_desktop.recording.session.mcap_repair import copy_changed
+from caris_desktop.recording.session.manifest import MANIFEST_NAME
+from caris_desktop.recording.session.mcap_chunks import read_index
 from caris_desktop.recording.session.session_reader import Session, SessionError
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.tables.catalog import tables_of
 
 _PROFILE = "https://w3id.org/ro/crate/1.1"
-_HEAD, _EVENTS = "session.json", "events.mcap"
-_BLOCK_BYTES = 1 << 20
 _MCAP, _MCAP_URL = "application/x-mcap", "https://mcap.dev/spec"
 _ENCODINGS: dict[str, str] = {
     ".json": "application/json", ".csv": "text/csv", ".txt": "text/plain", ".md": "text/markdown",
@@ -66,16 +59,11 @@ _DESCRIPTIONS = (
     ("annotations/*", "Annotations of one coder."),
     (MANIFEST_NAME, "SHA-256 checksums of all files when the session was closed, in sha256sum format."),
 )
-# Session headers, including those from before a repair.
-_HEADS = re.compile(r"session\.json|recovered/[^/]*session\.json[^/]*")
 _SCRUBBED = (
     "In this copy, pseudonyms replace the names of the wizard and coders, and the robot profile replaces the "
     "robot's address."
 )
-_CODINGS = "annotations/"
-_TEXTS = (".json", ".txt", ".csv", ".yaml", ".md")
-_MAX_TEXT_BYTES = 64 * 1024 * 1024
-_COPIED_AT_ONCE_BYTES = 1 << 24
+_RENEWED = "Of files that are not as they were recorded it has the checksums of these copies."
 _LICENCE_PAGES = {
     "CC0-1.0": "https://creativecommons.org/publicdomain/zero/1.0/",
     "CC-BY-4.0": "https://creativecommons.org/licenses/by/4.0/",
@@ -113,8 +101,11 @@ def write_rocrate(session: Session, out: Path, context: ExportContext) -> list[P
     _warn_of_paths(session, context.warn)
     folder = out / _folder_name(session)
     folder.mkdir()
-    packed = list(_packed_session(session, folder, context))
-    packed += _packed_descriptions(session, out, context.csv)
+    copied = [
+        _Packed(f"{folder.name}/{file.name}", file.size_bytes, file.sha256, _description(file), file.unlike_manifest)
+        for file in copy_session(session, folder, context.warn, context.progress)
+    ]
+    packed = [*copied, *_packed_descriptions(session, out, context.csv)]
     graph = _graph(session, packed, licence_of(context.licence))
     metadata = out / "ro-crate-metadata.json"
     document = {"@context": [f"{_PROFILE}/context", {"sha256": "http://schema.org/sha256"}], "@graph": graph}
@@ -196,204 +187,9 @@ def _texts(value: Any) -> Iterator[str]:
 # Files
 
 
-def _packed_session(session: Session, folder: Path, context: ExportContext) -> Iterator[_Packed]:
-    names = session_files(session.folder)
-    manifest = _manifest(session.folder / MANIFEST_NAME)
-    names += [MANIFEST_NAME] if (session.folder / MANIFEST_NAME).is_file() else []
-    names += sorted(
-        path.relative_to(session.folder).as_posix()
-        for path in (session.folder / "annotations").glob("*.json")
-        if path.is_file() and not path.is_symlink() and not path.name.startswith(".")
-    )
-    if session.pseudonymised:
-        # The header contains the sizes of the copies, so it comes late.
-        names.sort(key=lambda name: (name == MANIFEST_NAME, name == _HEAD, bool(_HEADS.fullmatch(name))))
-    sizes = {name: (session.folder / name).stat().st_size for name in names}
-    total_bytes, done = max(1, sum(sizes.values())), 0
-    new_checksums: dict[str, tuple[str, str]] = {}
-    sizes_anew: dict[str, tuple[str, int]] = {}
-
-    def copied(count: int) -> None:
-        nonlocal done
-        done += count
-        context.progress(min(1.0, done / total_bytes))
-
-    for name in names:
-        source, target = session.folder / name, folder / name
-        description, original = _description(name), ""
-        scrubbed = _scrubbed(session, name) if session.pseudonymised else None
-        if scrubbed is not None and scrubbed.left_out:
-            new_checksums[name], sizes_anew[name] = (_sha256(source, copied), ""), ("", 0)
-            context.warn(localized(scrubbed.left_out, file=name))
-            continue
-        if scrubbed is not None and scrubbed.name != name:
-            target = folder / scrubbed.name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        content = None if scrubbed is None else scrubbed.content
-        if name == _HEAD and sizes_anew:
-            content = _with_sizes(content or source.read_bytes(), sizes_anew)
-        if content is not None:
-            target.write_bytes(content)
-            original = _sha256(source, lambda _: None)
-            description += f" {_SCRUBBED}"
-        elif session.pseudonymised and name == _EVENTS and _copy_scrubbed(session, source, target):
-            original = _sha256(source, lambda _: None)
-            description += f" {_SCRUBBED}"
-        elif name == MANIFEST_NAME and new_checksums:
-            target.write_bytes(_manifest_renewed(source.read_bytes(), new_checksums))
-            description += " Of files that are not as they were recorded it has the checksums of these copies."
-        else:
-            _copy(source, target)
-        sha256 = _sha256(target, copied)
-        if original:
-            new_checksums[name] = original, sha256
-            sizes_anew[name] = scrubbed.name if scrubbed is not None else name, target.stat().st_size
-        yield _Packed(
-            name=target.relative_to(folder.parent).as_posix(),
-            size_bytes=target.stat().st_size,
-            sha256=sha256,
-            description=description,
-            unlike_manifest=manifest.get(name, original or sha256) != (original or sha256),
-        )
-
-
-def _copy(source: Path, target: Path) -> None:
-    """Copy to a separate file, sharing disk blocks (copy on write) where supported."""
-    with source.open("rb") as original, target.open("wb") as copy:
-        if hasattr(os, "copy_file_range"):
-            try:
-                while os.copy_file_range(original.fileno(), copy.fileno(), _COPIED_AT_ONCE_BYTES):
-                    pass
-            except OSError:
-                # Not supported between these disks: start over with a plain copy.
-                original.seek(0)
-                copy.seek(0)
-                copy.truncate()
-        # Empty if copy_file_range copied everything.
-        while block := original.read(_BLOCK_BYTES):
-            copy.write(block)
-
-
-def _sha256(path: Path, progress: Callable[[int], None]) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK_BYTES):
-            digest.update(block)
-            progress(len(block))
-    return digest.hexdigest()
-
-
-class _Scrubbed(Value):
-    """Pseudonymised file: its name, and its content if that changes."""
-
-    name: str
-    content: bytes | None = None
-    left_out: str = ""
-
-
-_FOUND = QT_TR_NOOP("{file} is excluded from the archive: it was saved by a repair and may reveal where the robot is.")
-_LARGE = QT_TR_NOOP("{file} is excluded from the archive: it is too large to search for names.")
-_DAMAGED = QT_TR_NOOP("{file} is excluded from the archive: it is damaged and may contain the wizard's name.")
-_CODER_DAMAGED = QT_TR_NOOP("{file} is excluded from the archive: it is damaged and may contain a coder's name.")
-
-
-def _scrubbed(session: Session, name: str) -> _Scrubbed:
-    path = session.folder / name
-    if name.startswith("recovered/") and ".mcap" in name:
-        return _Scrubbed(name, left_out=_FOUND)
-    if not name.endswith(_TEXTS) and not _HEADS.fullmatch(name):
-        return _Scrubbed(name)
-    if path.stat().st_size > _MAX_TEXT_BYTES:
-        return _Scrubbed(name, left_out=_LARGE)
-    content = path.read_bytes()
-    changed = session.scrub(content)
-    if _HEADS.fullmatch(name):
-        with_pseudonym = _with_pseudonym(changed, session.wizard_name)
-        if with_pseudonym is None:
-            return _Scrubbed(name, left_out=_DAMAGED)
-        changed = with_pseudonym
-    elif name.startswith(_CODINGS):
-        return _scrubbed_coding(session, name, changed)
-    return _Scrubbed(name, None if changed == content else changed)
-
-
-def _scrubbed_coding(session: Session, name: str, content: bytes) -> _Scrubbed:
-    try:
-        coding = parse_json(content)
-        coder = str(coding["coder"])
-        pseudonym = session.coder_name(coder)
-        renamed = with_coders_called(load_coding(session.folder / name), session.coder_name)
-    except (ValueError, KeyError, TypeError, RecursionError, AnnotationError):
-        return _Scrubbed(name, left_out=_CODER_DAMAGED)
-    if pseudonym == coder:
-        return _Scrubbed(name)
-    text = json.dumps(coding_jsonable(renamed, pseudonym), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    return _Scrubbed(f"{_CODINGS}{pseudonym}.json", session.scrub(text.encode()))
-
-
-def _copy_scrubbed(session: Session, source: Path, target: Path) -> bool:
-    """Copy the recording without robot addresses; False, and nothing written, if there are none."""
-    with source.open("rb") as file:
-        index = scan(file, thorough=False)
-        if not any(session.scrub(content) != content for content in intact_blocks(file, index)):
-            return False
-        copy = DiskFile(target)
-        try:
-            copy_changed(file, index, copy, lambda _channel, data: session.scrub(data))
-        finally:
-            copy.close()
-    return True
-
-
-def _with_sizes(head: bytes, anew: dict[str, tuple[str, int]]) -> bytes:
-    """Session header with names and sizes of the copies; files left out are dropped."""
-    header = parse_json(head)
-    files = header.get("files")
-    if isinstance(files, list) and all(isinstance(file, dict) for file in files):
-        entries = [
-            {**file, "name": name, "bytes": size}
-            for file in files
-            for name, size in [anew.get(str(file.get("name")), (file.get("name"), file.get("bytes")))]
-        ]
-        header["files"] = [file for file in entries if file["name"]]
-    return (json.dumps(header, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
-
-
-def _with_pseudonym(content: bytes, wizard_name: Callable[[str], str]) -> bytes | None:
-    """Session header with the wizard's pseudonym; None if unreadable."""
-    try:
-        header = parse_json(content)
-    except (ValueError, RecursionError):
-        return None
-    trial = header.get("trial") if isinstance(header, dict) else None
-    wizard = str(trial.get("wizard") or "") if isinstance(trial, dict) else ""
-    if not isinstance(trial, dict) or not wizard or wizard_name(wizard) == wizard:
-        return content
-    trial["wizard"] = wizard_name(wizard)
-    return (json.dumps(header, indent=2, ensure_ascii=False) + "\n").encode("utf-8", "replace")
-
-
-def _manifest_renewed(content: bytes, new_checksums: dict[str, tuple[str, str]]) -> bytes:
-    """Manifest with the checksums of the copies; lines of files changed earlier stay."""
-    lines = content.decode("utf-8", "surrogateescape").splitlines(keepends=True)
-    for name, (original, copy) in new_checksums.items():
-        line = re.compile(rf"{original} [ *]{re.escape(name)}\n?")
-        new_line = f"{copy}  {name}\n" if copy else ""
-        lines = [new_line if line.fullmatch(one) else one for one in lines]
-    return "".join(lines).encode("utf-8", "surrogateescape")
-
-
-def _manifest(path: Path) -> dict[str, str]:
-    try:
-        lines = path.read_bytes().decode("utf-8", "surrogateescape").splitlines()
-    except FileNotFoundError:
-        return {}
-    matches = (re.fullmatch(r"([0-9a-f]{64}) [ *](.+)", line) for line in lines)
-    return {match[2]: match[1] for match in matches if match is not None}
-
-
-def _description(name: str) -> str:
-    return next((text for pattern, text in _DESCRIPTIONS if fnmatch(name, pattern)), "Part of the session.")
+def _description(file: CopiedFile) -> str:
+    told = next((text for pattern, text in _DESCRIPTIONS if fnmatch(file.name, pattern)), "Part of the session.")
+    return f"{told} {_RENEWED if file.name == MANIFEST_NAME else _SCRUBBED}" if file.changed else told
 
 
 def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_Packed]:

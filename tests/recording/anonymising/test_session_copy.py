@@ -306,7 +306,7 @@ def test_of_a_study_a_damaged_session_is_reported_and_the_rest_go_on(
     shutil.copytree(recorded.parents[1], study)
     (study / "sessions" / "broken").mkdir()
     (study / "sessions" / "broken" / "session.json").write_text("{}")
-    assert anonymise(study, tmp_path / "out") == 1
+    assert anonymise(study, tmp_path / "out", "--also-called", FRIEND) == 1
     told = capsys.readouterr()
     assert "broken: " in told.err
     assert "Anonymised 1 of 2 sessions" in told.out

@@ -186,7 +186,7 @@ def test_with_names_the_crate_is_the_session_as_it_was_recorded(made: RecordedSe
             )
 
 
-@pytest.mark.logs(r"recording\.session_export: ")
+@pytest.mark.logs(r"recording\.session_export: |anna\.json")
 def test_a_header_before_a_repair_names_nobody_either(made: RecordedSession, tmp_path: Path) -> None:
     folder = shutil.copytree(made.folder, tmp_path / "s", symlinks=True)
     (folder / "recovered").mkdir()
