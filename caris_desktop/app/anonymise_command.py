@@ -19,6 +19,7 @@ from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.perception import blur
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.anonymising.known_names import KnownNames
+from caris_desktop.recording.anonymising.pseudonymous_copy import copy_file
 from caris_desktop.recording.anonymising.session_copy import AnonymiseOptions, FoundText, anonymise_session
 from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.pseudonyms import pseudonyms_of
@@ -33,6 +34,7 @@ from caris_desktop.recording.session_export import (
     whole_folder,
 )
 from caris_desktop.recording.studies.study_index import study_dir_of
+from caris_desktop.recording.study_file import FILE_NAME, StudyFileError, read_study_file, study_file_of
 from caris_desktop.recording.terminal import ProgressLine
 from caris_desktop.study.study_folder import StudyFolder
 
@@ -81,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Exit status: 0 if everything was copied, 1 if a session was not (reasons on stderr), 130 if cancelled."""
     try:
         return _copy_all(arguments)
-    except (ExportError, WorkersError) as error:
+    except (ExportError, StudyFileError, WorkersError) as error:
         print(error, file=sys.stderr)
         return 1
     except PeopleStoreError as error:
@@ -98,15 +100,21 @@ def _copy_all(arguments: argparse.Namespace) -> int:
     sessions = sessions_in(arguments.recording)
     study = _study_of(arguments.recording)
     _check_places(study, out, review)
-    options = _options(arguments, sessions, study)
-    names = KnownNames({**options.names, **options.pseudonyms.people, **options.pseudonyms.wizards})
+    study_file = study_file_of(sessions[0])
+    if study_file is not None:
+        read_study_file(study_file)
     found: dict[Path, tuple[tuple[str, ...], tuple[FoundText, ...]]] = {}
     problems: list[str] = []
     remove_partial_exports(out)
     with ProgressLine() as line, whole_folder(out, arguments.recording) as part:
-        called = ("",) if sessions == (arguments.recording,) else map(names.replace, export_names(sessions))
+        one = sessions == (arguments.recording,)
+        options = _options(arguments, sessions, study)
+        names = KnownNames({**options.names, **options.pseudonyms.people, **options.pseudonyms.wizards})
+        called = ("",) if one else map(names.replace, export_names(sessions))
         targets = {folder: part / name for folder, name in zip(sessions, called, strict=True)}
-        job = partial(_anonymise, options, targets)
+        if study_file is not None and not one:
+            copy_file(study_file, part / FILE_NAME)
+        job = partial(_anonymise, options, targets, study_file if one else None)
         for folder, result in run_jobs(job, sessions, line.show, workers=workers_of(arguments)):
             if isinstance(result, JobError):
                 problems.append(f"{folder.name}: {result}")
@@ -187,12 +195,14 @@ def _options(arguments: argparse.Namespace, sessions: Sequence[Path], study: Stu
 
 
 def _anonymise(
-    options: AnonymiseOptions, targets: dict[Path, Path], folder: Path, progress: Progress
+    options: AnonymiseOptions, targets: dict[Path, Path], study_file: Path | None, folder: Path, progress: Progress
 ) -> tuple[tuple[str, ...], tuple[FoundText, ...]]:
     target = targets[folder]
     try:
         shutil.rmtree(target, ignore_errors=True)  # of a process that died
         target.mkdir(parents=True)
+        if study_file is not None:
+            copy_file(study_file, target / FILE_NAME)
         return anonymise_session(
             open_session(folder), target, options, blur, lambda share: progress(share, folder.name)
         )

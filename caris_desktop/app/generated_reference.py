@@ -18,6 +18,7 @@ from caris_desktop.domain.schema_json import schema_text
 from caris_desktop.domain.schema_labels import texts_of
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.recording.annotation.coding_file import Coding
+from caris_desktop.recording.study_file import StudyFile
 from caris_desktop.recording.tables import tables_page
 from caris_desktop.robot.profile_model import ProfileFile
 from caris_desktop.scenario.scenario_file import schema_path
@@ -82,16 +83,18 @@ _LEAST_LETTERS = 4
 def reference_files() -> dict[Path, str]:
     """Content of each generated file; text between the tables of a guide page is preserved."""
     schemas, guide = resources_dir() / "schemas", resources_dir() / "guide"
-    face, profiles = guide / "face.md", guide / "robot-profiles.md"
+    face, profiles, sharing = guide / "face.md", guide / "robot-profiles.md", guide / "sharing.md"
     return {
         schema_path(): schema_text(Scenario, schema_id="caris-desktop:scenario", title="CARIS Desktop scenario"),
         schemas / "robot-profile.schema.json": schema_text(ProfileFile, title="CARIS Desktop robot profile"),
         schemas / "robot-control.schema.json": schema_text(RobotControl, title="A control of the Robot panel"),
         schemas / "face.schema.json": schema_text(Face, title="CARIS Desktop face"),
         schemas / "annotations.schema.json": schema_text(Coding, title="CARIS Desktop annotations"),
+        schemas / "study.schema.json": schema_text(StudyFile, title="CARIS Desktop study"),
         guide / "scenario-file.md": _SCENARIO_PAGE_HEAD + reference(Scenario),
         profiles: with_tables(profiles.read_text("utf-8"), {"profile": ProfileFile, "control": RobotControl}),
         face: with_tables(face.read_text("utf-8"), {"face": Face}),
+        sharing: with_tables(sharing.read_text("utf-8"), {"study": StudyFile}),
         _PACKAGE / "ui" / "scenario_editor" / "declared_texts.py": _declared_texts(),
         TEXTS_PATH: _recorded_texts(),
         **commands_page.reference_files(),

@@ -27,6 +27,7 @@ from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonymised, pseudo
 from caris_desktop.recording.session.missing_data import missing_words
 from caris_desktop.recording.session.session_header import is_session, reading
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.study_file import StudyFile, study_of
 
 _log = logging.getLogger(__name__)
 _PARTIAL_SUFFIX = ".exporting"
@@ -68,7 +69,8 @@ class ExportContext(Value):
     was left out of a successful export, ``notify`` one on anything else that a reader should know. Wizards, coders and
     the robot's address are pseudonymised unless ``with_names``: with ``pseudonyms`` if several exports share them, else
     with the study's. Of the tables, ``parquet`` writes those of ``tables``, or all. ``template`` is the researcher's
-    own, for formats that are texts.
+    own, for formats that are texts. ``study`` is the study file of the session, read if None; its licence is used if
+    no other was chosen.
     """
 
     progress: Callable[[float], None] = _no_progress
@@ -80,6 +82,7 @@ class ExportContext(Value):
     csv: CsvStyle = SHOWN
     tables: Collection[str] = ()
     template: Path | None = None
+    study: StudyFile | None = None
 
 
 Exporter = Callable[[Session, Path, ExportContext], list[Path]]
@@ -478,7 +481,7 @@ def _export_combined(name: str, sessions: Sequence[Session], request: ExportRequ
     target = request.out.absolute() / name
     with whole_folder(target, sessions[0].folder) as partial:
         _converting_errors(
-            lambda: BY_FORMAT[name].study_exporter()(sessions, partial, context),
+            lambda: BY_FORMAT[name].study_exporter()(sessions, partial, _with_study(context, sessions[0])),
             f"{len(sessions)} sessions",
             name,
             partial,
@@ -495,7 +498,15 @@ def _opened(folder: Path, pseudonyms: Pseudonyms | None) -> Session:
 
 
 def _write(fmt: str, session: Session, out: Path, context: ExportContext) -> list[Path]:
-    return _converting_errors(lambda: BY_FORMAT[fmt].exporter()(session, out, context), str(session.folder), fmt, out)
+    return _converting_errors(
+        lambda: BY_FORMAT[fmt].exporter()(session, out, _with_study(context, session)), str(session.folder), fmt, out
+    )
+
+
+def _with_study(context: ExportContext, session: Session) -> ExportContext:
+    """Context with the study file of a session. Raises StudyFileError."""
+    study = context.study or study_of(session.folder)
+    return replace(context, study=study, licence=context.licence or (study.licence if study else ""))
 
 
 def _converting_errors(write: Callable[[], list[Path]], what: str, fmt: str, out: Path) -> list[Path]:

@@ -14,6 +14,7 @@ from caris_desktop.app.arguments import build_parser
 from caris_desktop.app.command_table import COMMANDS, parser_of
 from caris_desktop.conversation.face.face_file import parse_face
 from caris_desktop.domain.shipped import resources_dir
+from caris_desktop.recording.study_file import read_study_file
 from caris_desktop.robot.profile import parse_profile
 from caris_desktop.scenario.scenario_file import parse_scenario
 
@@ -71,7 +72,14 @@ def read_face(text: str, folder: Path) -> object:
     return parse_face(text, file_name=str(folder / "face.yaml"), name="face")
 
 
-OF_OTHER_FILES: dict[str, Callable[[str, Path], object]] = {"robot-profiles.md": read_profile, "face.md": read_face}
+def read_study(text: str, folder: Path) -> object:
+    (folder / "study.yaml").write_text(text)
+    return read_study_file(folder / "study.yaml")
+
+
+OF_OTHER_FILES: dict[str, Callable[[str, Path], object]] = {
+    "robot-profiles.md": read_profile, "face.md": read_face, "sharing.md": read_study,
+}  # fmt: skip
 
 
 def test_each_block_is_marked_as_what_it_is() -> None:

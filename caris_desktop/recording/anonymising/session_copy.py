@@ -57,6 +57,7 @@ from caris_desktop.recording.session.session_header import (
 )
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import spoken
+from caris_desktop.recording.study_file import FILE_NAME as STUDY_FILE
 
 _log = logging.getLogger(__name__)
 Voice = Literal["keep", "remove", "change"]
@@ -209,6 +210,8 @@ class _Copy:
         suffix = path.suffix.lower()
         if name == _EVENTS:
             self._write_events(path, target)
+        elif name == STUDY_FILE:
+            copy_file(path, target)
         elif name.startswith(_RECOVERED):
             self._leave_out(name, _BEFORE_REPAIR)
         elif suffix == ".mp4":

@@ -24,13 +24,13 @@ from caris_desktop.domain.streams import BY_NAME, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.anonymising.pseudonymous_copy import CopiedFile, copy_session
-from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.data_dictionary import DICTIONARY_TABLE, dictionary_columns
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.mcap_chunks import read_index
 from caris_desktop.recording.session.session_reader import Session, SessionError
 from caris_desktop.recording.session_export import ExportContext
+from caris_desktop.recording.study_file import CITATION_NAME, StudyFile, write_citation
 from caris_desktop.recording.tables.catalog import tables_of
 
 _PROFILE = "https://w3id.org/ro/crate/1.1"
@@ -38,7 +38,7 @@ _MCAP, _MCAP_URL = "application/x-mcap", "https://mcap.dev/spec"
 _ENCODINGS: dict[str, str] = {
     ".json": "application/json", ".csv": "text/csv", ".txt": "text/plain", ".md": "text/markdown",
     ".mp4": "video/mp4", ".wav": "audio/wav", ".flac": "audio/flac", ".png": "image/png", ".mcap": _MCAP,
-    ".yaml": "application/yaml", ".html": "text/html",
+    ".yaml": "application/yaml", ".cff": "application/yaml", ".html": "text/html",
 }  # fmt: skip
 # The first matching pattern describes a file of the session.
 _DESCRIPTIONS = (
@@ -77,7 +77,9 @@ _LICENCE_PAGES = {
 _TOLD_OF_TRIAL = ("study", "condition", "trial", "recording", "purpose")
 _UNNAMED = re.compile(r"Person \d+|")
 
-_OWN_NAMES = ("schemas", "FORMAT.md", "data_dictionary.csv", "ro-crate-metadata.json", "ro-crate-preview.html")
+_OWN_NAMES = (
+    "schemas", "FORMAT.md", "data_dictionary.csv", "ro-crate-metadata.json", "ro-crate-preview.html", CITATION_NAME,
+)  # fmt: skip
 
 Entity = dict[str, Any]
 
@@ -105,8 +107,8 @@ def write_rocrate(session: Session, out: Path, context: ExportContext) -> list[P
         _Packed(f"{folder.name}/{file.name}", file.size_bytes, file.sha256, _description(file), file.unlike_manifest)
         for file in copy_session(session, folder, context.warn, context.progress)
     ]
-    packed = [*copied, *_packed_descriptions(session, out, context.csv)]
-    graph = _graph(session, packed, licence_of(context.licence))
+    packed = [*copied, *_packed_descriptions(session, out, context)]
+    graph = _graph(session, packed, licence_of(context.licence), context.study)
     metadata = out / "ro-crate-metadata.json"
     document = {"@context": [f"{_PROFILE}/context", {"sha256": "http://schema.org/sha256"}], "@graph": graph}
     metadata.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8", errors="replace")
@@ -192,7 +194,7 @@ def _description(file: CopiedFile) -> str:
     return f"{told} {_RENEWED if file.name == MANIFEST_NAME else _SCRUBBED}" if file.changed else told
 
 
-def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_Packed]:
+def _packed_descriptions(session: Session, out: Path, context: ExportContext) -> list[_Packed]:
     """Instructions for reading the recording without this program."""
     channels = list(read_index(session.folder / "events.mcap").channels.values())
     recorded = {spec.name: channel for channel in channels if (spec := spec_of_topic(channel.topic)) is not None}
@@ -206,8 +208,8 @@ def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_
         meanings={spec.name: " ".join((spec.value_type.__doc__ or "").replace("``", "`").split()) for spec in specs},
         mcap_url=_MCAP_URL, manifest=MANIFEST_NAME, infinite=INFINITE, invalid=INVALID,
     )  # fmt: skip
-    with (out / "data_dictionary.csv").open("w", encoding=style.encoding, newline="") as file:
-        rows = style.writer(file)
+    with (out / "data_dictionary.csv").open("w", encoding=context.csv.encoding, newline="") as file:
+        rows = context.csv.writer(file)
         rows.writerow([column.name for column in DICTIONARY_TABLE.columns])
         tables = [table for spec in specs for table in tables_of(spec)]
         rows.writerows(zip(*dictionary_columns(tables), strict=True))
@@ -216,6 +218,8 @@ def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_
         name = f"schemas/{stream.replace('/', '.')}.schema.json"
         (out / name).write_text(json.dumps(schema, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
         written[name] = f"JSON Schema of the messages on the topic /{stream} in events.mcap."
+    if context.study is not None:
+        written[write_citation(out, context.study).name] = "How to cite these data, in the Citation File Format."
     packed = []
     for name, description in written.items():
         content = (out / name).read_bytes()
@@ -226,7 +230,7 @@ def _packed_descriptions(session: Session, out: Path, style: CsvStyle) -> list[_
 # Metadata
 
 
-def _graph(session: Session, packed: list[_Packed], licence: Entity) -> list[Entity]:
+def _graph(session: Session, packed: list[_Packed], licence: Entity, study: StudyFile | None) -> list[Entity]:
     clock, trial = session.clock, session.trial
     started, ended = clock.utc(session.started_ns), clock.utc(session.ended_ns)
     now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
@@ -252,6 +256,10 @@ def _graph(session: Session, packed: list[_Packed], licence: Entity) -> list[Ent
         "mentions": [{"@id": "#recording"}, {"@id": "#packing"}],
     }
     entities: list[Entity] = []
+    if study is not None:
+        told, entities = _study_entities(study, int(started[:4]))
+        root |= told
+        root["description"] = f"{study.description} {root['description']}".strip()
     if properties:
         root["additionalProperty"] = [{"@id": entity["@id"]} for entity in properties]
         entities += properties
@@ -316,6 +324,37 @@ def _graph(session: Session, packed: list[_Packed], licence: Entity) -> list[Ent
         *software.values(),
         {"@id": _MCAP_URL, "@type": "WebPage", "name": "MCAP format specification", "url": _MCAP_URL},
     ]
+
+
+def _study_entities(study: StudyFile, year: int) -> tuple[Entity, list[Entity]]:
+    """Properties of the crate from the study file, and the entities that they refer to."""
+    institutes = {name: f"#affiliation-{number}" for number, name in enumerate(_affiliations(study), start=1)}
+    authors = [
+        {
+            "@id": author.orcid_url or f"#author-{number}",
+            "@type": "Person",
+            "name": author.name,
+            **({"affiliation": {"@id": institutes[author.affiliation]}} if author.affiliation else {}),
+        }
+        for number, author in enumerate(study.authors, start=1)
+    ]
+    grants = [
+        {"@id": f"#funding-{number}", "@type": "Grant", "name": text}
+        for number, text in enumerate(study.funding, start=1)
+    ]
+    organisations = [{"@id": place, "@type": "Organization", "name": name} for name, place in institutes.items()]
+    told = {
+        "author": [{"@id": author["@id"]} for author in authors],
+        "funding": [{"@id": grant["@id"]} for grant in grants],
+        "keywords": ", ".join(study.keywords),
+        "identifier": study.doi_url,
+        "creditText": study.citation(year),
+    }
+    return {name: value for name, value in told.items() if value}, [*authors, *organisations, *grants]
+
+
+def _affiliations(study: StudyFile) -> list[str]:
+    return list(dict.fromkeys(author.affiliation for author in study.authors if author.affiliation))
 
 
 def _file(file: _Packed) -> Entity:
@@ -416,6 +455,7 @@ def _preview(graph: list[Entity], packed: list[_Packed]) -> dict[str, Any]:
         ),
         ("Recorded with", f"CARIS Desktop {entities[recording['instrument']['@id']]['version']}"),
         ("Packed", root["datePublished"]),
+        *([("Cite as", root["creditText"])] if "creditText" in root else []),
     ]
     files = [
         {

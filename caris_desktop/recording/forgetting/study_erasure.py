@@ -227,7 +227,7 @@ _MARKS = (
 # Types that exporters write; scripts and notes next to them are the user's.
 _WRITTEN = (
     ".csv", ".parquet", ".json", ".jsonl", ".md", ".html", ".eaf", ".pfsx", ".textgrid", ".vtt", ".bag", ".mcap",
-    ".yaml", ".ini", ".txt", ".sql", ".duckdb", ".jpg", ".png", ".mp4", ".wav",
+    ".yaml", ".cff", ".ini", ".txt", ".sql", ".duckdb", ".jpg", ".png", ".mp4", ".wav",
 )  # fmt: skip
 _SHOWS = (".png", ".jpg", ".mp4", ".wav", ".bag", ".mcap", ".html")
 
