@@ -6,7 +6,7 @@ import secrets
 import shutil
 import sys
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 
@@ -24,7 +24,8 @@ from caris_desktop.recording.anonymising.session_copy import AnonymiseOptions, F
 from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.pseudonyms import pseudonyms_of
 from caris_desktop.recording.recorder.recorder_messages import BlurDemand, UseConsents
-from caris_desktop.recording.session.session_header import SessionError, is_session
+from caris_desktop.recording.session.media_names import free_name
+from caris_desktop.recording.session.session_header import SessionError, is_session, read_header
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import (
     ExportError,
@@ -36,7 +37,7 @@ from caris_desktop.recording.session_export import (
 from caris_desktop.recording.studies.study_index import study_dir_of
 from caris_desktop.recording.study_file import FILE_NAME, StudyFileError, read_study_file, study_file_of
 from caris_desktop.recording.terminal import ProgressLine
-from caris_desktop.study.study_folder import StudyFolder
+from caris_desktop.study.study_folder import StudyFolder, file_name_part
 
 _CANCELLED = 130
 # Factors between which a changed pitch lies, higher or lower: the voice stays understandable.
@@ -110,8 +111,10 @@ def _copy_all(arguments: argparse.Namespace) -> int:
         one = sessions == (arguments.recording,)
         options = _options(arguments, sessions, study)
         names = KnownNames({**options.names, **options.pseudonyms.people, **options.pseudonyms.wizards})
-        called = ("",) if one else map(names.replace, export_names(sessions))
-        targets = {folder: part / name for folder, name in zip(sessions, called, strict=True)}
+        targets: dict[Path, Path] = {}
+        for folder, name in zip(sessions, export_names(sessions), strict=True):
+            called = free_name(names.replace(name), "", lambda each: part / each in targets.values())
+            targets[folder] = part if one else part / called
         if study_file is not None and not one:
             copy_file(study_file, part / FILE_NAME)
         job = partial(_anonymise, options, targets, study_file if one else None)
@@ -171,11 +174,24 @@ def _options(arguments: argparse.Namespace, sessions: Sequence[Path], study: Stu
     factor = low + (high - low) * secrets.randbelow(1000) / 1000  # not noted anywhere, so that it cannot be undone
     names: dict[str, str] = {}
     consents = None
+    everybody = sessions
+    if (study.path / "sessions").is_dir():
+        everybody = sessions_in(study.path)  # so that pseudonyms do not depend on who is anonymised first
+    pseudonyms = pseudonyms_of(everybody, arguments.also_called)
+    for folder in everybody:
+        with suppress(SessionError):
+            trial = read_header(folder).trial
+            # As they were typed: the pseudonyms are stored in small letters, and folders shorten long names.
+            wizard, participant = (trial.get(name, "").strip() for name in ("wizard", "participant"))
+            if wizard and not arguments.keep_wizards:
+                names[wizard] = pseudonyms.wizard(wizard)
+            if participant and pseudonyms.participant(participant) != participant:
+                names |= dict.fromkeys((participant, file_name_part(participant)), pseudonyms.participant(participant))
     if study.people_database.exists():
         with closing(PeopleStore(study.people_database)) as store:
             people, noted = store.everybody(), store.consents()
         root_of = {person.person_id: person.is_person_id or person.person_id for person in people}
-        names = {person.name: mark_of(root_of[person.person_id]) for person in people if person.name}
+        names = {person.name: mark_of(root_of[person.person_id]) for person in people if person.name} | names
         video, photos = (
             frozenset(
                 each for each, root in root_of.items() if kind in (held := noted.get(root, {})) and held[kind].given
@@ -184,7 +200,7 @@ def _options(arguments: argparse.Namespace, sessions: Sequence[Path], study: Stu
         )
         consents = UseConsents(video, photos)
     return AnonymiseOptions(
-        pseudonyms_of(sessions, arguments.also_called),
+        pseudonyms,
         names,
         consents,
         BlurDemand(arguments.blur.replace("-", "_"), arguments.blur_what),

@@ -2,7 +2,7 @@
 
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from caris_desktop.recording.forgetting.search_terms import PersonNames
 
@@ -14,20 +14,23 @@ _HOMES = ("/home/", "/Users/", ":\\Users\\")
 _IN_YAML = str.maketrans("[]{}", "()()")  # a bracket at the start of a value has a meaning there
 _KEY_LINE = re.compile(r"[ \t-]*[\"']?([a-z][a-z0-9_]*)[\"']?[ \t]*:", re.MULTILINE)
 _KEY = re.compile(r"[a-z][a-z0-9_]*")
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
 _LONG = 8
 """Shorter names such as Max are also words of the program, as in the key ``max``."""
 
 
 class KnownNames:
     """Names with their pseudonyms. Parts of a name are replaced too, since people are called by them; so are home
-    folders in paths.
+    folders in paths, and ``folders``.
     """
 
-    def __init__(self, pseudonyms: Mapping[str, str]) -> None:
-        self._words = PersonNames(tuple(pseudonyms))
+    def __init__(self, pseudonyms: Mapping[str, str], folders: Collection[str] = ()) -> None:
+        self._folders = tuple(folder for folder in folders if len(folder) > 1)
+        spelt = {way: pseudonym for name, pseudonym in pseudonyms.items() for way in _spellings(name)} | pseudonyms
+        self._words = PersonNames(tuple(spelt))
         self._of: dict[str, str] = {}
-        whole = {_plain(name): pseudonym for name, pseudonym in pseudonyms.items()}
-        for name in pseudonyms:
+        whole = {_plain(name): pseudonym for name, pseudonym in spelt.items()}
+        for name in spelt:
             pseudonym = whole[_plain(name)]
             for form in map(_plain, PersonNames((name,)).alternatives):
                 known = self._of.setdefault(form, whole.get(form, pseudonym))
@@ -40,6 +43,8 @@ class KnownNames:
 
     def replace(self, text: str, *, yaml: bool = False) -> str:
         """Text with pseudonyms. In YAML, keys that are words of the program stay."""
+        for folder in self._folders:
+            text = text.replace(folder, "~")
         parts, at = [], 0
         keys = [match.span(1) for match in _KEY_LINE.finditer(text)] if yaml and self.named(text) else []
         for start, end in self._words.spans(text):
@@ -54,6 +59,12 @@ class KnownNames:
     def replace_key(self, key: str) -> str:
         """Key of a JSON object with pseudonyms, unless it is a word of the program."""
         return key if len(key) < _LONG and _KEY.fullmatch(key) else self.replace(key)
+
+
+def _spellings(name: str) -> Iterator[str]:
+    """German names as typed elsewhere, and as a pseudonym file has them in small letters."""
+    yield name.translate(_UMLAUTS)
+    yield name.replace("ss", "ß")
 
 
 def _plain(text: str) -> str:

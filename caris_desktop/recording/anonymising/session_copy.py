@@ -166,7 +166,7 @@ class _Copy:
         else:
             self._scrub = scrubber_of(session, options.pseudonyms)
             known = dict.fromkeys(other_wizards(session), "another wizard") | known
-        self._names = KnownNames(known)
+        self._names = KnownNames(known, (str(session.folder.absolute().parent),))
         for scenario in scenarios:
             changed = self._names.replace(scenario.content, yaml=True)
             if changed != scenario.content:

@@ -407,16 +407,25 @@ def _about(session: Session, files: list[_Packed]) -> str:
         "Files that changed after the session was closed are marked as changed."
         if any(file.unlike_manifest for file in files)
         else "",
-        (
-            "Pseudonyms replace the names of the wizard and coders, and the robot profile replaces the robot's "
-            "address. Everything else is as recorded."
-        )
-        if session.pseudonymised
-        else "",
+        _about_people(session),
         *session.header.repairs,
         *session.losses,
     ]
     return " ".join(part for part in parts if part)
+
+
+def _about_people(session: Session) -> str:
+    if made := session.header.anonymised:
+        return (
+            f"It is an anonymised copy, made by CARIS Desktop {made.program_version}. Names: {made.names}. Faces: "
+            f"{made.faces}. Voices: {made.voices}."
+        )
+    if session.pseudonymised:
+        return (
+            "Pseudonyms replace the names of the wizard and coders, and the robot profile replaces the robot's "
+            "address. Everything else is as recorded."
+        )
+    return ""
 
 
 def _how_it_ended(session: Session) -> str:

@@ -291,6 +291,9 @@ def test_every_command_takes_the_copy_as_it_is(copied: Path, tmp_path: Path) -> 
     assert finished.problems == ()
     assert {path.name for path in (tmp_path / "out" / "one").iterdir()} == set(formats)
     assert named_in(tmp_path / "out") == {}
+    metadata = (tmp_path / "out" / "one" / "rocrate" / "ro-crate-metadata.json").read_text()
+    assert "It is an anonymised copy" in metadata
+    assert "Everything else is as recorded" not in metadata
     assert study_statistics(tmp_path / "study", tmp_path / "statistics").measures[0]["wizard"] == "W1"
     for words in (["sessions", str(tmp_path / "study")], ["export", str(folder), "--verify", str(tmp_path / "csv")]):
         assert command_table.run(words) == 0
@@ -363,4 +366,6 @@ def test_names_that_are_words_of_the_program_do_not_damage_it() -> None:
     assert names.replace_key("max_mark") == "P1"
     assert names.replace_key("mark") == "mark"
     assert names.replace("Anna and ANNA SCHMIDT, anna-meier's") == "[name] and P2, P3's"
+    german = KnownNames({"anna gross-müller": "W1"}, folders=("/srv/study",))
+    assert german.replace("Anna Groß, Mueller, GROSS; in /srv/study/one") == "W1 W1, W1, W1; in ~/one"
     assert names.replace("Annabel climbs Maximum") == "Annabel climbs Maximum"
