@@ -183,7 +183,7 @@ def _options(arguments: argparse.Namespace, sessions: Sequence[Path], study: Stu
             trial = read_header(folder).trial
             # As they were typed: the pseudonyms are stored in small letters, and folders shorten long names.
             wizard, participant = (trial.get(name, "").strip() for name in ("wizard", "participant"))
-            if wizard and not arguments.keep_wizards:
+            if len(wizard) > 2 and not arguments.keep_wizards:
                 names[wizard] = pseudonyms.wizard(wizard)
             if participant and pseudonyms.participant(participant) != participant:
                 names |= dict.fromkeys((participant, file_name_part(participant)), pseudonyms.participant(participant))

@@ -26,7 +26,9 @@ class KnownNames:
 
     def __init__(self, pseudonyms: Mapping[str, str], folders: Collection[str] = ()) -> None:
         self._folders = tuple(folder for folder in folders if len(folder) > 1)
-        spelt = {way: pseudonym for name, pseudonym in pseudonyms.items() for way in _spellings(name)} | pseudonyms
+        spelt = {way: pseudonym for name, pseudonym in pseudonyms.items() for way in _spellings(name)} | dict(
+            pseudonyms
+        )
         self._words = PersonNames(tuple(spelt))
         self._of: dict[str, str] = {}
         whole = {_plain(name): pseudonym for name, pseudonym in spelt.items()}

@@ -73,6 +73,7 @@ _FREE_TEXTS = (
 )  # fmt: skip
 _YAML_TEXTS = {(ScenarioOpened, "content"), (RobotChosen, "profile")}
 _UNNAMED = "Person "
+_INITIALS = 2
 
 _NO_PEOPLE = QT_TR_NOOP(
     "{file} is left out: it is not known where people are in its images, so that they cannot be covered."
@@ -141,8 +142,10 @@ class _Copy:
         self._photos: dict[str, PhotoTaken] = {}
         self._checksums: dict[str, str] = {}
         consents = {kind: set[str]() for kind in ("video", "photo")}
-        known = options.pseudonyms.coders | options.names | options.pseudonyms.people
-        known |= {} if options.wizards else options.pseudonyms.wizards
+        operators = options.pseudonyms.coders | ({} if options.wizards else options.pseudonyms.wizards)
+        known = options.names | options.pseudonyms.people
+        # Initials such as AB are too often a condition or a word.
+        known |= {name: pseudonym for name, pseudonym in operators.items() if len(name) > _INITIALS}
         scenarios: list[ScenarioOpened] = []
         for _, value in session.values(*(BY_TYPE[kind].name for kind in _BEFORE)):
             match value:

@@ -369,3 +369,10 @@ def test_names_that_are_words_of_the_program_do_not_damage_it() -> None:
     german = KnownNames({"anna gross-müller": "W1"}, folders=("/srv/study",))
     assert german.replace("Anna Groß, Mueller, GROSS; in /srv/study/one") == "W1 W1, W1, W1; in ~/one"
     assert names.replace("Annabel climbs Maximum") == "Annabel climbs Maximum"
+
+
+def test_initials_of_a_wizard_are_no_words(tmp_path: Path) -> None:
+    trial = {"wizard": "AB", "participant": "P07", "condition": "AB"}
+    folder = make_session(tmp_path / "s", seconds=1.0, cameras=(), audio=(), people=0, trial=trial).folder
+    assert anonymise(folder, tmp_path / "out") == 0
+    assert open_session(tmp_path / "out").trial == trial | {"wizard": "W1"}
