@@ -12,7 +12,7 @@ _BETWEEN = re.compile(r"(?:\s|\\[nrt]|%20|&nbsp;|&#160;|[+_.-])+")
 _HOME = re.compile(r"(?:/(?:home|Users)/|\b[A-Za-z]:\\Users\\)[^/\\\s\"':;,]+")
 _HOMES = ("/home/", "/Users/", ":\\Users\\")
 _IN_YAML = str.maketrans("[]{}", "()()")  # a bracket at the start of a value has a meaning there
-_KEY_LINE = re.compile(r"[ \t-]*[\"']?([a-z][a-z0-9_]*)[\"']?[ \t]*:", re.MULTILINE)
+_KEY_LINE = re.compile(r"(?:^[ \t-]*|[{,][ \t]*)[\"']?([a-z][a-z0-9_]*)[\"']?[ \t]*:", re.MULTILINE)
 _KEY = re.compile(r"[a-z][a-z0-9_]*")
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
 _LONG = 8
@@ -26,9 +26,8 @@ class KnownNames:
 
     def __init__(self, pseudonyms: Mapping[str, str], folders: Collection[str] = ()) -> None:
         self._folders = tuple(folder for folder in folders if len(folder) > 1)
-        spelt = {way: pseudonym for name, pseudonym in pseudonyms.items() for way in _spellings(name)} | dict(
-            pseudonyms
-        )
+        spelt = {way: pseudonym for name, pseudonym in pseudonyms.items() for way in _spellings(name)}
+        spelt |= pseudonyms
         self._words = PersonNames(tuple(spelt))
         self._of: dict[str, str] = {}
         whole = {_plain(name): pseudonym for name, pseudonym in spelt.items()}
@@ -47,8 +46,15 @@ class KnownNames:
         """Text with pseudonyms. In YAML, keys that are words of the program stay."""
         for folder in self._folders:
             text = text.replace(folder, "~")
-        parts, at = [], 0
         keys = [match.span(1) for match in _KEY_LINE.finditer(text)] if yaml and self.named(text) else []
+        return self._replace(text, keys, yaml=yaml)
+
+    def replace_key(self, key: str) -> str:
+        """Key of a JSON object with pseudonyms, unless it is a word of the program."""
+        return self._replace(key, [(0, len(key))] if _KEY.fullmatch(key) else [])
+
+    def _replace(self, text: str, keys: Collection[tuple[int, int]], *, yaml: bool = False) -> str:
+        parts, at = [], 0
         for start, end in self._words.spans(text):
             if end - start < _LONG and any(begin <= start and end <= until for begin, until in keys):
                 continue
@@ -57,10 +63,6 @@ class KnownNames:
             at = end
         changed = "".join([*parts, text[at:]])
         return _HOME.sub("~", changed) if any(word in changed for word in _HOMES) else changed
-
-    def replace_key(self, key: str) -> str:
-        """Key of a JSON object with pseudonyms, unless it is a word of the program."""
-        return key if len(key) < _LONG and _KEY.fullmatch(key) else self.replace(key)
 
 
 def _spellings(name: str) -> Iterator[str]:

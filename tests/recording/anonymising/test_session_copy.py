@@ -363,8 +363,9 @@ def test_without_the_names_of_people_nothing_is_copied(
 def test_names_that_are_words_of_the_program_do_not_damage_it() -> None:
     names = KnownNames({"Max Mark": "P1", "Anna Schmidt": "P2", "Anna Meier": "P3"})
     assert names.replace("max: 3\nsay: Hello Max!\n", yaml=True) == "max: 3\nsay: Hello P1!\n"
-    assert names.replace_key("max_mark") == "P1"
-    assert names.replace_key("mark") == "mark"
+    assert names.replace("- {max: 3, say: Hello max: hi}", yaml=True) == "- {max: 3, say: Hello P1: hi}"
+    assert [names.replace_key(key) for key in ("max_tokens", "mark", "mark_id")] == ["max_tokens", "mark", "mark_id"]
+    assert names.replace_key("Max's desk") == "P1's desk"
     assert names.replace("Anna and ANNA SCHMIDT, anna-meier's") == "[name] and P2, P3's"
     german = KnownNames({"anna gross-müller": "W1"}, folders=("/srv/study",))
     assert german.replace("Anna Groß, Mueller, GROSS; in /srv/study/one") == "W1 W1, W1, W1; in ~/one"
@@ -376,3 +377,20 @@ def test_initials_of_a_wizard_are_no_words(tmp_path: Path) -> None:
     folder = make_session(tmp_path / "s", seconds=1.0, cameras=(), audio=(), people=0, trial=trial).folder
     assert anonymise(folder, tmp_path / "out") == 0
     assert open_session(tmp_path / "out").trial == trial | {"wizard": "W1"}
+
+
+def test_a_person_called_max_damages_no_value(tmp_path: Path) -> None:
+    folder = make_session(tmp_path / "s", seconds=8.0, cameras=(), audio=(), people=0, llm_every_s=2.0).folder
+    words = [word for name in ("Max", "Mark", "Mia Done", "Tour Guide") for word in ("--also-called", name)]
+    assert anonymise(folder, tmp_path / "out", *words) == 0
+    before, now = open_session(folder), open_session(tmp_path / "out")
+    pairs = zip(before.arrivals(), now.arrivals(), strict=True)
+    assert all((at_ns, spec) == (copied_ns, copied_spec) for (at_ns, spec, _), (copied_ns, copied_spec, _) in pairs)
+    (exchange,) = [event for _, event in now.values("event/llm_exchange")][:1]
+    assert exchange.parameters == {"temperature": 0.4, "max_tokens": 120}
+    kinds = [{event.kind for _, event in session.values("event/marked")} for session in (before, now)]
+    assert kinds[0] == kinds[1]
+    opened = [event for _, event in now.values("event/scenario_opened")][-1]
+    assert yaml.safe_load(opened.content).keys() == yaml.safe_load(
+        [event for _, event in before.values("event/scenario_opened")][-1].content
+    ).keys()  # fmt: skip
