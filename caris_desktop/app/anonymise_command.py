@@ -90,6 +90,9 @@ def run(arguments: argparse.Namespace) -> int:
     except PeopleStoreError as error:
         print(f"{error} Without it, names of people would stay. Nothing was written.", file=sys.stderr)
         return 1
+    except OSError as error:
+        print(f"The copy failed: {error.strerror or error}. Nothing was written.", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print("\nCancelled. Nothing was written.", file=sys.stderr)
         return _CANCELLED
