@@ -285,9 +285,9 @@ class PaletteEntries:
             )  # fmt: skip
         for name in open_panels:
             for by_px, resize in panels.resizers(name):
-                text = QT_TR_NOOP("{panel}: larger") if by_px > 0 else QT_TR_NOOP("{panel}: smaller")
+                change = QT_TR_NOOP("{panel}: larger") if by_px > 0 else QT_TR_NOOP("{panel}: smaller")
                 yield item(
-                    _PANEL, localized(text, panel=PANELS[name].title),
+                    _PANEL, localized(change, panel=PANELS[name].title),
                     "arrows-out-simple" if by_px > 0 else "arrows-in-simple", resize,
                     QT_TR_NOOP("size resize width height room split"),
                 )  # fmt: skip
