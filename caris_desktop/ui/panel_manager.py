@@ -1,8 +1,8 @@
 """Panel manager: creates the panels of a scenario, opens, closes and focuses them.
 
 Panels are created one at a time, so that keys (the stop among them) and video are handled in between: visible panels
-first, then the layout, then those behind other tabs, for which placeholders stand in. A request for a panel creates all
-remaining ones at once.
+first, then the layout, then those behind other tabs and those whose library is imported in the background meanwhile;
+placeholders stand in for them. A request for a panel creates all remaining ones at once.
 """
 
 import time
@@ -133,8 +133,9 @@ class PanelManager(QObject):
         self._bind_driving()
         self._outdated.extend(self._panels)
         missing, front_panels = [name for name in arrangement.panels if name not in self._panels], arrangement.in_front
-        self._missing.extend(name for name in missing if name in front_panels)
-        self._behind.extend(name for name in missing if name not in front_panels)
+        now = [name for name in missing if name in front_panels and PANELS[name].ready]
+        self._missing.extend(now)
+        self._behind.extend(name for name in missing if name not in now)
         self._building = _Building(arrangement, lambda: arranged(tree))
         self._turn.start()
 
@@ -209,6 +210,8 @@ class PanelManager(QObject):
         """Run several short steps or a single long one; the window repaints between turns."""
         until_s = time.perf_counter() + TURN_S
         while not self.whole:
+            if self._waits_for_library():
+                return
             arranging = self._arranges_next
             self._build_next()
             if time.perf_counter() >= until_s or arranging or self._arranges_next:
@@ -221,6 +224,16 @@ class PanelManager(QObject):
             self.completed.emit()
         else:
             self._turn.start()
+
+    def _waits_for_library(self) -> bool:
+        """Whether all missing panels wait for the library of one, which is being imported; the turns go on after it."""
+        if self.building or self._outdated or self._without_room or any(PANELS[name].ready for name in self._behind):
+            # The ready ones come first.
+            self._behind = deque(sorted(self._behind, key=lambda name: not PANELS[name].ready))
+            return False
+        spec = PANELS[self._behind[0]]
+        self._context.console.run_in_background(spec.import_library, lambda _nothing: self._turn.start())
+        return True
 
     def _make_next(self, names: deque[PanelName]) -> None:
         name = self._without_room = names.popleft()
@@ -249,7 +262,8 @@ class PanelManager(QObject):
             self._build_next()
         self._give_room()
         self._put_aside_all_but(arrangement.panels)
-        behind = [name for name in self._behind if name in arrangement.panels and name not in arrangement.in_front]
+        ready = {name for name in arrangement.in_front if PANELS[name].ready}
+        behind = [name for name in self._behind if name in arrangement.panels and name not in ready]
         self._behind = deque(behind)
         for name in arrangement.panels:
             if name not in self._panels and name not in behind:

@@ -10,12 +10,16 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_model import PanelName, Scenario
 
 
+_imported: set[str] = set()
+
+
 class PanelSpec(Value):
     """Row of the panel table.
 
     ``module`` and ``class_name`` are imported only when a scenario shows the panel. ``neighbours``: a panel outside the
     scenario's layout opens in a tab with the first of these that is open. Without ``permission`` the panel is absent,
-    whatever the layout says.
+    whatever the layout says. ``library``: module that takes longer to import than a turn of the event loop may take;
+    the panel is created once it is imported in the background.
     """
 
     title: str
@@ -24,18 +28,33 @@ class PanelSpec(Value):
     icon: str
     neighbours: tuple[PanelName, ...]
     permission: Permission | None = None
+    library: str = ""
+
+    @property
+    def ready(self) -> bool:
+        """Whether the panel can be created within a turn."""
+        return not self.library or self.library in _imported
+
+    def import_library(self) -> None:
+        """Import ``library``, in the background if possible."""
+        importlib.import_module(self.library)
+        _imported.add(self.library)
 
     def load(self) -> type[Any]:
         """Import the panel's class, a Panel, at first use."""
+        if self.library:
+            self.import_library()
         panel: type[Any] = getattr(
             importlib.import_module(f"caris_desktop.ui.panels.{self.module}_panel"), self.class_name
         )
         return panel
 
 
+_PLOTS = "pyqtgraph"
+
 PANELS: Mapping[PanelName, PanelSpec] = {
     "video": PanelSpec(QT_TR_NOOP("Video"), "video", "VideoPanel", "video-camera", ("map", "people")),
-    "map": PanelSpec(QT_TR_NOOP("Map"), "map", "MapPanel", "map-trifold", ("people", "session", "drive")),
+    "map": PanelSpec(QT_TR_NOOP("Map"), "map", "MapPanel", "map-trifold", ("people", "session", "drive"), library=_PLOTS),
     "drive": PanelSpec(
         QT_TR_NOOP("Drive"), "drive", "DrivePanel", "game-controller", ("map", "people", "session"), "driving"
     ),

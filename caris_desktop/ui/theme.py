@@ -167,7 +167,7 @@ def make_style_sheet(colors: Colors) -> str:
 models and errors of servers are shown there: they stay words, but where the program writes the HTML itself. The sheet
 applies when a label is first laid out or shown: one that is asked for its heightForWidth before sets its format. */
 QLabel, QToolTip {{ qproperty-textFormat: PlainText; }}
-QLabel#known_names {{ qproperty-textFormat: RichText; }}
+QLabel#known_names, QLabel#map_legend {{ qproperty-textFormat: RichText; }}
 QWidget#split_handle {{ background: transparent; }}
 QWidget#split_handle:hover:enabled {{ background: {colors.line_strong}; }}
 QPushButton#more_tabs {{ background: transparent; color: {colors.dim}; border: 0; border-radius: {radius}px; }}

@@ -7,10 +7,10 @@ import time
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, QPointF, QRect, QRectF, Qt
+from PySide6.QtCore import QPoint, QPointF, QRect, Qt
 from PySide6.QtGui import QImage, QWheelEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QMenu, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
@@ -29,11 +29,10 @@ from caris_desktop.live.status import MapStatus
 from caris_desktop.robot.profile import NavigationServer, RobotProfile
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.map.map_grid import GridRaster
+from caris_desktop.ui.map.map_items import TRAIL_POINTS, Trail
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.map_drawing import MapDrawing
-from caris_desktop.ui.widgets.map_grid import GridRaster
-from caris_desktop.ui.widgets.map_layers import TRAIL_POINTS, Trail
 from tests.support.yardstick import in_yardsticks
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window
@@ -61,6 +60,22 @@ def at(panel: MapPanel, x_m: float, y_m: float) -> QPoint:
     return panel.view.to_view(x_m, y_m).toPoint()
 
 
+def choose(panel: MapPanel, name: str) -> None:
+    """Choose this action of the map's menu."""
+    next(action for action in panel.fill_menu().actions() if action.objectName() == name).trigger()
+
+
+def choose_for_place(panel: MapPanel, place: str, name: str) -> None:
+    """Choose this action of a place's menu, opened from its popup."""
+    click_more = find(panel.window(), "map_place_more")
+    QTest.mouseClick(click_more, BUTTON)
+    menu = QApplication.activePopupWidget()
+    assert isinstance(menu, QMenu), place
+    action = next(action for action in menu.actions() if action.objectName() == name)
+    menu.close()
+    action.trigger()
+
+
 def drag(widget: QWidget, start: QPoint, end: QPoint, button: Qt.MouseButton = BUTTON) -> None:
     QTest.mousePress(widget, button, pos=start)
     QTest.mouseMove(widget, (start + end) / 2)
@@ -78,14 +93,9 @@ def grid_of(cells: np.ndarray) -> OccupancyGrid:
 def render(raster: GridRaster) -> int:
     bands = 0
     while not raster.done:
-        raster.render_stripe()
+        raster.render_band()
         bands += 1
     return bands
-
-
-def level_bytes(image: QImage) -> np.ndarray:
-    rows = [[image.pixelIndex(x, y) for x in range(image.width())] for y in range(image.height())]
-    return np.array(rows)
 
 
 def test_a_raster_keeps_thin_walls_in_every_halving() -> None:
@@ -94,11 +104,11 @@ def test_a_raster_keeps_thin_walls_in_every_halving() -> None:
     cells[500, 100:1301] = 100
     raster = GridRaster(grid_of(cells))
     assert render(raster) > 1
-    for level, image in enumerate(raster.images):
+    for level, cells_of_level in enumerate(raster.levels):
         column = 700 >> level
-        assert image.pixelIndex(column, 500 >> level) == 101, level
-        assert image.pixelIndex(column, 300 >> level) == 1, level
-        assert image.pixelIndex(column, 20 >> level) == 0, level
+        assert cells_of_level[500 >> level, column] == 101, level
+        assert cells_of_level[300 >> level, column] == 1, level
+        assert cells_of_level[20 >> level, column] == 0, level
     known = raster.bounds_in_grid()
     assert (known.left(), known.top()) == pytest.approx((5.0, 5.0))
     assert (known.width(), known.height()) == pytest.approx((60.05, 40.05))
@@ -119,8 +129,8 @@ def test_only_rows_that_changed_are_made_again() -> None:
     assert 0 < raster.rows_changed < 30
     fresh = GridRaster(grid_of(changed))
     render(fresh)
-    for mine, whole in zip(raster.images[2:], fresh.images[2:], strict=True):
-        assert np.array_equal(level_bytes(mine), level_bytes(whole))
+    for mine, whole in zip(raster.levels, fresh.levels, strict=True):
+        assert np.array_equal(mine, whole)
 
 
 def test_points_of_a_turned_map_are_found() -> None:
@@ -171,12 +181,11 @@ def test_painting_all_layers_is_quick(qtbot: QtBot, panel: MapPanel, console: Fa
     view.setParent(None)
     view.resize(1920, 1080)
     view.fit()
-    picture = QImage(1920, 1080, QImage.Format.Format_RGB32)
-    still = in_yardsticks(lambda: view.render(picture))
+    still = in_yardsticks(view.grab)
 
     def zoomed() -> None:
         view.zoom(1.01)
-        view.render(picture)
+        view.grab()
 
     moving = in_yardsticks(zoomed)
     view.setParent(panel)
@@ -223,12 +232,8 @@ def test_people_stand_where_they_were_measured(panel: MapPanel, console: FakeCon
 
 @pytest.mark.parametrize("apart_m", [0.0, 0.4, 2.0])
 def test_names_of_people_and_places_never_lie_on_one_another(
-    panel: MapPanel, console: FakeConsole, monkeypatch: pytest.MonkeyPatch, apart_m: float
+    panel: MapPanel, console: FakeConsole, apart_m: float
 ) -> None:
-    labels: dict[str, QRectF] = {}
-    monkeypatch.setattr(
-        MapDrawing, "_paint_label", lambda _drawing, _painter, label, name, **_look: labels.update({name: label})
-    )
     places = [Place(f"Place number {n}", Pose2D(1 + n * apart_m, 2.0, 0.0)) for n in range(3)]
     console.state.places.set(tuple(places))
     ids = ("p1", "p3")
@@ -236,6 +241,7 @@ def test_names_of_people_and_places_never_lie_on_one_another(
     console.state.add(PeopleInMap(clock.now_ns(), tuple(people)))
     panel.view.resize(900, 700)
     panel.view.grab()
+    labels = panel.view.map_items.labels()
     people_named = [name for name in labels if not name.startswith("Place")]
     assert people_named, "nobody has a name on the map"
     if apart_m == 2.0:
@@ -285,16 +291,20 @@ def test_a_stale_layer_says_its_age(panel: MapPanel, console: FakeConsole) -> No
 
 
 def test_the_legend_names_what_is_shown_and_gives_way(panel: MapPanel, console: FakeConsole) -> None:
-    drawing = panel.view._drawing
-    words = [words for _, words in drawing._legend()]
-    assert words == ["robot", "LIDAR", "wall", "unknown"]
-    assert panel.view.rect().contains(drawing._legend_rect().toRect())
+    def words() -> list[str]:
+        panel.view.grab()
+        labels = [label for label in panel.findChildren(QLabel, "map_legend") if not label.isHidden()]
+        return [label.accessibleName() for label in labels]
+
+    assert words() == ["robot", "LIDAR", "wall", "unknown"]
+    labels = [label for label in panel.findChildren(QLabel, "map_legend") if label.isVisible()]
+    assert all(panel.rect().contains(QRect(label.mapTo(panel, QPoint()), label.size())) for label in labels)
     console.go_to(Pose2D(8.0, 6.0, 0.0))
-    assert drawing._legend()[-1][1] == "goal"
+    assert words()[-1] == "goal"
     panel.view.show_scan(None)
-    assert "LIDAR" not in [words for _, words in drawing._legend()]
-    panel.view.map_state.hint = "Click the goal"
-    assert drawing._legend_rect().isEmpty(), "the hint is at the same edge"
+    assert "LIDAR" not in words()
+    panel.resize(400, 150)
+    assert words() == [], "the map needs the room"
 
 
 def test_the_trail_is_bounded_and_cleared(panel: MapPanel) -> None:
@@ -305,7 +315,7 @@ def test_the_trail_is_bounded_and_cleared(panel: MapPanel) -> None:
     strengths = [strength for strength, _ in trail.pieces()]
     assert strengths == sorted(strengths)
     trail.add(Pose2D(0.0, 50.0, 0.0))
-    assert all(np.abs(np.diff(points, axis=0)).max() < 1.0 for _, points in trail.pieces()), "no line for a jump"
+    assert all(np.nanmax(np.abs(np.diff(points, axis=0))) < 1.0 for _, points in trail.pieces()), "no line for a jump"
     panel.view.map_state.trail.add(Pose2D(1.0, 1.0, 0.0))
     action = next(action for action in panel.fill_menu().actions() if action.text().startswith("Clear the driven path"))
     action.trigger()
@@ -325,7 +335,7 @@ def test_the_end_of_a_goal_is_reported_with_its_reason(panel: MapPanel, console:
 def test_clicking_the_ground_asks_before_anything_moves(
     qtbot: QtBot, panel: MapPanel, window: MainWindow, console: FakeConsole
 ) -> None:
-    QTest.mouseClick(panel.view, BUTTON, pos=at(panel, 8.0, 3.4))
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=at(panel, 8.0, 3.4))
     assert console.calls == []
     click(qtbot, find(window, "map_go_here"))
     (target,) = console.named("go_to")
@@ -337,14 +347,14 @@ def test_a_goal_with_heading_takes_the_tool(
     panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
     start = at(panel, 8.0, 3.0)
-    drag(panel.view, start, start + QPoint(0, -60))
+    drag(panel.view.viewport(), start, start + QPoint(0, -60))
     assert console.calls == [], "without the tool a drag moves the map"
     panel.view.fit()
-    click(qtbot, find(window, "map_tool_goal"))
+    choose(panel, "map_tool_goal")
     assert panel.view.hint.startswith("Press at the goal")
     assert panel.view.cursor().shape() == Qt.CursorShape.CrossCursor
     start = at(panel, 8.0, 3.0)
-    drag(panel.view, start, start + QPoint(0, -60))
+    drag(panel.view.viewport(), start, start + QPoint(0, -60))
     (target,) = console.named("go_to")
     assert (target.x_m, target.y_m) == pytest.approx((8.0, 3.0), abs=0.05)
     assert target.heading_rad == pytest.approx(math.pi / 2, abs=0.05)
@@ -352,18 +362,18 @@ def test_a_goal_with_heading_takes_the_tool(
 
 
 def test_escape_gives_a_gesture_up(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
-    click(qtbot, find(window, "map_tool_goal"))
+    choose(panel, "map_tool_goal")
     start = at(panel, 8.0, 3.0)
-    QTest.mousePress(panel.view, BUTTON, pos=start)
-    QTest.mouseMove(panel.view, start + QPoint(40, 0))
+    QTest.mousePress(panel.view.viewport(), BUTTON, pos=start)
+    QTest.mouseMove(panel.view.viewport(), start + QPoint(40, 0))
     QTest.keyClick(panel.view, Qt.Key.Key_Escape)
-    QTest.mouseRelease(panel.view, BUTTON, pos=start + QPoint(40, 0))
+    QTest.mouseRelease(panel.view.viewport(), BUTTON, pos=start + QPoint(40, 0))
     assert console.named("go_to") == []
     assert panel.view.map_state.tool == "look"
 
 
 def test_an_obstacle_is_no_goal(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
-    click(qtbot, find(window, "map_tool_goal"))
+    choose(panel, "map_tool_goal")
     assert panel.view.grid.raster is not None
     rows, columns = np.nonzero(panel.view.grid.raster.grid.cells >= 100)
     grid = panel.view.grid.raster.grid
@@ -373,18 +383,18 @@ def test_an_obstacle_is_no_goal(panel: MapPanel, window: MainWindow, console: Fa
         grid.origin_in_map.y_m + (rows[middle] + 0.5) * grid.resolution_m,
     )
     panel.view.zoom(6.0, panel.view.to_view(*wall))
-    QTest.mouseClick(panel.view, BUTTON, pos=at(panel, *wall))
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=at(panel, *wall))
     assert console.named("go_to") == []
     assert panel.view.hint == "Obstacle here: choose a free spot"
     assert panel.view.map_state.tool == "goal", "another place can be chosen at once"
 
 
 def test_the_robot_gets_its_pose(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
-    QTest.mouseClick(panel.view, BUTTON, pos=at(panel, 5.0, 3.0))
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=at(panel, 5.0, 3.0))
     click(qtbot, find(window, "map_robot_here"))
     assert panel.view.hint.startswith("Click the direction to face")
-    QTest.mouseMove(panel.view, at(panel, 5.0, 3.0) + QPoint(-50, 0))
-    QTest.mouseClick(panel.view, BUTTON, pos=at(panel, 5.0, 3.0) + QPoint(-50, 0))
+    QTest.mouseMove(panel.view.viewport(), at(panel, 5.0, 3.0) + QPoint(-50, 0))
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=at(panel, 5.0, 3.0) + QPoint(-50, 0))
     (pose,) = console.named("set_initial_pose")
     assert (pose.x_m, pose.y_m) == pytest.approx((5.0, 3.0), abs=0.05)
     assert abs(pose.heading_rad) == pytest.approx(math.pi, abs=0.05)
@@ -393,9 +403,9 @@ def test_the_robot_gets_its_pose(panel: MapPanel, window: MainWindow, console: F
 def test_places_are_added_moved_removed_and_put_back(
     panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
-    click(qtbot, find(window, "map_tool_place"))
+    choose(panel, "map_tool_place")
     start = at(panel, 6.0, 1.8)
-    drag(panel.view, start, start + QPoint(60, 0))
+    drag(panel.view.viewport(), start, start + QPoint(60, 0))
     field = find(window, "map_name_field")
     assert isinstance(field, QLineEdit)
     assert field.hasFocus()
@@ -408,10 +418,10 @@ def test_places_are_added_moved_removed_and_put_back(
     panel.view.grab()
     where = panel.view.place_position("Window seat m")
     assert where is not None
-    QTest.mouseClick(panel.view, BUTTON, pos=where)
-    click(qtbot, find(window, "map_place_move"))
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=where)
+    choose_for_place(panel, "Window seat m", "map_place_move")
     assert "Window seat m" in panel.view.hint
-    QTest.mouseClick(panel.view, BUTTON, pos=at(panel, 7.0, 2.2))
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=at(panel, 7.0, 2.2))
     name, moved = console.named("save_place")[-1]
     assert (name, moved.heading_rad) == ("Window seat m", pose.heading_rad), (
         "a place that is only moved looks as before"
@@ -420,8 +430,8 @@ def test_places_are_added_moved_removed_and_put_back(
     panel.view.grab()
     where = panel.view.place_position("Window seat m")
     assert where is not None
-    QTest.mouseClick(panel.view, BUTTON, pos=where)
-    click(qtbot, find(window, "map_place_remove"))
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=where)
+    choose_for_place(panel, "Window seat m", "map_place_remove")
     assert panel.view.place_position("Window seat m") is None
     click(qtbot, find(window, "map_undo_button"))
     assert panel.view.place_position("Window seat m") is not None
@@ -430,10 +440,10 @@ def test_places_are_added_moved_removed_and_put_back(
 def test_a_place_clicked_while_another_card_is_open_has_its_whole_card(panel: MapPanel, window: MainWindow) -> None:
     first, second = (panel.view.place_position(name) for name in ("Reception", "Kitchen"))
     assert first is not None and second is not None
-    QTest.mouseClick(panel.view, BUTTON, pos=first)
-    QTest.mouseClick(panel.view, BUTTON, pos=second)
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=first)
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=second)
     card = find(window, "map_card")
-    for name in ("go_to_Kitchen", "map_place_remove"):
+    for name in ("go_to_Kitchen", "map_place_more"):
         button = find(window, name)
         assert card.rect().contains(button.geometry()) and button.size() == button.sizeHint(), name
 
@@ -481,9 +491,10 @@ def test_without_driving_nothing_on_the_map_drives(qtbot: QtBot, settings: Memor
     panel = window.panels["map"]
     assert isinstance(panel, MapPanel)
     panel.view.grab()
-    for name in ("map_tool_goal", "map_tool_pose", "map_tool_place", "map_go_button"):
-        assert [widget for widget in window.findChildren(QWidget, name) if widget.isVisible()] == []
-    QTest.mouseClick(panel.view, BUTTON, pos=at(panel, 8.0, 3.4))
+    assert [widget for widget in window.findChildren(QWidget, "map_go_button") if widget.isVisible()] == []
+    offered = {action.objectName() for action in panel.fill_menu().actions()}
+    assert not offered & {"map_tool_goal", "map_tool_pose", "map_tool_place"} and "map_tool_measure" in offered
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=at(panel, 8.0, 3.4))
     QTest.keyClick(panel.view, Qt.Key.Key_G)
     assert panel.view.map_state.tool == "look"
     assert not panel.tools._card.isVisible()
@@ -495,14 +506,14 @@ def test_without_driving_nothing_on_the_map_drives(qtbot: QtBot, settings: Memor
 
 def test_the_wheel_zooms_about_the_pointer(panel: MapPanel) -> None:
     view = panel.view
-    point = QPointF(view.width() * 0.7, view.height() * 0.3)
-    before, scale = view.to_map(point), view.viewport.scale
+    point = QPointF(round(view.width() * 0.7), round(view.height() * 0.3))
+    before, scale = view.to_map(point), view.px_per_m
     turn = QWheelEvent(
         point, view.mapToGlobal(point), QPoint(), QPoint(0, 240), Qt.MouseButton.NoButton,
         Qt.KeyboardModifier.NoModifier, Qt.ScrollPhase.NoScrollPhase, False,
     )  # fmt: skip
-    QApplication.sendEvent(view, turn)
-    assert view.viewport.scale > scale * 1.3
+    QApplication.sendEvent(view.viewport(), turn)
+    assert view.px_per_m > scale * 1.3
     after = view.to_map(point)
     assert (after.x(), after.y()) == pytest.approx((before.x(), before.y()), abs=1e-6)
 
@@ -514,7 +525,7 @@ def test_turning_with_the_robot_puts_its_heading_up(panel: MapPanel, console: Fa
     here = view.to_view(6.6, 3.4)
     ahead = view.to_view(6.6 + math.cos(0.8), 3.4 + math.sin(0.8))
     assert (ahead - here).x() == pytest.approx(0.0, abs=1e-6)
-    assert (ahead - here).y() == pytest.approx(-view.viewport.scale)
+    assert (ahead - here).y() == pytest.approx(-view.px_per_m)
     click_back = view.to_map(ahead)
     assert (click_back.x(), click_back.y()) == pytest.approx((6.6 + math.cos(0.8), 3.4 + math.sin(0.8)))
     QTest.keyClick(view, Qt.Key.Key_R)
@@ -525,7 +536,7 @@ def test_the_map_is_moved_with_any_button(panel: MapPanel) -> None:
     for button in (BUTTON, Qt.MouseButton.MiddleButton, Qt.MouseButton.RightButton):
         start = QPoint(panel.view.width() // 2, panel.view.height() // 2)
         grabbed = panel.view.to_map(QPointF(start))
-        drag(panel.view, start, start + QPoint(50, 30), button)
+        drag(panel.view.viewport(), start, start + QPoint(50, 30), button)
         now = panel.view.to_map(QPointF(start + QPoint(50, 30)))
         assert (now.x(), now.y()) == pytest.approx((grabbed.x(), grabbed.y()), abs=1e-6)
 
@@ -558,8 +569,8 @@ def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_stated(
     near = [image.pixelColor(hit + QPoint(x, y)) for x in range(-3, 4) for y in range(-3, 4)]
     assert any(color.blue() - color.green() > 80 for color in near), "a beam ends two metres before the laser"
     assert view.place_position("Kitchen") is None, "places belong to a map"
-    QTest.mouseClick(view, BUTTON, pos=at(panel, 5.5, 1.6))
-    click(qtbot, find(window, "map_tool_goal"))
+    QTest.mouseClick(view.viewport(), BUTTON, pos=at(panel, 5.5, 1.6))
+    choose(panel, "map_tool_goal")
     assert view.map_state.tool == "look"
     assert not console.named("go_to")
     assert ("Goals and places need a map", "warning") in view.chips

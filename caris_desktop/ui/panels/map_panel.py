@@ -1,12 +1,14 @@
 """Map panel: floor plan, LIDAR, people, places, goal and robot pose."""
 
+import html
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
-from PySide6.QtGui import QKeyEvent, QResizeEvent
-from PySide6.QtWidgets import QMenu, QWidget
+from PySide6.QtGui import QAction, QKeyEvent, QResizeEvent
+from PySide6.QtWidgets import QLabel, QMenu, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
@@ -16,20 +18,24 @@ from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.scenario_model import PanelSettings, Place
-from caris_desktop.ui import event_messages, layouts, text_formatting
+from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
 from caris_desktop.ui.obstacle_ahead import nearest_words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
-from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, map_description
+from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, sentences, warnings_in
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.map_tools import MapTools, icon_button
-from caris_desktop.ui.widgets.map_view import MapView
+from caris_desktop.ui.widgets.flow_layout import FlowRow
 
 GOAL_ENDED_SHOWN_S = 8.0
 _PATH_BEFORE_GOAL_NS = 500_000_000  # the goal event may follow its first path
 # A localised robot reports its map pose soon after its odometry.
 _PLACE_AWAITED_NS = 3_000_000_000
+_LEGEND_FROM_PX = 200
+_LAYERS: dict[Any, str] = {
+    "lidar": QT_TR_NOOP("Show LIDAR"), "people": QT_TR_NOOP("Show people"), "places": QT_TR_NOOP("Show places"),
+    "trail": QT_TR_NOOP("Show the driven path"),
+}  # fmt: skip
 _BUSY = {
     "save": QT_TR_NOOP("Saving the map…"), "load": QT_TR_NOOP("Loading the map…"),
     "start_mapping": QT_TR_NOOP("Switching to mapping…"),
@@ -55,15 +61,20 @@ class MapPanel(Panel):
         self._goal_id, self._goal_since_ns = "", 0
         self._odometry_since_ns: int | None = None
         self._follows_on_map = False  # in the odometry frame the view always follows the robot
+        # The panel manager imports pyqtgraph in the background before.
+        from caris_desktop.ui.map.map_tools import MapTools
+        from caris_desktop.ui.map.map_view import MapView
+
         self.view = MapView(self.theme, self, self.state.places.value)
         self.view.setObjectName("map_view")
         self._description = ThrottledAccessibleDescription(self.view, self._accessible_text, every_ms=TOLD_EVERY_MS)
-        layout = layouts.vbox(self, margins_px=0)
-        layout.addWidget(self.view)
         self.tools = MapTools(self, self.view)
         self.tools.reported.connect(self._on_reported)
         self.tools.changed.connect(self._refresh)
-        self._make_title_widgets()
+        self._make_buttons()
+        layout = layouts.vbox(self, margins_px=(8, 6, 8, 8), spacing_px=6)
+        layout.addWidget(self.view, 1)
+        layout.addWidget(self._below)
         self._confirm = ActionButton(self.theme, tr("Confirm position"), icon="check", role="primary", height_px=32)
         self._confirm.setObjectName("map_confirm")
         self._confirm.setToolTip(tr("The robot is where the map shows it"))
@@ -71,8 +82,10 @@ class MapPanel(Panel):
         self._confirm.clicked.connect(lambda: self.console.do(intents.ConfirmAsBefore("map")))
         self._confirm.hide()
         view = self.view
-        view.follow_changed.connect(self._follow.setChecked)
+        view.follow_changed.connect(self._refresh)
         view.rotate_changed.connect(self._refresh)
+        view.refreshed.connect(self._show_legend)
+        self.theme.changed.connect(self._show_legend)
         view.follow_changed.connect(self._on_view_chosen)
         view.rotate_changed.connect(self._on_view_chosen)
         self._listen()
@@ -124,26 +137,25 @@ class MapPanel(Panel):
         map_settings, view = settings.map, self.view
         self._set_follow(map_settings.follow)
         view.set_rotate(map_settings.up == "robot")
-        view.set_trail_shown(map_settings.trail)
+        view.show_layer("trail", map_settings.trail)
 
     def _show_unconfirmed(self, _status: object = None) -> None:
         """Mark the pose as unconfirmed after a crash: the robot may have been moved."""
         if not self.in_view:
             return
         unconfirmed = "map" in self.state.going_on.value.unconfirmed
-        self.view.map_state.unconfirmed = unconfirmed
-        self.view.update()
+        self.view.show_unconfirmed(unconfirmed)
         show_part(self._confirm, unconfirmed)
         self._place_confirm()
         self._refresh()
 
     def _place_confirm(self) -> None:
         size = self._confirm.sizeHint()
-        # The other corner has the scale, with the tools above or next to it.
-        at = QPoint(self.view.left_px + 8, self.view.height() - size.height() - 8)
+        # The other corner has the scale.
+        at = QPoint(8, self.view.height() - size.height() - 8)
         self._confirm.setGeometry(QRect(at, size))
 
-    def _make_title_widgets(self) -> None:
+    def _make_buttons(self) -> None:
         self._go_menu = QMenu(self)
         self._go_menu.setObjectName("map_go_menu")
         self._go = ActionButton(self.theme, tr("Go to"), icon="navigation-arrow", height_px=30, menu_arrow=True)
@@ -153,19 +165,45 @@ class MapPanel(Panel):
         self._cancel.setObjectName("goal_cancel")
         self._cancel.setToolTip(tr("Cancel this goal"))
         self._cancel.clicked.connect(lambda: self.console.do(intents.CancelGoal()))
-        self._follow = icon_button(self.theme, "map_follow_button", "crosshair", tr("Follow the robot"), key="F")
-        self._follow.setCheckable(True)
-        self._follow.toggled.connect(self.view.set_follow)
-        self._fit = icon_button(self.theme, "map_fit_button", "corners-out", tr("Show the whole map"), key="Home")
-        self._fit.clicked.connect(self._on_fit_clicked)
+        self._below = FlowRow(gap_px=8)
+        self._below.setParent(self)
+        for button in (self._go, self._cancel):
+            self._below.add(button)
+        self._legend: list[QLabel] = []
         self._menu = QMenu(self)
         self._menu.setObjectName("map_menu")
-        self._more = icon_button(self.theme, "map_menu_button", "dots-three-vertical", tr("More map options"))
+        self._more = ActionButton(self.theme, "", icon="dots-three-vertical", height_px=30)
+        self._more.setObjectName("map_menu_button")
+        self._more.setAccessibleName(tr("Map tools and view"))
+        self._more.setToolTip(tr("Map tools and view"))
         self._more.clicked.connect(self._open_menu)
 
     def title_widgets(self) -> list[QWidget]:
-        buttons: list[QWidget] = [self._follow, self._fit, self._more]
-        return [self._go, self._cancel, *buttons] if self.console.scenario.permissions.driving else buttons
+        return [self._more]
+
+    def _show_legend(self) -> None:
+        """Show what the colours mean, where the panel is high enough."""
+        from caris_desktop.ui.map.map_items import legend
+
+        entries = legend(self.view.map_state, has_grid=self.view.grid.newest is not None)
+        if self.height() < _LEGEND_FROM_PX:
+            entries = []
+        texts = [
+            f'<span style="color:{self.theme.color(role).name()}">{symbol}</span>&nbsp;{html.escape(word)}'
+            for role, symbol, word in entries
+        ]
+        while len(self._legend) < len(texts):
+            label = QLabel(self._below)
+            label.setObjectName("map_legend")
+            label.setTextFormat(Qt.TextFormat.RichText)
+            self._legend.append(label)
+            self._below.add(label)
+        for number, label in enumerate(self._legend):
+            label.setVisible(number < len(texts))
+            if number < len(texts) and label.text() != texts[number]:
+                label.setText(texts[number])
+                label.setAccessibleName(entries[number][2])
+                self.theme.style_text(label, "text", tokens.STATUS_PX - 1)
 
     def focus_target(self) -> QWidget:
         return self.view
@@ -178,7 +216,7 @@ class MapPanel(Panel):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self.tools.arrange()
+        self._show_legend()
         self._place_confirm()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
@@ -191,11 +229,12 @@ class MapPanel(Panel):
     def choices(self) -> dict[str, Any]:
         map_state = self.view.map_state
         follow = self._follows_on_map if self.tools.by_odometry else self.view.follow
-        return {"follow": follow, "rotate": map_state.rotate, "trail": map_state.show_trail}
+        return {"follow": follow, "rotate": map_state.rotate, "trail": "trail" not in map_state.hidden}
 
     def use_choices(self, stored: Mapping[str, Any]) -> None:
         view = self.view
-        for name, use in (("rotate", view.set_rotate), ("follow", self._set_follow), ("trail", view.set_trail_shown)):
+        show_trail = partial(view.show_layer, "trail")
+        for name, use in (("rotate", view.set_rotate), ("follow", self._set_follow), ("trail", show_trail)):
             if isinstance(stored.get(name), bool):
                 use(stored[name])
 
@@ -227,21 +266,27 @@ class MapPanel(Panel):
         self._menu.popup(self._more.mapToGlobal(QPoint(0, self._more.height() + 4)))
 
     def fill_menu(self) -> QMenu:
-        """Fill the menu: view, trail, places, mapping."""
+        """Fill the menu: tools, view, layers, places, mapping."""
         menu, view = self._menu, self.view
         menu.clear()
-        rotate = menu.addAction("\t".join((tr("Rotate with the robot"), "R")))
-        rotate.setCheckable(True)
-        rotate.setChecked(view.map_state.rotate)
-        rotate.toggled.connect(view.set_rotate)
+        self.tools.fill_menu(menu)
+        menu.addSeparator()
+        for name, text, checked, use in (
+            ("map_follow", "\t".join((tr("Follow the robot"), "F")), view.follow, view.set_follow),
+            ("map_rotate", "\t".join((tr("Rotate with the robot"), "R")), view.map_state.rotate, view.set_rotate),
+        ):
+            _add_choice(menu, name, text, checked, use)
+        fit = menu.addAction("\t".join((tr("Show the whole map"), "Home")))
+        fit.setObjectName("map_fit")
+        fit.triggered.connect(self._on_fit_chosen)
         menu.addAction("\t".join((tr("Zoom in"), "+"))).triggered.connect(lambda _checked=False: view.zoom(1.25))
         menu.addAction("\t".join((tr("Zoom out"), "−"))).triggered.connect(lambda _checked=False: view.zoom(0.8))
         menu.addSeparator()
-        trail = menu.addAction(tr("Show the driven path"))
-        trail.setCheckable(True)
-        trail.setChecked(view.map_state.show_trail)
-        trail.toggled.connect(view.set_trail_shown)
-        trail.toggled.connect(self._on_view_chosen)
+        for layer, text in _LAYERS.items():
+            action = _add_choice(
+                menu, f"map_layer_{layer}", tr(text), layer not in view.map_state.hidden, partial(view.show_layer, layer)
+            )
+            action.toggled.connect(self._on_view_chosen)
         clear = menu.addAction(tr("Clear the driven path"))
         clear.setEnabled(len(view.map_state.trail) > 0)
         clear.triggered.connect(lambda _checked=False: view.clear_trail())
@@ -277,8 +322,8 @@ class MapPanel(Panel):
 
         return set_mapping
 
-    def _on_fit_clicked(self) -> None:
-        self._follow.setChecked(False)
+    def _on_fit_chosen(self) -> None:
+        self.view.set_follow(False)
         self.view.fit()
 
     # ---- state
@@ -288,7 +333,6 @@ class MapPanel(Panel):
 
     def _on_robot_changed(self, robot: RobotProfile | None) -> None:
         self.view.show_robot(robot.footprint_outline_m if robot is not None else ())
-        self.tools.show_what_can_be()
         self._on_goal_changed(self.state.goal.value)
 
     def _on_places_changed(self, places: tuple[Place, ...]) -> None:
@@ -441,8 +485,24 @@ class MapPanel(Panel):
         return chips
 
     def _accessible_text(self) -> str:
+        """Robot position and goal, nearest obstacle, people, places and warnings. Metres in the map."""
         scan = self.state.scan
-        return map_description(self.view, nearest_words(scan.value) if scan.freshness == "fresh" else "")
+        state, parts = self.view.map_state, list[str]()
+        if state.pose is not None:
+            # Rounded to half a metre: small changes are noise to a listener.
+            at = {"x": round(state.pose.x_m * 2) / 2, "y": round(state.pose.y_m * 2) / 2}
+            parts.append(tr("The robot is at {x:.1f} m, {y:.1f} m").format(**at))
+        else:
+            parts.append(tr("The robot's position is unknown"))
+        if state.goal is not None:
+            parts.append(tr("The robot is going to {place}").format(place=state.goal.place or tr("a point")))
+        if scan.freshness == "fresh":
+            parts.append(nearest_words(scan.value))
+        if state.people:
+            parts.append(tr("People: {names}").format(names=", ".join(name for _place, name, _named in state.people)))
+        if state.places:
+            parts.append(tr("Places: {names}").format(names=", ".join(place.name for place in state.places)))
+        return sentences((*parts, *warnings_in(state.chips)))
 
     def _refresh(self) -> None:
         if not self.in_view:
@@ -480,3 +540,12 @@ class MapPanel(Panel):
         elif state.mapping.value.mapping:
             text = " · ".join((text, tr("mapping")))
         self.set_fact(text, role)
+
+
+def _add_choice(menu: QMenu, name: str, text: str, checked: bool, use: Callable[[bool], None]) -> QAction:
+    action = menu.addAction(text)
+    action.setObjectName(name)
+    action.setCheckable(True)
+    action.setChecked(checked)
+    action.toggled.connect(use)
+    return action

@@ -1,8 +1,11 @@
-"""Map tools: navigation goals, places and robot pose, with their popups."""
+"""Map tools: navigation goals, places, robot pose and distances, with their popups."""
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 from PySide6.QtCore import QObject, QPointF, Qt, QTimer, Signal
+from PySide6.QtWidgets import QMenu
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.geometry import Pose2D
@@ -12,11 +15,9 @@ from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.panel import Panel
-from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.floating_card import ChoiceCard, NameCard
-from caris_desktop.ui.widgets.map_drawing import Tool
-from caris_desktop.ui.widgets.map_view import MapView
+from caris_desktop.ui.map.map_items import Tool
+from caris_desktop.ui.map.map_view import MapView
 
 _TOLD_SHOWN_S = 8.0
 _NO_PLACE_SHOWN_S = 5.0
@@ -26,20 +27,18 @@ _HINTS: dict[Tool, str] = {
     "goal": QT_TR_NOOP("Press at the goal, drag to set the heading · Esc cancels"),
     "pose": QT_TR_NOOP("Press at the robot's position, drag to set the heading · Esc cancels"),
     "place": QT_TR_NOOP("Press at the place, drag to set the heading · Esc cancels"),
+    "measure": QT_TR_NOOP("Drag from one point to another · Esc ends measuring"),
 }
-
-
-def icon_button(theme: Theme, name: str, icon: str, text: str, key: str = "") -> ActionButton:
-    """Icon button without text; ``text`` is its accessible name and tooltip, with the key."""
-    button = ActionButton(theme, "", icon=icon, height_px=30)
-    button.setObjectName(name)
-    button.setAccessibleName(text)
-    button.setToolTip(f"{text} ({key})" if key else text)
-    return button
+_MENU: tuple[tuple[Tool, str, str], ...] = (
+    ("goal", QT_TR_NOOP("Go here: position and heading"), "G"),
+    ("place", QT_TR_NOOP("Add a place"), ""),
+    ("pose", QT_TR_NOOP("Robot is here: set the robot's position"), ""),
+    ("measure", QT_TR_NOOP("Measure a distance"), ""),
+)
 
 
 class MapTools(QObject):
-    """Tool buttons at the view's edge, and popups at clicked points. ``by_odometry``: there is no map."""
+    """Tools of the map's menu, and popups at clicked points. ``by_odometry``: there is no map."""
 
     reported = Signal(str, str, float)  # text, role, display time in seconds
     changed = Signal()
@@ -53,10 +52,11 @@ class MapTools(QObject):
         self._drives = panel.console.scenario.permissions.driving
         self._moving: str | None = None
         self._naming: tuple[str, Pose2D | None] = ("", None)
-        self._removed: Place | None = None
-        self._tools = self._make_tools() if self._drives else {}
+        self._before: Place | None = None  # a place before it was moved or removed
         self._card = ChoiceCard(self._theme, view, name="map_card")
         self._card.closed.connect(self._on_card_closed)
+        self._place_menu = QMenu(view)
+        self._place_menu.setObjectName("map_place_menu")
         self._undo = ChoiceCard(self._theme, view, name="map_undo")
         self._undo_ends = QTimer(self, singleShot=True, interval=_UNDO_SHOWN_MS)
         self._undo_ends.timeout.connect(self._undo.hide)
@@ -68,65 +68,40 @@ class MapTools(QObject):
         view.tool_changed.connect(self._on_tool_changed)
         view.moved.connect(self._card.hide)
         panel.hold.escape_pressed.connect(self._on_escape)
-        self._theme.changed.connect(self.arrange)
 
-    def show_what_can_be(self) -> None:
-        """Show the tools that the robot supports."""
-        if self._tools:
-            self._tools["goal"].setVisible(self.may_go and self.can_navigate())
-            self._tools["place"].setVisible(self.may_go)
-            self._tools["pose"].setVisible(self.may_go and self._can_set_pose())
-            self.arrange()
+    def fill_menu(self, menu: QMenu) -> None:
+        """Add the tools that robot and scenario allow."""
+        for tool, text, key in _MENU:
+            if not self._is_offered(tool):
+                continue
+            action = menu.addAction("\t".join((tr(text), key)).rstrip("\t"))
+            action.setObjectName(f"map_tool_{tool}")
+            action.setCheckable(True)
+            action.setChecked(self._view.map_state.tool == tool)
+            action.triggered.connect(lambda checked, tool=tool: self.use(tool if checked else "look"))
+
+    def _is_offered(self, tool: Tool) -> bool:
+        able = {"goal": self.can_navigate, "pose": self._can_set_pose}.get(tool, lambda: True)
+        return tool == "measure" or (self.may_go and able())
 
     def toggle_goal(self) -> bool:
         """Toggle the goal tool; False if there is none."""
-        if not self.may_go or self._tools["goal"].isHidden():
+        if not self._is_offered("goal"):
             return False
         self.use("look" if self._view.map_state.tool == "goal" else "goal")
         return True
-
-    def _make_tools(self) -> dict[Tool, ActionButton]:
-        tools: dict[Tool, ActionButton] = {}
-        for tool, icon, text, key in (
-            ("goal", "navigation-arrow", tr("Go here: position and heading"), "G"),
-            ("place", "flag", tr("Add a place"), ""),
-            ("pose", "map-pin", tr("Robot is here: set the robot's position"), ""),
-        ):
-            button = icon_button(self._theme, f"map_tool_{tool}", icon, text, key)
-            button.setParent(self._view)
-            button.setCheckable(True)
-            button.clicked.connect(self._tool_taker(tool))
-            tools[tool] = button  # type: ignore[index]
-        return tools
-
-    def _tool_taker(self, tool: str) -> object:
-        return lambda checked=False: self.use(tool if checked else "look")  # type: ignore[arg-type]
-
-    def arrange(self) -> None:
-        """Arrange the tools along the left edge, horizontally in a low panel."""
-        left, top = 8, 8
-        upright = self._panel.height() >= 34 * len(self._tools) + 12
-        for button in self._tools.values():
-            if button.isHidden():
-                continue
-            size = button.sizeHint()
-            button.setGeometry(left, top, size.width(), size.height())
-            left, top = (left, top + 34) if upright else (left + size.width() + 4, top)
-        self._view.left_px = 44 if upright and self._tools else 0
 
     def use(self, tool: Tool, *, at: QPointF | None = None) -> None:
         self._moving = None
         self._card.hide()
         self._name.hide()
-        if tool != "look" and self._refuse_place():
+        if tool not in ("look", "measure") and self._refuse_place():
             tool = "look"
         self._view.set_tool(tool, at=at)
         self._view.setFocus(Qt.FocusReason.OtherFocusReason)
         self._on_tool_changed(self._view.map_state.tool)
 
     def _on_tool_changed(self, tool: str) -> None:
-        for name, button in self._tools.items():
-            button.setChecked(name == tool)
         if tool == "look":
             self._view.show_hint("")
         elif self._view.map_state.aim is not None and self._view.map_state.aim.anchored:
@@ -149,15 +124,29 @@ class MapTools(QObject):
     def _on_place_clicked(self, name: str, where: QPointF) -> None:
         if not self.may_go:
             return
-        choices = [
-            ("map_place_move", tr("Move"), "arrows-out-cardinal", lambda: self._begin_moving(name)),
-            ("map_place_remove", tr("Remove"), "trash", lambda: self._remove(name)),
-        ]
         if self.can_navigate():
             go = (f"go_to_{name}", tr("Go to {place}").format(place=name), "navigation-arrow", lambda: self.go_to(name))
-            self._card.offer(where, self.goal_speed(), [go, *choices])
+            more = ("map_place_more", tr("More"), "dots-three-vertical", lambda: self._open_place_menu(name, where))
+            self._card.offer(where, self.goal_speed(), [go, more], per_row=2)
         else:
-            self._card.offer(where, name, choices, per_row=2)
+            icons = {"map_place_move": "arrows-out-cardinal", "map_place_remove": "trash"}
+            rows = [(row, text, icons[row], partial(act, name)) for row, text, act in self._place_rows()]
+            self._card.offer(where, name, rows, per_row=2)
+
+    def _open_place_menu(self, name: str, where: QPointF) -> None:
+        self.fill_place_menu(name).popup(self._view.mapToGlobal(where.toPoint()))
+
+    def fill_place_menu(self, name: str) -> QMenu:
+        """Menu of a place: move, remove."""
+        self._place_menu.clear()
+        for row, text, act in self._place_rows():
+            action = self._place_menu.addAction(text)
+            action.setObjectName(row)
+            action.triggered.connect(partial(act, name))
+        return self._place_menu
+
+    def _place_rows(self) -> tuple[tuple[str, str, Callable[[str], None]], ...]:
+        return (("map_place_move", tr("Move"), self._begin_moving), ("map_place_remove", tr("Remove"), self._remove))
 
     def goal_speed(self) -> str:
         """Speed limit on the way to a goal, shown before one is chosen."""
@@ -183,7 +172,7 @@ class MapTools(QObject):
         if not refusal:
             target = Pose2D(at.x(), at.y(), self._view.heading_towards(at))
             if self.can_navigate():
-                choices.append(("map_go_here", tr("Go here"), "navigation-arrow", lambda: self._go_to_point(target)))
+                choices.append(("map_go_here", tr("Go here"), "navigation-arrow", partial(self._console.do, intents.GoToPoint(target))))
                 choices.append(("map_go_heading", tr("Choose heading"), "compass", lambda: self.use("goal", at=at)))
             choices.append(("map_add_place", tr("Add place"), "flag", lambda: self.use("place", at=at)))
             if self._can_set_pose():
@@ -205,10 +194,11 @@ class MapTools(QObject):
                 as_before = tr("Position sent to the robot (heading unchanged)")
                 self.reported.emit(sent if headed else as_before, "hint", _TOLD_SHOWN_S)
             case "place" if moving is not None:
-                old = next((place for place in self._state.places.value if place.name == moving), None)
+                old = self._place(moving)
                 if old is not None and not headed:
                     pose = Pose2D(pose.x_m, pose.y_m, old.pose_in_map.heading_rad)
                 self._console.do(intents.SavePlace(moving, pose))
+                self._offer_undo(old, tr("{place} was moved").format(place=moving))
             case "place":
                 self._ask_place_name(pose)
         self.changed.emit()
@@ -218,21 +208,24 @@ class MapTools(QObject):
         self._moving = name
         self._on_tool_changed("place")
 
+    def _place(self, name: str) -> Place | None:
+        return next((place for place in self._state.places.value if place.name == name), None)
+
     def _remove(self, name: str) -> None:
-        self._removed = next((place for place in self._state.places.value if place.name == name), None)
+        before = self._place(name)
         self._console.do(intents.RemovePlace(name))
+        self._offer_undo(before, tr("{place} was removed").format(place=name))
+
+    def _offer_undo(self, before: Place | None, done: str) -> None:
+        self._before = before
         middle = QPointF(self._view.width() / 2, self._view.height())
-        self._undo.offer(
-            middle,
-            tr("{place} was removed").format(place=name),
-            [("map_undo_button", tr("Undo"), "arrow-u-up-left", self._put_back)],
-        )
+        self._undo.offer(middle, done, [("map_undo_button", tr("Undo"), "arrow-u-up-left", self._put_back)])
         self._undo_ends.start()
 
     def _put_back(self) -> None:
-        if self._removed is not None:
-            self._console.do(intents.SavePlace(self._removed.name, self._removed.pose_in_map))
-            self._removed = None
+        if self._before is not None:
+            self._console.do(intents.SavePlace(self._before.name, self._before.pose_in_map))
+            self._before = None
 
     def name_robot_place(self) -> None:
         pose = self.pose_now()
@@ -272,9 +265,6 @@ class MapTools(QObject):
 
     def go_to(self, place: str) -> None:
         self._console.do(intents.GoToPlace(place))
-
-    def _go_to_point(self, target: Pose2D) -> None:
-        self._console.do(intents.GoToPoint(target))
 
     def pose_now(self) -> Pose2D | None:
         pose: RobotPose | None = self._state.pose.value

@@ -1,0 +1,1 @@
+"""Map: view, graphics items, tools."""

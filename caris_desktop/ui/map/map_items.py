@@ -1,0 +1,636 @@
+"""Graphics items of the map: layers in metres, and marks and labels in pixels over them."""
+
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import field
+from typing import Any, Literal
+
+import numpy as np
+import pyqtgraph
+from numpy.typing import NDArray
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainterPath, QPen, QPolygonF
+from PySide6.QtWidgets import (
+    QGraphicsEllipseItem,
+    QGraphicsItem,
+    QGraphicsPathItem,
+    QGraphicsPixmapItem,
+    QGraphicsPolygonItem,
+    QGraphicsSimpleTextItem,
+)
+
+from caris_desktop.domain.events import GoalChanged
+from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.sensing import LaserScan, PersonPlace
+from caris_desktop.domain.translation import tr
+from caris_desktop.domain.value_class import Value, dataclass
+from caris_desktop.scenario.scenario_model import Place
+from caris_desktop.ui import tokens
+from caris_desktop.ui.icons import icon
+from caris_desktop.ui.map.map_grid import GridItem
+from caris_desktop.ui.theme import Theme
+
+TRAIL_STEP_M = 0.05
+TRAIL_POINTS = 4000
+"""Maximum points of the trail: two hundred metres."""
+
+_TRAIL_JUMP_M = 1.0
+_TRAIL_SHADES = 8
+_CHIP_ROLES = {"warning": ("amber", "warning"), "good": ("green", "check"), "bad": ("red", "warning-octagon")}
+_MARK_PX = 9.0
+
+# Candidate label positions: px from mark to left edge, share of the width to subtract, px to the top.
+_BESIDE_A_FLAG = ((11.0, 0.0, -10.0), (-11.0, 1.0, -10.0), (0.0, 0.5, -31.0), (0.0, 0.5, 11.0))
+_BESIDE_A_PERSON = ((10.0, 0.0, -10.0), (-10.0, 1.0, -10.0), (10.0, 0.0, 11.0), (10.0, 0.0, -31.0), (-10.0, 1.0, 11.0))
+
+Tool = Literal["look", "goal", "pose", "place", "measure"]
+Layer = Literal["lidar", "people", "places", "trail"]
+
+
+class Aim(Value):
+    """Point being chosen on the map, with its heading as far as set; for a measurement with its other end."""
+
+    at: QPointF  # metres in the map
+    heading_rad: float | None
+    anchored: bool  # position fixed, the rest still open
+    end: QPointF | None = None
+
+
+class Trail:
+    """Driven path: a point every five centimetres, the newest ``TRAIL_POINTS``."""
+
+    def __init__(self) -> None:
+        self._points: deque[tuple[float, float]] = deque(maxlen=TRAIL_POINTS)
+        self.version = 0
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def add(self, pose: Pose2D) -> None:
+        if self._points:
+            moved_m = math.dist(self._points[-1], (pose.x_m, pose.y_m))
+            if moved_m < TRAIL_STEP_M:
+                return
+            if moved_m > _TRAIL_JUMP_M and not math.isnan(self._points[-1][0]):
+                # A jump of the localization, which the robot did not drive.
+                self._points.append((math.nan, math.nan))
+        self._points.append((pose.x_m, pose.y_m))
+        self.version += 1
+
+    def clear(self) -> None:
+        self._points.clear()
+        self.version += 1
+
+    def pieces(self) -> list[tuple[float, NDArray[np.float64]]]:
+        """Pieces as (strength 0..1, points of shape (n, 2) in metres), oldest first; NaN where the line is broken."""
+        points = np.array(self._points, np.float64).reshape(-1, 2)
+        per_shade = max(2, math.ceil(len(points) / _TRAIL_SHADES))
+        firsts = enumerate(range(0, len(points), per_shade), start=1)
+        return [(shade / _TRAIL_SHADES, points[first : first + per_shade + 1]) for shade, first in firsts]
+
+
+@dataclass(slots=True)
+class MapState:
+    """Map state without the grid.
+
+    ``people``: position, label, and whether it is a given name; ``meant``: id of the selected person. ``chips``: lines
+    of (text, role) at the upper edge; roles: warning, good, bad, hint. ``mark``: point that a popup asks about.
+    ``unconfirmed``: the pose was not confirmed after a crash.
+    """
+
+    places: tuple[Place, ...] = ()
+    pose: Pose2D | None = None
+    pose_freshness: str = "none"
+    unconfirmed: bool = False
+    scan_points_m: NDArray[np.float64] | None = None
+    scan_freshness: str = "none"
+    path_m: NDArray[np.float32] | None = None
+    people: tuple[tuple[PersonPlace, str, bool], ...] = ()
+    people_freshness: str = "none"
+    meant: str = ""
+    outline_m: tuple[tuple[float, float], ...] = ()
+    guard: tuple[str, float | None] = ("absent", None)
+    goal: GoalChanged | None = None
+    chips: list[tuple[str, str]] = field(default_factory=list)
+    hint: str = ""
+    mark: QPointF | None = None
+    waiting: str = field(default_factory=lambda: tr("Waiting for the map"))
+    trail: Trail = field(default_factory=Trail)
+    hidden: set[Layer] = field(default_factory=set)
+    rotate: bool = False
+    tool: Tool = "look"
+    aim: Aim | None = None
+    pointer: QPointF | None = None
+    hovered: str | None = None
+
+
+def scan_points_in_map(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.float64]:
+    """End points of the beams, float64 of shape (returns, 2), metres in the map; empty if the pose of the laser is
+    unknown.
+    """
+    if scan.robot_from_laser is None:
+        return np.zeros((0, 2))
+    return scan.points(map_from_robot @ scan.robot_from_laser)
+
+
+def legend(state: MapState, *, has_grid: bool) -> list[tuple[str, str, str]]:
+    """Colour role, symbol and word of each kind of thing that is shown without a label of its own."""
+    robot = state.pose is not None and state.pose_freshness != "none"
+    lidar = "lidar" not in state.hidden and state.scan_freshness in ("fresh", "stale")
+    shown = (
+        (robot, "blue", "●", tr("robot")),
+        (lidar and state.scan_points_m is not None and len(state.scan_points_m) > 0, "lidar", "∴", tr("LIDAR")),
+        (has_grid, "map_wall", "▬", tr("wall")),
+        (has_grid, "map_unknown", "■", tr("unknown")),
+        (state.goal is not None, "green", "○", tr("goal")),
+    )
+    return [(role, symbol, word) for is_shown, role, symbol, word in shown if is_shown]
+
+
+class _Label(QGraphicsPathItem):
+    """Text on a rounded ground, after an icon."""
+
+    def __init__(self, parent: QGraphicsItem) -> None:
+        super().__init__(parent)
+        self.rect = QRectF()
+        self._look: tuple[object, ...] = ()
+        self._icon = QGraphicsPixmapItem(self)
+        self._text = QGraphicsSimpleTextItem(self)
+        self.hide()
+
+    @property
+    def text(self) -> str:
+        return self._text.text()
+
+    def show_text(
+        self, rect: QRectF, text: str, font: QFont, color: QColor, ground: QColor, *, line: QColor | None = None,
+        icon_name: str = "",
+    ) -> None:  # fmt: skip
+        self.rect = rect
+        self.setPos(rect.topLeft())
+        look = (rect.size(), text, font, color.rgba(), ground.rgba(), line, icon_name)
+        if look != self._look:
+            self._look = look
+            path = QPainterPath()
+            room = QRectF(QPointF(0, 0), rect.size())
+            path.addRoundedRect(room, 5, 5)
+            self.setPath(path)
+            self.setPen(Qt.PenStyle.NoPen if line is None else QPen(line, 1))
+            self.setBrush(ground)
+            self._icon.setVisible(bool(icon_name))
+            if icon_name:
+                self._icon.setPixmap(icon(icon_name, color, 16).pixmap(16))
+                self._icon.setPos(9, (room.height() - 16) / 2)
+                room.adjust(18, 0, 0, 0)
+            self._text.setText(text)
+            self._text.setFont(font)
+            self._text.setBrush(color)
+            words = self._text.boundingRect()
+            self._text.setPos(room.center() - words.center())
+        self.show()
+
+
+class _Mark(QGraphicsEllipseItem):
+    """Round mark of a place or a person, with a ring around it and a label beside it."""
+
+    def __init__(self, layer: QGraphicsItem) -> None:
+        super().__init__(layer)
+        self.ring = _circle(self)
+        self.ring.setFlag(self.GraphicsItemFlag.ItemStacksBehindParent)
+        self.outer = _circle(self)
+        self.flag = QGraphicsPixmapItem(self)
+        self.flag.setPos(-6.5, -6.5)
+        self._icon_color = ""
+        self.label = _Label(layer)
+        self.label.setZValue(1)
+
+    def show_flag(self, color: QColor) -> None:
+        if color.name() != self._icon_color:
+            self._icon_color = color.name()
+            self.flag.setPixmap(icon("flag", color, 13).pixmap(13))
+
+    def set_shown(self, shown: bool) -> None:
+        self.setVisible(shown)
+        if not shown:
+            self.label.hide()
+
+
+class _Arrow(QGraphicsPathItem):
+    """Arrow with a ring at its base; it points right before it is rotated."""
+
+    def __init__(self, layer: QGraphicsItem, length_px: float) -> None:
+        super().__init__(layer)
+        path = QPainterPath()
+        path.addEllipse(QPointF(0, 0), _MARK_PX, _MARK_PX)
+        path.moveTo(_MARK_PX, 0)
+        path.lineTo(length_px - 8, 0)
+        self.setPath(path)
+        tip = [QPointF(length_px, 0), QPointF(length_px - 12, 7), QPointF(length_px - 12, -7)]
+        self._head = QGraphicsPolygonItem(QPolygonF(tip), self)
+        self._head.setPen(Qt.PenStyle.NoPen)
+
+    def show_at(self, at: QPointF, heading_rad: float, color: QColor) -> None:
+        self.setPos(at)
+        self.setRotation(-math.degrees(heading_rad))
+        self.setPen(QPen(color, 3, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+        self._head.setBrush(color)
+        self.show()
+
+
+class MapItems:
+    """Items that show ``state`` over the grid. ``place_rects`` has the clickable rectangle of each place, in px."""
+
+    def __init__(self, theme: Theme, box: pyqtgraph.ViewBox, state: MapState, grid: GridItem) -> None:
+        self._theme = theme
+        self._box = box
+        self._state = state
+        self._grid = grid
+        self.place_rects: dict[str, QRectF] = {}
+        # In metres; rotated about the map's origin.
+        self.world = pyqtgraph.ItemGroup()
+        box.addItem(self.world, ignoreBounds=True)
+        self.world.addItem(grid)
+        self._trail = [pyqtgraph.PlotCurveItem(connect="finite", skipFiniteCheck=False) for _ in range(_TRAIL_SHADES)]
+        self._scan = pyqtgraph.ScatterPlotItem(size=3, pen=None, pxMode=True)
+        self._path = pyqtgraph.PlotCurveItem(antialias=True)
+        for item in (*self._trail, self._scan, self._path):
+            self.world.addItem(item)
+            item.setEnabled(False)  # a click on a point is one on the floor
+        self._robot = QGraphicsPolygonItem(self.world)
+        self._reach = _circle(self.world)
+        # In px of the view.
+        self._over = pyqtgraph.ItemGroup(box)
+        self._over.setZValue(10)
+        self._goal = _Arrow(self._over, 30)
+        self._places = [_Mark(self._over)]
+        self._people = [_Mark(self._over)]
+        self._pin = pyqtgraph.ItemGroup(self._over)
+        nose = [QPointF(19, 0), QPointF(5, -8), QPointF(5, 8)]
+        self._pin_parts = (QGraphicsPolygonItem(QPolygonF(nose), self._pin), _circle(self._pin, _MARK_PX))
+        self._aim = _circle(self._over, _MARK_PX)
+        self._aim_arrow = _Arrow(self._over, 46)
+        self._measured = QGraphicsPathItem(self._over)
+        self._length = _Label(self._over)
+        self._waiting = QGraphicsSimpleTextItem(self._over)
+        self._scale_bar = QGraphicsPathItem(self._over)
+        self._scale_words = QGraphicsSimpleTextItem(self._over)
+        self._north = QGraphicsPolygonItem(QPolygonF([QPointF(0, -19), QPointF(-5, -11), QPointF(5, -11)]), self._over)
+        self._north_word = QGraphicsSimpleTextItem("N", self._over)
+        self._chips = [_Label(self._over)]
+        self._shown_scan: object = None
+        self._shown_trail = -1
+        self._shown_outline: object = None
+        self.use_theme()
+
+    # ---- geometry
+
+    @property
+    def px_per_m(self) -> float:
+        return float(self._box.width() / self._box.viewRect().width())
+
+    @property
+    def turn_rad(self) -> float:
+        """Rotation of the map, counter-clockwise."""
+        return math.radians(self.world.rotation())
+
+    def to_view(self, x_m: float, y_m: float) -> QPointF:
+        return self.world.mapToItem(self._box, QPointF(x_m, y_m))
+
+    def labels(self) -> dict[str, QRectF]:
+        """Rectangles of the visible names of places and people."""
+        labels = (mark.label for mark in (*self._places, *self._people))
+        return {label.text: label.rect for label in labels if label.isVisible()}
+
+    # ---- display
+
+    def use_theme(self) -> None:
+        color, small = self._theme.color, self._theme.font(tokens.STATUS_PX - 1)
+        trail = color("blue")
+        for shade, curve in enumerate(self._trail, start=1):
+            trail.setAlpha(round(30 + 110 * shade / _TRAIL_SHADES))
+            curve.setPen(trail, width=2)
+        self._scan.setBrush(color("lidar"))
+        self._shown_path = None
+        self._scale_bar.setPen(QPen(color("dim"), 1.5))
+        self._north.setPen(Qt.PenStyle.NoPen)
+        self._north.setBrush(color("dim"))
+        for words in (self._scale_words, self._north_word, self._waiting):
+            words.setFont(self._theme.font() if words is self._waiting else small)
+            words.setBrush(color("dim"))
+
+    def refresh(self) -> None:
+        """Show the present state in the present view."""
+        self._grid.show_scale(self.px_per_m * self._device_ratio())
+        self._show_trail()
+        self._show_scan()
+        self._show_goal()
+        people = self._people_rects()
+        self._show_places(people)
+        self._show_people(people)
+        self._show_robot()
+        self._show_aim()
+        self._show_scale_bar()
+        self._show_words()
+
+    def _device_ratio(self) -> float:
+        views = self._box.scene().views()
+        return float(views[0].devicePixelRatioF()) if views else 1.0
+
+    def _show_trail(self) -> None:
+        state, trail = self._state, self._state.trail
+        shown = "trail" not in state.hidden and len(trail) > 1
+        if shown and trail.version != self._shown_trail:
+            self._shown_trail = trail.version
+            pieces = [points for _strength, points in trail.pieces()]
+            pieces = [np.zeros((0, 2))] * (_TRAIL_SHADES - len(pieces)) + pieces
+            for curve, points in zip(self._trail, pieces, strict=True):
+                curve.setData(points[:, 0], points[:, 1])
+        for curve in self._trail:
+            curve.setVisible(shown)
+
+    def _show_scan(self) -> None:
+        state = self._state
+        points_m, freshness = state.scan_points_m, state.scan_freshness
+        shown = points_m is not None and freshness in ("fresh", "stale") and "lidar" not in state.hidden
+        if shown and points_m is not self._shown_scan:
+            self._shown_scan = points_m
+            self._scan.setData(pos=points_m)
+        self._scan.setOpacity(0.9 if freshness == "fresh" else 0.3)
+        self._scan.setVisible(shown)
+
+    def _show_goal(self) -> None:
+        state = self._state
+        goal, path_m = state.goal, state.path_m
+        self._goal.setVisible(goal is not None)
+        self._path.setVisible(goal is not None)
+        if goal is None:
+            return
+        # Dashed straight line to the goal until the robot reports its path.
+        target, line = goal.target_in_map, path_m
+        if line is None and state.pose is not None:
+            line = np.array([(state.pose.x_m, state.pose.y_m), (target.x_m, target.y_m)])
+        if path_m is None or path_m is not self._shown_path:
+            self._shown_path = path_m
+            style = Qt.PenStyle.DashLine if path_m is None else Qt.PenStyle.SolidLine
+            self._path.setPen(_cosmetic(self._theme.color("green"), 2.5, style))
+            self._path.setData(*([], []) if line is None else (line[:, 0], line[:, 1]))
+        at = self.to_view(target.x_m, target.y_m)
+        self._goal.show_at(at, target.heading_rad + self.turn_rad, self._theme.color("green"))
+
+    def _show_places(self, people: Sequence[tuple[QPointF, QRectF | None]]) -> None:
+        theme, state = self._theme, self._state
+        font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM)
+        metrics = QFontMetricsF(font)
+        ground = theme.color("panel")
+        label_ground = theme.color("panel")
+        label_ground.setAlpha(220)
+        self.place_rects.clear()
+        places = () if "places" in state.hidden else state.places
+        at = {place.name: self.to_view(place.pose_in_map.x_m, place.pose_in_map.y_m) for place in places}
+        taken = [_around(point, _MARK_PX) for point in at.values()]
+        taken += self._robot_rect()
+        # People move, and take precedence over permanent items.
+        for point, label in people:
+            taken += [_around(point, 7)] if label is None else [_around(point, 7), label]
+        going_to = state.goal.place if state.goal is not None else None
+        # Goal and hovered place are labelled first; a place without room keeps its flag.
+        order = sorted(at, key=lambda name: (name != going_to, name != state.hovered))
+        for name, mark in zip(order, _pool(self._places, len(order), self._over), strict=True):
+            point, width = at[name], metrics.horizontalAdvance(name) + 12
+            going = name == going_to
+            mark.setPos(point)
+            mark.setRect(_around(QPointF(0, 0), _MARK_PX))
+            mark.setPen(QPen(theme.color("green" if going else "line_strong"), 1.5))
+            mark.setBrush(ground)
+            mark.show_flag(theme.color("green" if going else "text"))
+            mark.ring.hide()
+            mark.outer.hide()
+            room = self._free_room(point, width, taken, _BESIDE_A_FLAG)
+            if room is None and (going or name == state.hovered):
+                left = min(max(4.0, point.x() - width / 2), self._box.width() - width - 4)
+                room = QRectF(left, point.y() - 32, width, 20)
+            hit = _around(point, 11)
+            if room is None:
+                mark.label.hide()
+            else:
+                taken.append(room)
+                hit = hit.united(room)
+                mark.label.show_text(room, name, font, theme.color("green" if going else "text"), label_ground)
+            self.place_rects[name] = hit
+
+    def _free_room(
+        self, at: QPointF, width: float, taken: list[QRectF], sides: tuple[tuple[float, float, float], ...]
+    ) -> QRectF | None:
+        """First free label rectangle at one of these sides of a mark."""
+        room = QRectF(self._box.rect()).adjusted(2, 2, -2, -2)
+        for left_px, share_of_width, top_px in sides:
+            label = QRectF(at.x() + left_px - share_of_width * width, at.y() + top_px, width, 20)
+            if room.contains(label) and not any(label.intersects(other) for other in taken):
+                return label
+        return None
+
+    def _robot_rect(self) -> list[QRectF]:
+        """Rectangle of the robot's marker, if there is a pose."""
+        pose = self._state.pose
+        return [] if pose is None else [_around(self.to_view(pose.x_m, pose.y_m), 13)]
+
+    def _people_rects(self) -> list[tuple[QPointF, QRectF | None]]:
+        """Points and labels of people; in a crowd some have no room for a label."""
+        state = self._state
+        if state.people_freshness not in ("fresh", "stale") or "people" in state.hidden:
+            return []
+        metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
+        points = [self.to_view(person.x_m, person.y_m) for person, _, _ in state.people]
+        taken, labels = [*self._robot_rect(), *(_around(point, 7) for point in points)], []
+        for (_person, name, _named), at in zip(state.people, points, strict=True):
+            label = self._free_room(at, metrics.horizontalAdvance(name) + 10, taken, _BESIDE_A_PERSON)
+            labels.append(label)
+            taken += [label] if label is not None else []
+        return list(zip(points, labels, strict=True))
+
+    def _show_people(self, rects: Sequence[tuple[QPointF, QRectF | None]]) -> None:
+        """Show people with a dashed ring of uncertainty; filled if named, as in the People panel."""
+        theme, state = self._theme, self._state
+        font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
+        ground, label_ground = theme.color("panel"), theme.color("panel")
+        label_ground.setAlpha(220)
+        marks = _pool(self._people, len(rects), self._over)
+        for (person, name, named), (at, label), mark in zip(state.people if rects else (), rects, marks, strict=True):
+            color = theme.color("green" if named else "text")
+            opacity = 0.45 if state.people_freshness == "stale" else 1.0
+            mark.setPos(at)
+            mark.setOpacity(opacity)
+            mark.label.setOpacity(opacity)
+            mark.setRect(_around(QPointF(0, 0), 6))
+            mark.setPen(QPen(ground if named else color, 1.5))
+            mark.setBrush(color if named else ground)
+            dashed = QPen(color, 1.5)
+            dashed.setDashPattern([3, 3])
+            # Rounded to px: position uncertainty varies slightly with each detection.
+            mark.ring.setRect(_around(QPointF(0, 0), max(9, round(person.spread_m * self.px_per_m))))
+            mark.ring.setPen(dashed)
+            mark.outer.setVisible(bool(state.meant) and person.person_id == state.meant)
+            mark.outer.setRect(_around(QPointF(0, 0), 10))
+            mark.outer.setPen(QPen(theme.color("text"), 2.5))
+            if label is None:
+                mark.label.hide()
+            else:
+                mark.label.show_text(label, name, font, color, label_ground)
+
+    def _show_robot(self) -> None:
+        theme, state, pose = self._theme, self._state, self._state.pose
+        shown = pose is not None and state.pose_freshness != "none"
+        distance_m = state.guard[1]
+        stale = state.pose_freshness in ("stale", "lost")
+        near = shown and not stale and state.guard[0] in ("slowing", "blocked") and distance_m is not None
+        self._robot.setVisible(shown and bool(state.outline_m))
+        self._reach.setVisible(near)
+        self._pin.setVisible(shown)
+        if pose is None or not shown:
+            return
+        doubtful = stale or state.unconfirmed
+        color = theme.color("dim" if stale else "amber" if state.unconfirmed else "blue")
+        if state.outline_m is not self._shown_outline:
+            self._shown_outline = state.outline_m
+            self._robot.setPolygon(QPolygonF([QPointF(x, y) for x, y in state.outline_m]))
+        self._robot.setPos(pose.x_m, pose.y_m)
+        self._robot.setRotation(math.degrees(pose.heading_rad))
+        self._robot.setPen(_cosmetic(color, 1.5, Qt.PenStyle.DashLine if doubtful else Qt.PenStyle.SolidLine))
+        ground = theme.color("blue")
+        ground.setAlpha(0 if doubtful else 40)
+        self._robot.setBrush(ground)
+        if near and distance_m is not None:
+            # Remaining clearance around the footprint, in any direction of motion.
+            reach_m = max((math.hypot(x, y) for x, y in state.outline_m), default=0.25) + distance_m
+            self._reach.setRect(_around(QPointF(pose.x_m, pose.y_m), reach_m))
+            role = "red" if state.guard[0] == "blocked" else "amber"
+            self._reach.setPen(_cosmetic(theme.color(role), 2, Qt.PenStyle.DotLine))
+        panel = theme.color("panel")
+        pen = QPen(color if doubtful else panel, 2 if doubtful else 1.5)
+        if doubtful:
+            pen.setDashPattern([3, 2])
+        self._pin.setPos(self.to_view(pose.x_m, pose.y_m))
+        self._pin.setRotation(-math.degrees(pose.heading_rad + self.turn_rad))
+        for part in self._pin_parts:
+            part.setPen(pen)
+            part.setBrush(panel if doubtful else color)
+
+    def _show_aim(self) -> None:
+        state, aim, theme = self._state, self._state.aim, self._theme
+        for item in (self._aim, self._aim_arrow, self._measured, self._length):
+            item.hide()
+        at = state.mark if state.tool == "look" else aim.at if aim is not None else self._pointer_in_map()
+        if at is None:
+            return
+        refused = state.tool != "measure" and bool(self._grid.refusal_at(at))
+        role = "amber" if refused else "green" if state.tool in ("look", "goal") else "blue"
+        color, point = theme.color(role), self.to_view(at.x(), at.y())
+        if aim is not None and aim.heading_rad is not None:
+            self._aim_arrow.show_at(point, aim.heading_rad + self.turn_rad, color)
+            return
+        if aim is not None and aim.end is not None:
+            self._show_measured(point, self.to_view(aim.end.x(), aim.end.y()), length_in_words(aim.at, aim.end))
+            return
+        pen = QPen(color, 2.5 if state.tool == "look" else 2)
+        if state.tool != "look":
+            pen.setDashPattern([3, 2])
+        self._aim.setPos(point)
+        self._aim.setPen(pen)
+        self._aim.show()
+
+    def _pointer_in_map(self) -> QPointF | None:
+        pointer = self._state.pointer
+        return None if pointer is None else self.world.mapFromItem(self._box, pointer)
+
+    def _show_measured(self, start: QPointF, end: QPointF, words: str) -> None:
+        path = QPainterPath(start)
+        path.lineTo(end)
+        for point in (start, end):
+            path.addEllipse(point, 3, 3)
+        self._measured.setPath(path)
+        self._measured.setPen(QPen(self._theme.color("blue"), 2))
+        self._measured.show()
+        font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
+        width = QFontMetricsF(font).horizontalAdvance(words) + 12
+        middle = (start + end) / 2
+        room = QRectF(middle.x() - width / 2, middle.y() - 26, width, 20)
+        self._length.show_text(room, words, font, self._theme.color("text"), self._theme.color("panel"))
+
+    def _show_scale_bar(self) -> None:
+        state = self._state
+        shown = self._grid.newest is not None or state.pose is not None
+        for item in (self._scale_bar, self._scale_words):
+            item.setVisible(shown)
+        for item in (self._north, self._north_word):
+            item.setVisible(shown and state.rotate)
+        scale = self.px_per_m
+        metres = next((length for length in (0.5, 1, 2, 5, 10, 20, 50) if length * scale >= 44), 100)
+        right, bottom = self._box.width() - 14.0, self._box.height() - 10.0
+        left = right - metres * scale
+        path = QPainterPath(QPointF(left, bottom - 4))
+        for x, y in ((left, bottom), (right, bottom), (right, bottom - 4)):
+            path.lineTo(x, y)
+        self._scale_bar.setPath(path)
+        self._scale_words.setText(f"{metres:g} m")
+        words = self._scale_words.boundingRect()
+        self._scale_words.setPos((left + right - words.width()) / 2, bottom - 4 - words.height())
+        at = QPointF(self._box.width() - 30.0, bottom - 50)
+        self._north.setPos(at)
+        self._north.setRotation(-math.degrees(self.turn_rad))
+        self._north_word.setPos(at - self._north_word.boundingRect().center())
+
+    def _show_words(self) -> None:
+        """Show what is awaited, the chips at the upper edge, and the hint at the lower one."""
+        state, theme = self._state, self._theme
+        width, height = self._box.width(), self._box.height()
+        self._waiting.setVisible(self._grid.newest is None)
+        self._waiting.setText(state.waiting)
+        words = self._waiting.boundingRect()
+        middle = height - 25 if state.pose is not None else height / 2
+        self._waiting.setPos(QPointF(width / 2, middle) - words.center())
+        font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM)
+        metrics = QFontMetricsF(font)
+        lines = [(text, role, 8.0 + 28 * number) for number, (text, role) in enumerate(state.chips)]
+        if state.hint:
+            lines.append((state.hint, "hint", height - 34.0))
+        for (text, role, top), chip in zip(lines, _pool(self._chips, len(lines), self._over), strict=True):
+            color_role, icon_name = _CHIP_ROLES.get(role, ("text", ""))
+            extra = 38.0 if icon_name else 20.0
+            elided = metrics.elidedText(text, Qt.TextElideMode.ElideRight, max(40.0, width - 24 - extra))
+            chip_width = metrics.horizontalAdvance(elided) + extra
+            color = theme.color(color_role)
+            line = color if role != "hint" else theme.color("line_strong")
+            rect = QRectF(round((width - chip_width) / 2) + 0.5, top + 0.5, chip_width - 1, 23)
+            chip.show_text(rect, elided, font, color, theme.color("panel"), line=line, icon_name=icon_name)
+
+
+def length_in_words(start: QPointF, end: QPointF) -> str:
+    return tr("{distance:.2f} m").format(distance=math.dist(start.toTuple(), end.toTuple()))
+
+
+def _pool(items: list[Any], count: int, layer: QGraphicsItem) -> Iterator[Any]:
+    """The first ``count`` items, made as needed; the others are hidden."""
+    while len(items) < count:
+        items.append(type(items[0])(layer))
+    for number, item in enumerate(items):
+        set_shown = getattr(item, "set_shown", item.setVisible)
+        set_shown(number < count)
+    return iter(items[:count])
+
+
+def _circle(parent: QGraphicsItem, radius: float = 1.0) -> QGraphicsEllipseItem:
+    circle = QGraphicsEllipseItem(parent)
+    circle.setRect(_around(QPointF(0, 0), radius))
+    return circle
+
+
+def _around(at: QPointF, reach: float) -> QRectF:
+    return QRectF(at.x() - reach, at.y() - reach, 2 * reach, 2 * reach)
+
+
+def _cosmetic(color: QColor, width_px: float, style: Qt.PenStyle) -> QPen:
+    """Pen of this width in px at any scale."""
+    pen = QPen(color, width_px, style)
+    pen.setCosmetic(True)
+    return pen
