@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pyqtgraph
 from numpy.typing import NDArray
-from PySide6.QtCore import QPointF, QRectF, QTimer, Signal
+from PySide6.QtCore import QPointF, QRect, QRectF, QTimer, Signal
 from PySide6.QtGui import QColor, QImage, QPainter, QTransform
 
 from caris_desktop.domain.geometry import Pose2D
@@ -41,6 +41,8 @@ class GridItem(pyqtgraph.ImageItem):  # type: ignore[misc]  # pyqtgraph has no t
         self._rendering: GridRaster | None = None  # being rendered or updated
         self._px_per_m = 1.0
         self._level = -1
+        self._visible = QRect()
+        self._cells: QImage | None = None  # the visible ones in colour
         self.use_theme()
 
     def show_grid(self, grid: OccupancyGrid | None) -> None:
@@ -108,6 +110,7 @@ class GridItem(pyqtgraph.ImageItem):  # type: ignore[misc]  # pyqtgraph has no t
             self.raster, self._level = rendering, -1
             self._show_level()
         elif rendering.rows_changed:
+            self._cells = None
             self.update()  # the image shares the memory of its level
         self.displayed_grid = rendering.grid
         self.rendered.emit(first)
@@ -127,7 +130,6 @@ class GridItem(pyqtgraph.ImageItem):  # type: ignore[misc]  # pyqtgraph has no t
             QTransform().translate(corner.x_m, corner.y_m).rotateRadians(corner.heading_rad).scale(cell_m, cell_m)
         )
         self.setImage(raster.levels[level], autoLevels=False)  # one byte a cell, neither copied nor scaled
-        self.render()
 
     def paint(self, painter: QPainter, option: Any, _widget: Any = None) -> None:
         """Paint the exposed cells. Qt paints an indexed image at a fifth of the speed of a converted one: 11 instead of
@@ -137,13 +139,16 @@ class GridItem(pyqtgraph.ImageItem):  # type: ignore[misc]  # pyqtgraph has no t
             return
         if self._renderRequired:
             self.render()
+            self._cells = None
         visible = option.exposedRect.toAlignedRect().adjusted(-1, -1, 1, 1).intersected(self.qimage.rect())
         device = painter.device()
         small = device is not None and device.width() * device.height() <= _SMOOTH_AREA_PX
         smooth = small and self.raster.grid.resolution_m * 2**self._level * self._px_per_m < 3.0
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, smooth)
-        cells = self.qimage.copy(visible).convertToFormat(QImage.Format.Format_RGB32)
-        painter.drawImage(QPointF(visible.topLeft()), cells)
+        if self._cells is None or visible != self._visible:
+            self._cells = self.qimage.copy(visible).convertToFormat(QImage.Format.Format_RGB32)
+            self._visible = visible
+        painter.drawImage(QPointF(visible.topLeft()), self._cells)
 
 
 class GridRaster:

@@ -7,6 +7,7 @@ import pyqtgraph
 from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QKeyEvent, QPolygonF
+from PySide6.QtWidgets import QGraphicsScene
 
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
@@ -91,6 +92,7 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
         self.setAntialiasing(True)
         self.setViewportUpdateMode(self.ViewportUpdateMode.FullViewportUpdate)  # LIDAR is all over it
         self.setCacheMode(self.CacheModeFlag.CacheNone)
+        self.scene().setItemIndexMethod(QGraphicsScene.ItemIndexMethod.NoIndex)  # all items move
         self.setAccessibleName(tr("Map with the robot's position"))
         self._box.dragged.connect(self._on_dragged)
         self._box.clicked.connect(self._on_clicked)
@@ -246,23 +248,21 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
         if not self._to_follow or pose is None or self._dragging or aims:
             return
         self._to_follow = False
+        middle = QPointF(pose.x_m, pose.y_m) if self.follow else self.to_map(QPointF(self._box.rect().center()))
         if self.map_state.rotate:
             self._turn_up(pose.heading_rad)
-        if self.follow:
-            self._look_at(QPointF(pose.x_m, pose.y_m))
+        self._look_at(middle)
 
     def _look_at(self, at: QPointF) -> None:
         """Move this map point to the middle of the view."""
-        middle = self.map_items.world.mapToParent(at)
         shown: QRectF = self._box.viewRect()
-        shown.moveCenter(middle)
+        shown.moveCenter(self.map_items.world.mapToParent(at))
         self._box.setRange(shown, padding=0)
 
     def _turn_up(self, heading_rad: float | None) -> None:
         """Rotate this map direction up; north if None."""
-        world, middle = self.map_items.world, self.to_map(QPointF(self._box.rect().center()))
-        world.setRotation(0.0 if heading_rad is None else math.degrees(wrap_angle(math.pi / 2 - heading_rad)))
-        self._look_at(middle)
+        turn_rad = 0.0 if heading_rad is None else wrap_angle(math.pi / 2 - heading_rad)
+        self.map_items.world.setRotation(math.degrees(turn_rad))
         self.moved.emit()
 
     def set_follow(self, follow: bool) -> None:
@@ -280,7 +280,9 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
         pose = self.map_state.pose
         if rotate != self.map_state.rotate:
             self.map_state.rotate = rotate
+            middle = self.to_map(QPointF(self._box.rect().center()))
             self._turn_up(pose.heading_rad if rotate and pose is not None else None)
+            self._look_at(middle)
             self.rotate_changed.emit(rotate)
             self._touch(0)
 
