@@ -9,7 +9,6 @@ from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_model import PanelName, Scenario
 
-
 _imported: set[str] = set()
 
 
@@ -54,7 +53,9 @@ _PLOTS = "pyqtgraph"
 
 PANELS: Mapping[PanelName, PanelSpec] = {
     "video": PanelSpec(QT_TR_NOOP("Video"), "video", "VideoPanel", "video-camera", ("map", "people")),
-    "map": PanelSpec(QT_TR_NOOP("Map"), "map", "MapPanel", "map-trifold", ("people", "session", "drive"), library=_PLOTS),
+    "map": PanelSpec(
+        QT_TR_NOOP("Map"), "map", "MapPanel", "map-trifold", ("people", "session", "drive"), library=_PLOTS
+    ),
     "drive": PanelSpec(
         QT_TR_NOOP("Drive"), "drive", "DrivePanel", "game-controller", ("map", "people", "session"), "driving"
     ),

@@ -23,7 +23,7 @@ from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.console import Console
 from caris_desktop.robot.link import LinkSettings, run_media_link
 from caris_desktop.robot.profile import TopicSource
-from caris_desktop.ui.widgets.map_view import MapView
+from caris_desktop.ui.map.map_view import MapView
 from tests.benchmarks.console_under_load import ConsoleUnderLoad, stop_process
 from tests.benchmarks.screen_and_statistics import on_a_screen, percentiles
 from tests.benchmarks.teleop_latency import first_after, moving, start_program
@@ -59,7 +59,7 @@ class PaintWatch(QObject):
         self.painted_grid: object = None
         self.painted_ns = 0
         self._view = view
-        view.installEventFilter(self)
+        view.viewport().installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if event.type() is QEvent.Type.Paint and self._view.grid.displayed_grid is not self.painted_grid:

@@ -30,7 +30,7 @@ from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor
 from caris_desktop.ui.scenario_editor.opened_scenario import opened_file
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
-from tests.ui.conftest import MemorySettings, click, find, open_window
+from tests.ui.conftest import MemorySettings, open_window
 from tests.ui.fake_console import FakeConsole
 
 PARTS = (ContextPartStatus("conversation", "Conversation", 6, 124), ContextPartStatus("notes", "Notes", 1, 1))
@@ -77,7 +77,7 @@ def seen(window: MainWindow, console: FakeConsole) -> dict[str, object]:
     drive = panel(window, "drive")
     drive.resize(260, 150)
     return {
-        "follows": the_map._follow.isChecked(),
+        "follows": lines["Follow the robot"],
         "turns": lines["Rotate with the robot"],
         "trail": lines["Show the driven path"],
         "camera": console.state.camera.value,
@@ -114,9 +114,9 @@ def test_the_wizard_changes_them_until_the_next_scenario(
 ) -> None:
     pictures_of(console, "desk")
     the_map = panel(window, "map")
-    click(qtbot, find(window, "map_follow_button"))
+    next(action for action in the_map.fill_menu().actions() if action.objectName() == "map_follow").trigger()
     the_map.view.set_rotate(False)
-    the_map.view.set_trail_shown(True)
+    the_map.view.show_layer("trail", True)
     console.state.choose_camera("front")
     panel(window, "session").show_category("")
     drive = panel(window, "drive")
@@ -176,10 +176,10 @@ def test_a_map_that_follows_is_seen_from_near_though_its_first_map_comes_later(
     assert pose is not None
     middle = view.to_map(QPointF(view.width() / 2, view.height() / 2))
     assert (middle - QPointF(pose.x_m, pose.y_m)).manhattanLength() < 0.2
-    near = view.viewport.scale
+    near = view.px_per_m
     view.set_follow(False)
     view.fit()
-    assert view.viewport.scale < near, "the whole map is farther away"
+    assert view.px_per_m < near, "the whole map is farther away"
 
 
 def test_a_map_continues_following_after_it_was_drawn_by_odometry(

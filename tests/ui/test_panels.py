@@ -38,6 +38,7 @@ from caris_desktop.live.status import (
 )
 from caris_desktop.robot.profile import NavigationServer, RobotProfile, VelocityTopic
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.map.map_items import scan_points_in_map
 from caris_desktop.ui.panel import PanelContext
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.panels.people_panel import PeoplePanel
@@ -54,7 +55,6 @@ from caris_desktop.ui.widgets.frame_view import (
     detections_fit,
     moved_since,
 )
-from caris_desktop.ui.widgets.map_layers import distinct_dots, scan_points_in_map
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
 from tests.ui import samples
 from tests.ui.conftest import click, find, freshen
@@ -231,7 +231,7 @@ def test_a_click_on_a_place_offers_to_go_there(qtbot: QtBot, window: MainWindow,
     where = panel.view.place_position("Kitchen")
     assert where is not None
     panel.view.grab()
-    qtbot.mouseClick(panel.view, Qt.MouseButton.LeftButton, pos=where)
+    qtbot.mouseClick(panel.view.viewport(), Qt.MouseButton.LeftButton, pos=where)
     assert console.calls == []
     click(qtbot, find(window, "go_to_Kitchen"))
     assert console.calls == [("go_to_place", "Kitchen")]
@@ -240,16 +240,11 @@ def test_a_click_on_a_place_offers_to_go_there(qtbot: QtBot, window: MainWindow,
     assert console.calls[-1] == ("cancel_goal", None)
 
 
-def test_beams_on_one_spot_are_one_dot() -> None:
-    points = np.array([(10.2, 4.1), (10.9, 5.0), (30.0, 9.0), (-3.0, 5.0), (5.0, 99.0)])
-    assert distinct_dots(points, 60, 40).tolist() == [[11, 5], [31, 9]]
-
-
 @pytest.mark.panels("map")
 def test_the_map_is_painted_at_its_own_pace(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = window.panels["map"]
     assert isinstance(panel, MapPanel)
-    painted = PaintCount(panel.view)
+    painted = PaintCount(panel.view.viewport())
     for _ in range(20):
         state = console.state
         state.add(RobotPose(clock.now_ns(), None, Pose2D(6.6, 3.4, 0.55)))
@@ -271,14 +266,14 @@ def test_the_map_view_turns_clicks_back_into_metres(window: MainWindow) -> None:
 def test_the_map_follows_the_robot_until_it_is_dragged(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
     panel = window.panels["map"]
     assert isinstance(panel, MapPanel)
-    click(qtbot, find(window, "map_follow_button"))
+    next(action for action in panel.fill_menu().actions() if action.objectName() == "map_follow").trigger()
     freshen(console)
     middle = panel.view.to_view(6.6, 3.4)
     assert (middle.x(), middle.y()) == pytest.approx((panel.view.width() / 2, panel.view.height() / 2), abs=1)
     start = QPoint(panel.view.width() - 30, 30)
-    QTest.mousePress(panel.view, Qt.MouseButton.LeftButton, pos=start)
-    QTest.mouseMove(panel.view, start + QPoint(-60, 20))
-    QTest.mouseRelease(panel.view, Qt.MouseButton.LeftButton, pos=start + QPoint(-60, 20))
+    QTest.mousePress(panel.view.viewport(), Qt.MouseButton.LeftButton, pos=start)
+    QTest.mouseMove(panel.view.viewport(), start + QPoint(-60, 20))
+    QTest.mouseRelease(panel.view.viewport(), Qt.MouseButton.LeftButton, pos=start + QPoint(-60, 20))
     assert not panel.view.follow
 
 

@@ -140,9 +140,9 @@ def legend(state: MapState, *, has_grid: bool) -> list[tuple[str, str, str]]:
     lidar = "lidar" not in state.hidden and state.scan_freshness in ("fresh", "stale")
     shown = (
         (robot, "blue", "●", tr("robot")),
-        (lidar and state.scan_points_m is not None and len(state.scan_points_m) > 0, "lidar", "∴", tr("LIDAR")),
+        (lidar and state.scan_points_m is not None and len(state.scan_points_m) > 0, "lidar", "•••", tr("LIDAR")),
         (has_grid, "map_wall", "▬", tr("wall")),
-        (has_grid, "map_unknown", "■", tr("unknown")),
+        (has_grid, "map_unknown", "□", tr("unknown")),
         (state.goal is not None, "green", "○", tr("goal")),
     )
     return [(role, symbol, word) for is_shown, role, symbol, word in shown if is_shown]
@@ -159,7 +159,8 @@ class _Dots(pyqtgraph.GraphicsObject):  # type: ignore[misc]  # pyqtgraph has no
 
     def show_points(self, points_m: NDArray[np.float64]) -> None:
         self.prepareGeometryChange()
-        self._points = pyqtgraph.functions.arrayToQPolygonF(points_m[:, 0], points_m[:, 1])
+        # An empty array cannot be written by pyqtgraph.
+        self._points = pyqtgraph.functions.arrayToQPolygonF(*points_m.T) if len(points_m) else QPolygonF()
         self._bounds = self._points.boundingRect().adjusted(-1, -1, 1, 1)
 
     def boundingRect(self) -> QRectF:
@@ -227,12 +228,15 @@ class _Mark(QGraphicsEllipseItem):
         self.flag.setPos(-6.5, -6.5)
         self._icon_color = ""
         self.label = _Label(layer)
-        self.label.setZValue(1)
 
     def show_flag(self, color: QColor) -> None:
         if color.name() != self._icon_color:
             self._icon_color = color.name()
             self.flag.setPixmap(icon("flag", color, 13).pixmap(13))
+
+    def stack(self, z: float) -> None:
+        self.setZValue(z)
+        self.label.setZValue(z + 0.5)
 
     def set_shown(self, shown: bool) -> None:
         self.setVisible(shown)
@@ -301,6 +305,9 @@ class MapItems:
         self._north = QGraphicsPolygonItem(QPolygonF([QPointF(0, -19), QPointF(-5, -11), QPointF(5, -11)]), self._over)
         self._north_word = QGraphicsSimpleTextItem("N", self._over)
         self._chips = [_Label(self._over)]
+        # People move, and take precedence over permanent items.
+        for z, item in enumerate((self._pin, self._aim, self._aim_arrow, self._measured, self._length), start=3):
+            item.setZValue(z)
         self._shown_scan: object = None
         self._shown_trail = -1
         self._shown_outline: object = None
@@ -413,7 +420,6 @@ class MapItems:
         at = {place.name: self.to_view(place.pose_in_map.x_m, place.pose_in_map.y_m) for place in places}
         taken = [_around(point, _MARK_PX) for point in at.values()]
         taken += self._robot_rect()
-        # People move, and take precedence over permanent items.
         for point, label in people:
             taken += [_around(point, 7)] if label is None else [_around(point, 7), label]
         going_to = state.goal.place if state.goal is not None else None
@@ -423,6 +429,7 @@ class MapItems:
             point, width = at[name], metrics.horizontalAdvance(name) + 12
             going = name == going_to
             mark.setPos(point)
+            mark.stack(1)
             mark.setRect(_around(QPointF(0, 0), _MARK_PX))
             mark.setPen(QPen(theme.color("green" if going else "line_strong"), 1.5))
             mark.setBrush(ground)
@@ -483,6 +490,7 @@ class MapItems:
             color = theme.color("green" if named else "text")
             opacity = 0.45 if state.people_freshness == "stale" else 1.0
             mark.setPos(at)
+            mark.stack(2)
             mark.setOpacity(opacity)
             mark.label.setOpacity(opacity)
             mark.setRect(_around(QPointF(0, 0), 6))
@@ -624,6 +632,7 @@ class MapItems:
             chip_width = metrics.horizontalAdvance(elided) + extra
             color = theme.color(color_role)
             line = color if role != "hint" else theme.color("line_strong")
+            chip.setZValue(10)
             rect = QRectF(round((width - chip_width) / 2) + 0.5, top + 0.5, chip_width - 1, 23)
             chip.show_text(rect, elided, font, color, theme.color("panel"), line=line, icon_name=icon_name)
 

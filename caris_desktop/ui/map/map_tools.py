@@ -14,10 +14,10 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui import text_formatting
-from caris_desktop.ui.panel import Panel
-from caris_desktop.ui.widgets.floating_card import ChoiceCard, NameCard
 from caris_desktop.ui.map.map_items import Tool
 from caris_desktop.ui.map.map_view import MapView
+from caris_desktop.ui.panel import Panel
+from caris_desktop.ui.widgets.floating_card import ChoiceCard, NameCard
 
 _TOLD_SHOWN_S = 8.0
 _NO_PLACE_SHOWN_S = 5.0
@@ -172,7 +172,14 @@ class MapTools(QObject):
         if not refusal:
             target = Pose2D(at.x(), at.y(), self._view.heading_towards(at))
             if self.can_navigate():
-                choices.append(("map_go_here", tr("Go here"), "navigation-arrow", partial(self._console.do, intents.GoToPoint(target))))
+                choices.append(
+                    (
+                        "map_go_here",
+                        tr("Go here"),
+                        "navigation-arrow",
+                        partial(self._console.do, intents.GoToPoint(target)),
+                    )
+                )
                 choices.append(("map_go_heading", tr("Choose heading"), "compass", lambda: self.use("goal", at=at)))
             choices.append(("map_add_place", tr("Add place"), "flag", lambda: self.use("place", at=at)))
             if self._can_set_pose():

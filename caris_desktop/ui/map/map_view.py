@@ -42,7 +42,7 @@ class _MapBox(pyqtgraph.ViewBox):  # type: ignore[misc]  # pyqtgraph has no type
         super().__init__(lockAspect=True, enableMenu=False)
         self.disableAutoRange()
 
-    def mouseDragEvent(self, event: Any, axis: int | None = None) -> None:  # noqa: ARG002 - given by pyqtgraph
+    def mouseDragEvent(self, event: Any, axis: int | None = None) -> None:
         event.accept()
         self.dragged.emit(event)
 
@@ -50,7 +50,7 @@ class _MapBox(pyqtgraph.ViewBox):  # type: ignore[misc]  # pyqtgraph has no type
         event.accept()
         self.clicked.emit(event)
 
-    def wheelEvent(self, event: Any, axis: int | None = None) -> None:  # noqa: ARG002 - given by pyqtgraph
+    def wheelEvent(self, event: Any, axis: int | None = None) -> None:
         event.accept()
         self.turned.emit(event.delta(), event.pos())
 
@@ -89,6 +89,7 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
         self._soon = QTimer(self, singleShot=True)
         self._soon.timeout.connect(self.refresh)
         self.viewport().setMouseTracking(True)
+        self.viewport().setFocusPolicy(Qt.FocusPolicy.NoFocus)  # for screen readers the view is one graphic
         self.setAntialiasing(True)
         self.setViewportUpdateMode(self.ViewportUpdateMode.FullViewportUpdate)  # LIDAR is all over it
         self.setCacheMode(self.CacheModeFlag.CacheNone)

@@ -8,7 +8,7 @@ from typing import Any
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QAction, QKeyEvent, QResizeEvent
-from PySide6.QtWidgets import QLabel, QMenu, QWidget
+from PySide6.QtWidgets import QBoxLayout, QLabel, QMenu, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
@@ -31,7 +31,9 @@ GOAL_ENDED_SHOWN_S = 8.0
 _PATH_BEFORE_GOAL_NS = 500_000_000  # the goal event may follow its first path
 # A localised robot reports its map pose soon after its odometry.
 _PLACE_AWAITED_NS = 3_000_000_000
-_LEGEND_FROM_PX = 200
+_LOW_PX = 200
+"""Height below which the buttons are beside the map instead of below it, without a legend."""
+
 _LAYERS: dict[Any, str] = {
     "lidar": QT_TR_NOOP("Show LIDAR"), "people": QT_TR_NOOP("Show people"), "places": QT_TR_NOOP("Show places"),
     "trail": QT_TR_NOOP("Show the driven path"),
@@ -72,9 +74,9 @@ class MapPanel(Panel):
         self.tools.reported.connect(self._on_reported)
         self.tools.changed.connect(self._refresh)
         self._make_buttons()
-        layout = layouts.vbox(self, margins_px=(8, 6, 8, 8), spacing_px=6)
-        layout.addWidget(self.view, 1)
-        layout.addWidget(self._below)
+        self._layout = layouts.vbox(self, margins_px=(8, 6, 8, 8), spacing_px=6)
+        self._layout.addWidget(self.view, 1)
+        self._layout.addWidget(self._aside)
         self._confirm = ActionButton(self.theme, tr("Confirm position"), icon="check", role="primary", height_px=32)
         self._confirm.setObjectName("map_confirm")
         self._confirm.setToolTip(tr("The robot is where the map shows it"))
@@ -165,10 +167,10 @@ class MapPanel(Panel):
         self._cancel.setObjectName("goal_cancel")
         self._cancel.setToolTip(tr("Cancel this goal"))
         self._cancel.clicked.connect(lambda: self.console.do(intents.CancelGoal()))
-        self._below = FlowRow(gap_px=8)
-        self._below.setParent(self)
+        self._aside = FlowRow(gap_px=8)
+        self._aside.setParent(self)
         for button in (self._go, self._cancel):
-            self._below.add(button)
+            self._aside.add(button)
         self._legend: list[QLabel] = []
         self._menu = QMenu(self)
         self._menu.setObjectName("map_menu")
@@ -181,29 +183,48 @@ class MapPanel(Panel):
     def title_widgets(self) -> list[QWidget]:
         return [self._more]
 
+    @property
+    def _is_low(self) -> bool:
+        return self.height() < _LOW_PX
+
+    def _arrange(self) -> None:
+        """Place buttons and legend below the map, or the buttons beside it in a low panel."""
+        self._layout.setDirection(
+            QBoxLayout.Direction.LeftToRight if self._is_low else QBoxLayout.Direction.TopToBottom
+        )
+        policy = self._aside.sizePolicy()
+        policy.setHorizontalPolicy(QSizePolicy.Policy.Fixed if self._is_low else QSizePolicy.Policy.Ignored)
+        self._aside.setSizePolicy(policy)
+
     def _show_legend(self) -> None:
         """Show what the colours mean, where the panel is high enough."""
         from caris_desktop.ui.map.map_items import legend
 
         entries = legend(self.view.map_state, has_grid=self.view.grid.newest is not None)
-        if self.height() < _LEGEND_FROM_PX:
+        if self._is_low:
             entries = []
-        texts = [
-            f'<span style="color:{self.theme.color(role).name()}">{symbol}</span>&nbsp;{html.escape(word)}'
-            for role, symbol, word in entries
-        ]
+        line = self.theme.color("line_strong").name()
+        texts = []
+        for role, symbol, word in entries:
+            color = self.theme.color(role).name()
+            look = f"color:{line}; background:{color}" if role == "map_unknown" else f"color:{color}"
+            texts.append(
+                f'<span style="font-size:{tokens.STATUS_PX - 1}px"><span style="{look}">{symbol}</span>&nbsp;'
+                f"{html.escape(word)}</span>"
+            )
         while len(self._legend) < len(texts):
-            label = QLabel(self._below)
+            label = QLabel(self._aside)
             label.setObjectName("map_legend")
             label.setTextFormat(Qt.TextFormat.RichText)
+            label.setMinimumHeight(28)  # as high as a button in the same line
             self._legend.append(label)
-            self._below.add(label)
+            self._aside.add(label)
         for number, label in enumerate(self._legend):
             label.setVisible(number < len(texts))
             if number < len(texts) and label.text() != texts[number]:
                 label.setText(texts[number])
                 label.setAccessibleName(entries[number][2])
-                self.theme.style_text(label, "text", tokens.STATUS_PX - 1)
+                self.theme.color_text(label, "text")
 
     def focus_target(self) -> QWidget:
         return self.view
@@ -217,6 +238,7 @@ class MapPanel(Panel):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self._show_legend()
+        self._arrange()
         self._place_confirm()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
@@ -284,7 +306,11 @@ class MapPanel(Panel):
         menu.addSeparator()
         for layer, text in _LAYERS.items():
             action = _add_choice(
-                menu, f"map_layer_{layer}", tr(text), layer not in view.map_state.hidden, partial(view.show_layer, layer)
+                menu,
+                f"map_layer_{layer}",
+                tr(text),
+                layer not in view.map_state.hidden,
+                partial(view.show_layer, layer),
             )
             action.toggled.connect(self._on_view_chosen)
         clear = menu.addAction(tr("Clear the driven path"))
@@ -423,6 +449,7 @@ class MapPanel(Panel):
         show_part(
             self._go, self.tools.may_go and not going and bool(self.state.places.value) and self.tools.can_navigate()
         )
+        self._arrange()
         self._refresh()
 
     def _on_reported(self, text: str, role: str, duration_s: float) -> None:
