@@ -30,7 +30,7 @@ from caris_desktop.robot.profile import NavigationServer, RobotProfile
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.map.map_grid import GridRaster
-from caris_desktop.ui.map.map_items import TRAIL_POINTS, Trail
+from caris_desktop.ui.map.map_state import TRAIL_POINTS, Trail
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.theme import Theme
 from tests.support.yardstick import in_yardsticks
@@ -93,7 +93,7 @@ def grid_of(cells: np.ndarray) -> OccupancyGrid:
 def render(raster: GridRaster) -> int:
     bands = 0
     while not raster.done:
-        raster.render_band()
+        raster.render_rows()
         bands += 1
     return bands
 

@@ -38,7 +38,7 @@ from caris_desktop.live.status import (
 )
 from caris_desktop.robot.profile import NavigationServer, RobotProfile, VelocityTopic
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.map.map_items import scan_points_in_map
+from caris_desktop.ui.map.map_state import scan_points_in_map
 from caris_desktop.ui.panel import PanelContext
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.panels.people_panel import PeoplePanel

@@ -151,9 +151,9 @@ def test_the_map_says_it_in_words_and_look_until_it_is_confirmed(
     confirm = find(panel, "map_confirm")
     confirm.hide()
     without = panel.view.map_state.chips
-    panel.view.show_chips([])
+    panel.view.update_state(chips=[])
     pin = panel.view.grab().toImage()
-    panel.view.show_chips(without)
+    panel.view.update_state(chips=without)
     confirm.show()
     assert pin != before, "the pin is hollow and its outline dashed"
     click(qtbot, confirm)

@@ -99,7 +99,7 @@ class GridItem(pyqtgraph.ImageItem):  # type: ignore[misc]  # pyqtgraph has no t
         if rendering is None:
             return
         began_s = time.perf_counter()
-        rendering.render_band()
+        rendering.render_rows()
         self.slowest_band_ms = max(self.slowest_band_ms, (time.perf_counter() - began_s) * 1e3)
         if not rendering.done:
             QTimer.singleShot(0, self, self._render_more)
@@ -186,13 +186,13 @@ class GridRaster:
         return grid.origin_in_map == mine.origin_in_map
 
     def begin(self, grid: OccupancyGrid) -> None:
-        """Start an update of the same map, applied by :meth:`render_band`."""
+        """Start an update of the same map, applied by :meth:`render_rows`."""
         self.grid = grid
         self._next_row = 0
         self._fresh = False
         self.rows_changed = 0
 
-    def render_band(self) -> None:
+    def render_rows(self) -> None:
         """Render the next band of rows."""
         first = self._next_row
         # int8 viewed as uint8: -1 is 255, and 255 + 1 wraps to 0.

@@ -1,10 +1,8 @@
 """Graphics items of the map: layers in metres, and marks and labels in pixels over them."""
 
 import math
-from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pyqtgraph
@@ -20,132 +18,18 @@ from PySide6.QtWidgets import (
     QGraphicsSimpleTextItem,
 )
 
-from caris_desktop.domain.events import GoalChanged
-from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.domain.sensing import LaserScan, PersonPlace
-from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import Value, dataclass
-from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.map.map_grid import GridItem
+from caris_desktop.ui.map.map_state import TRAIL_SHADES, MapState, length_in_words
 from caris_desktop.ui.theme import Theme
 
-TRAIL_STEP_M = 0.05
-TRAIL_POINTS = 4000
-"""Maximum points of the trail: two hundred metres."""
-
-_TRAIL_JUMP_M = 1.0
-_TRAIL_SHADES = 8
 _CHIP_ROLES = {"warning": ("amber", "warning"), "good": ("green", "check"), "bad": ("red", "warning-octagon")}
 _MARK_PX = 9.0
 
 # Candidate label positions: px from mark to left edge, share of the width to subtract, px to the top.
 _BESIDE_A_FLAG = ((11.0, 0.0, -10.0), (-11.0, 1.0, -10.0), (0.0, 0.5, -31.0), (0.0, 0.5, 11.0))
 _BESIDE_A_PERSON = ((10.0, 0.0, -10.0), (-10.0, 1.0, -10.0), (10.0, 0.0, 11.0), (10.0, 0.0, -31.0), (-10.0, 1.0, 11.0))
-
-Tool = Literal["look", "goal", "pose", "place", "measure"]
-Layer = Literal["lidar", "people", "places", "trail"]
-
-
-class Aim(Value):
-    """Point being chosen on the map, with its heading as far as set; for a measurement with its other end."""
-
-    at: QPointF  # metres in the map
-    heading_rad: float | None
-    anchored: bool  # position fixed, the rest still open
-    end: QPointF | None = None
-
-
-class Trail:
-    """Driven path: a point every five centimetres, the newest ``TRAIL_POINTS``."""
-
-    def __init__(self) -> None:
-        self._points: deque[tuple[float, float]] = deque(maxlen=TRAIL_POINTS)
-        self.version = 0
-
-    def __len__(self) -> int:
-        return len(self._points)
-
-    def add(self, pose: Pose2D) -> None:
-        if self._points:
-            moved_m = math.dist(self._points[-1], (pose.x_m, pose.y_m))
-            if moved_m < TRAIL_STEP_M:
-                return
-            if moved_m > _TRAIL_JUMP_M and not math.isnan(self._points[-1][0]):
-                # A jump of the localization, which the robot did not drive.
-                self._points.append((math.nan, math.nan))
-        self._points.append((pose.x_m, pose.y_m))
-        self.version += 1
-
-    def clear(self) -> None:
-        self._points.clear()
-        self.version += 1
-
-    def pieces(self) -> list[tuple[float, NDArray[np.float64]]]:
-        """Pieces as (strength 0..1, points of shape (n, 2) in metres), oldest first; NaN where the line is broken."""
-        points = np.array(self._points, np.float64).reshape(-1, 2)
-        per_shade = max(2, math.ceil(len(points) / _TRAIL_SHADES))
-        firsts = enumerate(range(0, len(points), per_shade), start=1)
-        return [(shade / _TRAIL_SHADES, points[first : first + per_shade + 1]) for shade, first in firsts]
-
-
-@dataclass(slots=True)
-class MapState:
-    """Map state without the grid.
-
-    ``people``: position, label, and whether it is a given name; ``meant``: id of the selected person. ``chips``: lines
-    of (text, role) at the upper edge; roles: warning, good, bad, hint. ``mark``: point that a popup asks about.
-    ``unconfirmed``: the pose was not confirmed after a crash.
-    """
-
-    places: tuple[Place, ...] = ()
-    pose: Pose2D | None = None
-    pose_freshness: str = "none"
-    unconfirmed: bool = False
-    scan_points_m: NDArray[np.float64] | None = None
-    scan_freshness: str = "none"
-    path_m: NDArray[np.float32] | None = None
-    people: tuple[tuple[PersonPlace, str, bool], ...] = ()
-    people_freshness: str = "none"
-    meant: str = ""
-    outline_m: tuple[tuple[float, float], ...] = ()
-    guard: tuple[str, float | None] = ("absent", None)
-    goal: GoalChanged | None = None
-    chips: list[tuple[str, str]] = field(default_factory=list)
-    hint: str = ""
-    mark: QPointF | None = None
-    waiting: str = field(default_factory=lambda: tr("Waiting for the map"))
-    trail: Trail = field(default_factory=Trail)
-    hidden: set[Layer] = field(default_factory=set)
-    rotate: bool = False
-    tool: Tool = "look"
-    aim: Aim | None = None
-    pointer: QPointF | None = None
-    hovered: str | None = None
-
-
-def scan_points_in_map(scan: LaserScan, map_from_robot: Pose2D) -> NDArray[np.float64]:
-    """End points of the beams, float64 of shape (returns, 2), metres in the map; empty if the pose of the laser is
-    unknown.
-    """
-    if scan.robot_from_laser is None:
-        return np.zeros((0, 2))
-    return scan.points(map_from_robot @ scan.robot_from_laser)
-
-
-def legend(state: MapState, *, has_grid: bool) -> list[tuple[str, str, str]]:
-    """Colour role, symbol and word of each kind of thing that is shown without a label of its own."""
-    robot = state.pose is not None and state.pose_freshness != "none"
-    lidar = "lidar" not in state.hidden and state.scan_freshness in ("fresh", "stale")
-    shown = (
-        (robot, "blue", "●", tr("robot")),
-        (lidar and state.scan_points_m is not None and len(state.scan_points_m) > 0, "lidar", "•••", tr("LIDAR")),
-        (has_grid, "map_wall", "▬", tr("wall")),
-        (has_grid, "map_unknown", "□", tr("unknown")),
-        (state.goal is not None, "green", "○", tr("goal")),
-    )
-    return [(role, symbol, word) for is_shown, role, symbol, word in shown if is_shown]
 
 
 class _Dots(pyqtgraph.GraphicsObject):  # type: ignore[misc]  # pyqtgraph has no types
@@ -167,8 +51,7 @@ class _Dots(pyqtgraph.GraphicsObject):  # type: ignore[misc]  # pyqtgraph has no
         return self._bounds
 
     def paint(self, painter: QPainter, _option: Any, _widget: Any = None) -> None:
-        pen = _cosmetic(self.color, 3, Qt.PenStyle.SolidLine)
-        painter.setPen(pen)
+        painter.setPen(_cosmetic(self.color, 3))
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
         painter.drawPoints(self._points)
 
@@ -280,7 +163,7 @@ class MapItems:
         box.addItem(self.world, ignoreBounds=True)
         self.world.addItem(grid)
         # A PlotCurveItem computes its bounds in Python, several times a repaint.
-        self._trail = [QGraphicsPathItem(self.world) for _ in range(_TRAIL_SHADES)]
+        self._trail = [QGraphicsPathItem(self.world) for _ in range(TRAIL_SHADES)]
         self._scan = _Dots()
         self.world.addItem(self._scan)
         self._path = QGraphicsPathItem(self.world)
@@ -325,7 +208,7 @@ class MapItems:
         return math.radians(self.world.rotation())
 
     def to_view(self, x_m: float, y_m: float) -> QPointF:
-        return self.world.mapToItem(self._box, QPointF(x_m, y_m))
+        return QPointF(self.world.mapToItem(self._box, QPointF(x_m, y_m)))
 
     def labels(self) -> dict[str, QRectF]:
         """Rectangles of the visible names of places and people."""
@@ -338,10 +221,9 @@ class MapItems:
         color, small = self._theme.color, self._theme.font(tokens.STATUS_PX - 1)
         trail = color("blue")
         for shade, curve in enumerate(self._trail, start=1):
-            trail.setAlpha(round(30 + 110 * shade / _TRAIL_SHADES))
-            curve.setPen(_cosmetic(trail, 2, Qt.PenStyle.SolidLine))
+            trail.setAlpha(round(30 + 110 * shade / TRAIL_SHADES))
+            curve.setPen(_cosmetic(trail, 2))
         self._scan.color = color("lidar")
-        self._shown_path = None
         self._scale_bar.setPen(QPen(color("dim"), 1.5))
         self._north.setPen(Qt.PenStyle.NoPen)
         self._north.setBrush(color("dim"))
@@ -373,7 +255,7 @@ class MapItems:
         if shown and trail.version != self._shown_trail:
             self._shown_trail = trail.version
             pieces = [points for _strength, points in trail.pieces()]
-            pieces = [np.zeros((0, 2))] * (_TRAIL_SHADES - len(pieces)) + pieces
+            pieces = [np.zeros((0, 2))] * (TRAIL_SHADES - len(pieces)) + pieces
             for curve, points in zip(self._trail, pieces, strict=True):
                 curve.setPath(_path_of(points))
         for curve in self._trail:
@@ -382,12 +264,11 @@ class MapItems:
     def _show_scan(self) -> None:
         state = self._state
         points_m, freshness = state.scan_points_m, state.scan_freshness
-        shown = points_m is not None and freshness in ("fresh", "stale") and "lidar" not in state.hidden
-        if shown and points_m is not self._shown_scan:
-            self._shown_scan = points_m
-            self._scan.show_points(points_m)
         self._scan.setOpacity(0.9 if freshness == "fresh" else 0.3)
-        self._scan.setVisible(shown)
+        self._scan.setVisible(freshness in ("fresh", "stale") and "lidar" not in state.hidden)
+        if points_m is not self._shown_scan:
+            self._shown_scan = points_m
+            self._scan.show_points(np.zeros((0, 2)) if points_m is None else points_m)
 
     def _show_goal(self) -> None:
         state = self._state
@@ -397,14 +278,11 @@ class MapItems:
         if goal is None:
             return
         # Dashed straight line to the goal until the robot reports its path.
-        target, line = goal.target_in_map, path_m
-        if line is None and state.pose is not None:
-            line = np.array([(state.pose.x_m, state.pose.y_m), (target.x_m, target.y_m)])
-        if path_m is None or path_m is not self._shown_path:
-            self._shown_path = path_m
-            style = Qt.PenStyle.DashLine if path_m is None else Qt.PenStyle.SolidLine
-            self._path.setPen(_cosmetic(self._theme.color("green"), 2.5, style))
-            self._path.setPath(QPainterPath() if line is None else _path_of(line))
+        target, from_pose = goal.target_in_map, state.pose or goal.target_in_map
+        straight = np.array([(from_pose.x_m, from_pose.y_m), (target.x_m, target.y_m)])
+        self._path.setPath(_path_of(straight if path_m is None else path_m))
+        style = Qt.PenStyle.DashLine if path_m is None else Qt.PenStyle.SolidLine
+        self._path.setPen(_cosmetic(self._theme.color("green"), 2.5, style))
         at = self.to_view(target.x_m, target.y_m)
         self._goal.show_at(at, target.heading_rad + self.turn_rad, self._theme.color("green"))
 
@@ -496,12 +374,11 @@ class MapItems:
             mark.setRect(_around(QPointF(0, 0), 6))
             mark.setPen(QPen(ground if named else color, 1.5))
             mark.setBrush(color if named else ground)
-            dashed = QPen(color, 1.5)
-            dashed.setDashPattern([3, 3])
+            dashed = _dashed(QPen(color, 1.5), 3, 3)
             # Rounded to px: position uncertainty varies slightly with each detection.
             mark.ring.setRect(_around(QPointF(0, 0), max(9, round(person.spread_m * self.px_per_m))))
             mark.ring.setPen(dashed)
-            mark.outer.setVisible(bool(state.meant) and person.person_id == state.meant)
+            mark.outer.setVisible(bool(state.selected) and person.person_id == state.selected)
             mark.outer.setRect(_around(QPointF(0, 0), 10))
             mark.outer.setPen(QPen(theme.color("text"), 2.5))
             if label is None:
@@ -538,9 +415,7 @@ class MapItems:
             role = "red" if state.guard[0] == "blocked" else "amber"
             self._reach.setPen(_cosmetic(theme.color(role), 2, Qt.PenStyle.DotLine))
         panel = theme.color("panel")
-        pen = QPen(color if doubtful else panel, 2 if doubtful else 1.5)
-        if doubtful:
-            pen.setDashPattern([3, 2])
+        pen = _dashed(QPen(color, 2), 3, 2) if doubtful else QPen(panel, 1.5)
         self._pin.setPos(self.to_view(pose.x_m, pose.y_m))
         self._pin.setRotation(-math.degrees(pose.heading_rad + self.turn_rad))
         for part in self._pin_parts:
@@ -563,16 +438,13 @@ class MapItems:
         if aim is not None and aim.end is not None:
             self._show_measured(point, self.to_view(aim.end.x(), aim.end.y()), length_in_words(aim.at, aim.end))
             return
-        pen = QPen(color, 2.5 if state.tool == "look" else 2)
-        if state.tool != "look":
-            pen.setDashPattern([3, 2])
         self._aim.setPos(point)
-        self._aim.setPen(pen)
+        self._aim.setPen(QPen(color, 2.5) if state.tool == "look" else _dashed(QPen(color, 2), 3, 2))
         self._aim.show()
 
     def _pointer_in_map(self) -> QPointF | None:
         pointer = self._state.pointer
-        return None if pointer is None else self.world.mapFromItem(self._box, pointer)
+        return None if pointer is None else QPointF(self.world.mapFromItem(self._box, pointer))
 
     def _show_measured(self, start: QPointF, end: QPointF, words: str) -> None:
         path = QPainterPath(start)
@@ -591,10 +463,10 @@ class MapItems:
     def _show_scale_bar(self) -> None:
         state = self._state
         shown = self._grid.newest is not None or state.pose is not None
-        for item in (self._scale_bar, self._scale_words):
-            item.setVisible(shown)
-        for item in (self._north, self._north_word):
-            item.setVisible(shown and state.rotate)
+        self._scale_bar.setVisible(shown)
+        self._scale_words.setVisible(shown)
+        self._north.setVisible(shown and state.rotate)
+        self._north_word.setVisible(shown and state.rotate)
         scale = self.px_per_m
         metres = next((length for length in (0.5, 1, 2, 5, 10, 20, 50) if length * scale >= 44), 100)
         right, bottom = self._box.width() - 14.0, self._box.height() - 10.0
@@ -637,10 +509,6 @@ class MapItems:
             chip.show_text(rect, elided, font, color, theme.color("panel"), line=line, icon_name=icon_name)
 
 
-def length_in_words(start: QPointF, end: QPointF) -> str:
-    return tr("{distance:.2f} m").format(distance=math.dist(start.toTuple(), end.toTuple()))
-
-
 def _path_of(points_m: NDArray[Any]) -> QPainterPath:
     path: QPainterPath = pyqtgraph.functions.arrayToQPath(points_m[:, 0], points_m[:, 1], connect="finite")
     return path
@@ -666,7 +534,12 @@ def _around(at: QPointF, reach: float) -> QRectF:
     return QRectF(at.x() - reach, at.y() - reach, 2 * reach, 2 * reach)
 
 
-def _cosmetic(color: QColor, width_px: float, style: Qt.PenStyle) -> QPen:
+def _dashed(pen: QPen, dash: float, gap: float) -> QPen:
+    pen.setDashPattern([dash, gap])
+    return pen
+
+
+def _cosmetic(color: QColor, width_px: float, style: Qt.PenStyle = Qt.PenStyle.SolidLine) -> QPen:
     """Pen of this width in px at any scale."""
     pen = QPen(color, width_px, style)
     pen.setCosmetic(True)

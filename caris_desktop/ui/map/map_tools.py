@@ -14,7 +14,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui import text_formatting
-from caris_desktop.ui.map.map_items import Tool
+from caris_desktop.ui.map.map_state import Tool
 from caris_desktop.ui.map.map_view import MapView
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.widgets.floating_card import ChoiceCard, NameCard
@@ -35,6 +35,25 @@ _MENU: tuple[tuple[Tool, str, str], ...] = (
     ("pose", QT_TR_NOOP("Robot is here: set the robot's position"), ""),
     ("measure", QT_TR_NOOP("Measure a distance"), ""),
 )
+
+
+def add_action(
+    menu: QMenu,
+    name: str,
+    text: str,
+    act: Callable[[], object],
+    *,
+    key: str = "",
+    checked: bool | None = None,
+    enabled: bool = True,
+) -> None:
+    """Add an entry that calls ``act``; ``checked``: state of one that can be checked."""
+    action = menu.addAction("\t".join((text, key)).rstrip("\t"))
+    action.setObjectName(name)
+    action.setCheckable(checked is not None)
+    action.setChecked(bool(checked))
+    action.setEnabled(enabled)
+    action.triggered.connect(lambda _checked=False: act())
 
 
 class MapTools(QObject):
@@ -72,13 +91,10 @@ class MapTools(QObject):
     def fill_menu(self, menu: QMenu) -> None:
         """Add the tools that robot and scenario allow."""
         for tool, text, key in _MENU:
-            if not self._is_offered(tool):
-                continue
-            action = menu.addAction("\t".join((tr(text), key)).rstrip("\t"))
-            action.setObjectName(f"map_tool_{tool}")
-            action.setCheckable(True)
-            action.setChecked(self._view.map_state.tool == tool)
-            action.triggered.connect(lambda checked, tool=tool: self.use(tool if checked else "look"))
+            if self._is_offered(tool):
+                checked = self._view.map_state.tool == tool
+                use = partial(self.use, "look" if checked else tool)
+                add_action(menu, f"map_tool_{tool}", tr(text), use, key=key, checked=checked)
 
     def _is_offered(self, tool: Tool) -> bool:
         able = {"goal": self.can_navigate, "pose": self._can_set_pose}.get(tool, lambda: True)
@@ -103,14 +119,14 @@ class MapTools(QObject):
 
     def _on_tool_changed(self, tool: str) -> None:
         if tool == "look":
-            self._view.show_hint("")
+            self._view.update_state(hint="")
         elif self._view.map_state.aim is not None and self._view.map_state.aim.anchored:
-            self._view.show_hint(tr("Click the direction to face · Esc cancels"))
+            self._view.update_state(hint=tr("Click the direction to face · Esc cancels"))
         elif self._moving is not None:
             where = tr("Press at the new position of {place}, drag to set the heading · Esc cancels")
-            self._view.show_hint(where.format(place=self._moving))
+            self._view.update_state(hint=where.format(place=self._moving))
         else:
-            self._view.show_hint(tr(_HINTS[self._view.map_state.tool]))
+            self._view.update_state(hint=tr(_HINTS[self._view.map_state.tool]))
 
     def _on_escape(self) -> None:
         self._moving = None
@@ -124,29 +140,19 @@ class MapTools(QObject):
     def _on_place_clicked(self, name: str, where: QPointF) -> None:
         if not self.may_go:
             return
-        if self.can_navigate():
-            go = (f"go_to_{name}", tr("Go to {place}").format(place=name), "navigation-arrow", lambda: self.go_to(name))
-            more = ("map_place_more", tr("More"), "dots-three-vertical", lambda: self._open_place_menu(name, where))
-            self._card.offer(where, self.goal_speed(), [go, more], per_row=2)
-        else:
-            icons = {"map_place_move": "arrows-out-cardinal", "map_place_remove": "trash"}
-            rows = [(row, text, icons[row], partial(act, name)) for row, text, act in self._place_rows()]
-            self._card.offer(where, name, rows, per_row=2)
+        if not self.can_navigate():
+            self._open_place_menu(name, where)
+            return
+        go = (f"go_to_{name}", tr("Go to {place}").format(place=name), "navigation-arrow", lambda: self.go_to(name))
+        more = ("map_place_more", tr("More"), "dots-three-vertical", lambda: self._open_place_menu(name, where))
+        self._card.offer(where, self.goal_speed(), [go, more], per_row=2)
 
     def _open_place_menu(self, name: str, where: QPointF) -> None:
-        self.fill_place_menu(name).popup(self._view.mapToGlobal(where.toPoint()))
-
-    def fill_place_menu(self, name: str) -> QMenu:
-        """Menu of a place: move, remove."""
-        self._place_menu.clear()
-        for row, text, act in self._place_rows():
-            action = self._place_menu.addAction(text)
-            action.setObjectName(row)
-            action.triggered.connect(partial(act, name))
-        return self._place_menu
-
-    def _place_rows(self) -> tuple[tuple[str, str, Callable[[str], None]], ...]:
-        return (("map_place_move", tr("Move"), self._begin_moving), ("map_place_remove", tr("Remove"), self._remove))
+        menu = self._place_menu
+        menu.clear()
+        add_action(menu, "map_place_move", tr("Move"), partial(self._begin_moving, name))
+        add_action(menu, "map_place_remove", tr("Remove"), partial(self._remove, name))
+        menu.popup(self._view.mapToGlobal(where.toPoint()))
 
     def goal_speed(self) -> str:
         """Speed limit on the way to a goal, shown before one is chosen."""
@@ -168,7 +174,7 @@ class MapTools(QObject):
             line = " · ".join(part for part in (away, speed if self.can_navigate() else "") if part)
             if self._state.map.value is not None and self._view.grid.value_at(at) is None:
                 line = ", ".join((line, tr("not on the map yet")))
-        choices = []
+        choices: list[tuple[str, str, str, Callable[[], object]]] = []
         if not refusal:
             target = Pose2D(at.x(), at.y(), self._view.heading_towards(at))
             if self.can_navigate():
@@ -185,10 +191,10 @@ class MapTools(QObject):
             if self._can_set_pose():
                 choices.append(("map_robot_here", tr("Robot is here"), "map-pin", lambda: self.use("pose", at=at)))
         self._card.offer(where, line, choices, per_row=2 if self.can_navigate() else 1)
-        self._view.show_mark(at)
+        self._view.update_state(mark=at)
 
     def _on_card_closed(self) -> None:
-        self._view.show_mark(None)
+        self._view.update_state(mark=None)
 
     def _on_aimed(self, tool: str, pose: Pose2D, headed: bool) -> None:
         moving, self._moving = self._moving, None

@@ -4,18 +4,17 @@ import math
 from typing import Any
 
 import pyqtgraph
-from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QKeyEvent, QPolygonF
 from PySide6.QtWidgets import QGraphicsScene
 
-from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
-from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, PersonPlace, RobotPose
+from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, RobotPose
 from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.map.map_grid import GridItem
-from caris_desktop.ui.map.map_items import Aim, Layer, MapItems, MapState, Tool, length_in_words, scan_points_in_map
+from caris_desktop.ui.map.map_items import MapItems
+from caris_desktop.ui.map.map_state import Aim, Layer, MapState, Tool, length_in_words, scan_points_in_map
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.theme import Theme
 
@@ -137,82 +136,29 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
         self.map_state.scan_points_m = None if scan is None or here is None else scan_points_in_map(scan, here)
         self._touch()
 
-    def show_path(self, points_in_map: NDArray[Any] | None) -> None:
-        self.map_state.path_m = None if points_in_map is None or len(points_in_map) < 2 else points_in_map
+    def update_state(self, **changes: Any) -> None:
+        """Set these fields of the map state."""
+        for name, value in changes.items():
+            before = getattr(self.map_state, name)
+            if value is not before and not (isinstance(value, str | tuple | list) and value == before):
+                setattr(self.map_state, name, value)
+                self._touch()
+
+    def show_layer(self, layer: Layer, shown: bool) -> None:
+        (self.map_state.hidden.discard if shown else self.map_state.hidden.add)(layer)
         self._touch()
 
-    def show_people(
-        self, people: tuple[tuple[PersonPlace, str, bool], ...], freshness: str, *, selected: str = ""
-    ) -> None:
-        """Set positions and labels of people, and whether each is a given name.
-
-        ``selected``: id of the selected person.
-        """
-        self.map_state.people, self.map_state.people_freshness, self.map_state.meant = people, freshness, selected
+    def clear_trail(self) -> None:
+        self.map_state.trail.clear()
         self._touch()
-
-    def show_robot(self, outline_m: tuple[tuple[float, float], ...]) -> None:
-        self.map_state.outline_m = outline_m
-        self._touch(0)
-
-    def show_guard(self, state: str, distance_m: float | None) -> None:
-        if (state, distance_m) != self.map_state.guard:
-            self.map_state.guard = (state, distance_m)
-            self._touch()
-
-    def show_places(self, places: tuple[Place, ...]) -> None:
-        self.map_state.places = places
-        self._touch(0)
-
-    def show_goal(self, goal: GoalChanged | None) -> None:
-        self.map_state.goal = goal
-        self._touch()
-
-    def show_chips(self, chips: list[tuple[str, str]]) -> None:
-        """Set lines of (text, role) at the upper edge; roles: warning, good, bad, hint."""
-        if chips != self.map_state.chips:
-            self.map_state.chips = chips
-            self._touch(0)
 
     @property
     def chips(self) -> list[tuple[str, str]]:
         return self.map_state.chips
 
-    def show_mark(self, at: QPointF | None) -> None:
-        """Set the marker of the point that a popup asks about."""
-        self.map_state.mark = at
-        self._touch(0)
-
-    def show_hint(self, hint: str) -> None:
-        if hint != self.map_state.hint:
-            self.map_state.hint = hint
-            self._touch(0)
-
     @property
     def hint(self) -> str:
         return self.map_state.hint
-
-    def show_waiting(self, words: str) -> None:
-        if words != self.map_state.waiting:
-            self.map_state.waiting = words
-            self._touch(0)
-
-    def show_unconfirmed(self, unconfirmed: bool) -> None:
-        self.map_state.unconfirmed = unconfirmed
-        self._touch(0)
-
-    def show_freshness(self, *, pose: str, scan: str) -> None:
-        if (pose, scan) != (self.map_state.pose_freshness, self.map_state.scan_freshness):
-            self.map_state.pose_freshness, self.map_state.scan_freshness = pose, scan
-            self._touch(0)
-
-    def show_layer(self, layer: Layer, shown: bool) -> None:
-        (self.map_state.hidden.discard if shown else self.map_state.hidden.add)(layer)
-        self._touch(0)
-
-    def clear_trail(self) -> None:
-        self.map_state.trail.clear()
-        self._touch(0)
 
     def _touch(self, after_ms: int = REPAINT_MS) -> None:
         """Refresh the items after a change: once for all changes of this time."""
@@ -252,9 +198,9 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
         middle = QPointF(pose.x_m, pose.y_m) if self.follow else self.to_map(QPointF(self._box.rect().center()))
         if self.map_state.rotate:
             self._turn_up(pose.heading_rad)
-        self._look_at(middle)
+        self._center_on(middle)
 
-    def _look_at(self, at: QPointF) -> None:
+    def _center_on(self, at: QPointF) -> None:
         """Move this map point to the middle of the view."""
         shown: QRectF = self._box.viewRect()
         shown.moveCenter(self.map_items.world.mapToParent(at))
@@ -283,7 +229,7 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
             self.map_state.rotate = rotate
             middle = self.to_map(QPointF(self._box.rect().center()))
             self._turn_up(pose.heading_rad if rotate and pose is not None else None)
-            self._look_at(middle)
+            self._center_on(middle)
             self.rotate_changed.emit(rotate)
             self._touch(0)
 
@@ -305,7 +251,7 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
 
     def _bounds_of(self, poses: list[Pose2D]) -> QRectF:
         points = QPolygonF([QPointF(pose.x_m, pose.y_m) for pose in poses])
-        return self.map_items.world.mapToParent(points).boundingRect()
+        return QRectF(self.map_items.world.mapToParent(points).boundingRect())
 
     def zoom(self, factor: float, about: QPointF | None = None) -> None:
         """Zoom around the point ``about`` of the view."""
@@ -327,7 +273,7 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
 
     def to_map(self, point: QPointF) -> QPointF:
         self._box.updateMatrix()
-        return self.map_items.world.mapFromItem(self._box, QPointF(point))
+        return QPointF(self.map_items.world.mapFromItem(self._box, QPointF(point)))
 
     # ---- mouse and keyboard
 
@@ -420,20 +366,19 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
         self.map_state.pointer = point
         if self._dragging:
             return
-        if self.map_state.tool != "look":
-            if self.map_state.aim is not None and self.map_state.aim.anchored:
-                self._aim_at(point)
-            self._touch(0)
-            return
+        aim = self.map_state.aim
+        if aim is not None and aim.anchored:
+            self._aim_at(point)
         self._show_cursor(point)
 
     def _show_cursor(self, point: QPointF) -> None:
-        over = self._place_at(point) if self.map_state.tool == "look" else None
-        if self.map_state.tool != "look":
-            self.setCursor(Qt.CursorShape.CrossCursor)
-        else:
-            self.setCursor(Qt.CursorShape.ArrowCursor if over is None else Qt.CursorShape.PointingHandCursor)
-        if over != self.map_state.hovered:
+        looks = self.map_state.tool == "look"
+        over = self._place_at(point) if looks else None
+        shapes = Qt.CursorShape
+        self.setCursor(
+            shapes.CrossCursor if not looks else shapes.ArrowCursor if over is None else shapes.PointingHandCursor
+        )
+        if over != self.map_state.hovered or not looks:
             self.map_state.hovered = over
             self._touch(0)
 
@@ -445,7 +390,7 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
         if self.map_state.tool == "measure":
             end = self.to_map(point)
             self.map_state.aim = Aim(aim.at, None, aim.anchored, end)
-            self.show_hint(tr("{length} · Esc ends measuring").format(length=length_in_words(aim.at, end)))
+            self.update_state(hint=tr("{length} · Esc ends measuring").format(length=length_in_words(aim.at, end)))
         else:
             away = point - self.to_view(aim.at.x(), aim.at.y())
             heading_rad = None
@@ -465,7 +410,7 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
         if self.grid.refusal_at(aim.at):
             # The tool stays active for another try.
             self.map_state.aim = None
-            self.show_hint(self.grid.refusal_at(aim.at))
+            self.update_state(hint=self.grid.refusal_at(aim.at))
             return
         heading_rad = aim.heading_rad if aim.heading_rad is not None else self.heading_towards(aim.at)
         self.set_tool("look")

@@ -2,12 +2,12 @@
 
 import html
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
-from PySide6.QtGui import QAction, QKeyEvent, QResizeEvent
+from PySide6.QtGui import QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QLabel, QMenu, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
@@ -19,6 +19,7 @@ from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.scenario_model import PanelSettings, Place
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
+from caris_desktop.ui.map.map_state import Layer, legend
 from caris_desktop.ui.obstacle_ahead import nearest_words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import as_permitted
@@ -34,7 +35,7 @@ _PLACE_AWAITED_NS = 3_000_000_000
 _LOW_PX = 200
 """Height below which the buttons are beside the map instead of below it, without a legend."""
 
-_LAYERS: dict[Any, str] = {
+_LAYERS: dict[Layer, str] = {
     "lidar": QT_TR_NOOP("Show LIDAR"), "people": QT_TR_NOOP("Show people"), "places": QT_TR_NOOP("Show places"),
     "trail": QT_TR_NOOP("Show the driven path"),
 }  # fmt: skip
@@ -146,7 +147,7 @@ class MapPanel(Panel):
         if not self.in_view:
             return
         unconfirmed = "map" in self.state.going_on.value.unconfirmed
-        self.view.show_unconfirmed(unconfirmed)
+        self.view.update_state(unconfirmed=unconfirmed)
         show_part(self._confirm, unconfirmed)
         self._place_confirm()
         self._refresh()
@@ -198,8 +199,6 @@ class MapPanel(Panel):
 
     def _show_legend(self) -> None:
         """Show what the colours mean, where the panel is high enough."""
-        from caris_desktop.ui.map.map_items import legend
-
         entries = legend(self.view.map_state, has_grid=self.view.grid.newest is not None)
         if self._is_low:
             entries = []
@@ -289,64 +288,44 @@ class MapPanel(Panel):
 
     def fill_menu(self) -> QMenu:
         """Fill the menu: tools, view, layers, places, mapping."""
-        menu, view = self._menu, self.view
+        from caris_desktop.ui.map.map_tools import add_action
+
+        menu, view, hidden = self._menu, self.view, self.view.map_state.hidden
+        add = partial(add_action, menu)
         menu.clear()
         self.tools.fill_menu(menu)
         menu.addSeparator()
-        for name, text, checked, use in (
-            ("map_follow", "\t".join((tr("Follow the robot"), "F")), view.follow, view.set_follow),
-            ("map_rotate", "\t".join((tr("Rotate with the robot"), "R")), view.map_state.rotate, view.set_rotate),
-        ):
-            _add_choice(menu, name, text, checked, use)
-        fit = menu.addAction("\t".join((tr("Show the whole map"), "Home")))
-        fit.setObjectName("map_fit")
-        fit.triggered.connect(self._on_fit_chosen)
-        menu.addAction("\t".join((tr("Zoom in"), "+"))).triggered.connect(lambda _checked=False: view.zoom(1.25))
-        menu.addAction("\t".join((tr("Zoom out"), "−"))).triggered.connect(lambda _checked=False: view.zoom(0.8))
+        follow, rotate = view.follow, view.map_state.rotate
+        add("map_follow", tr("Follow the robot"), partial(view.set_follow, not follow), key="F", checked=follow)
+        add("map_rotate", tr("Rotate with the robot"), partial(view.set_rotate, not rotate), key="R", checked=rotate)
+        add("map_fit", tr("Show the whole map"), self._on_fit_chosen, key="Home")
+        add("map_zoom_in", tr("Zoom in"), partial(view.zoom, 1.25), key="+")
+        add("map_zoom_out", tr("Zoom out"), partial(view.zoom, 0.8), key="−")
         menu.addSeparator()
         for layer, text in _LAYERS.items():
-            action = _add_choice(
-                menu,
-                f"map_layer_{layer}",
-                tr(text),
-                layer not in view.map_state.hidden,
-                partial(view.show_layer, layer),
-            )
-            action.toggled.connect(self._on_view_chosen)
-        clear = menu.addAction(tr("Clear the driven path"))
-        clear.setEnabled(len(view.map_state.trail) > 0)
-        clear.triggered.connect(lambda _checked=False: view.clear_trail())
+            add(f"map_layer_{layer}", tr(text), partial(self._toggle_layer, layer), checked=layer not in hidden)
+        add("map_clear_trail", tr("Clear the driven path"), view.clear_trail, enabled=len(view.map_state.trail) > 0)
         if not self.tools.may_go:
             return menu
         menu.addSeparator()
-        here = menu.addAction(tr("Add a place at the robot's position…"))
-        here.setEnabled(self.tools.pose_now() is not None)
-        here.triggered.connect(lambda _checked=False: self.tools.name_robot_place())
+        here = tr("Add a place at the robot's position…")
+        add("map_add_here", here, self.tools.name_robot_place, enabled=self.tools.pose_now() is not None)
         mapping: MapStatus = self.state.mapping.value
-        if mapping.can_save or mapping.can_load or mapping.can_switch:
-            menu.addSeparator()
+        add = partial(add, enabled=not mapping.busy)
+        menu.addSeparator()
         if mapping.can_save:
-            save = menu.addAction(tr("Save map…"))
-            save.setEnabled(not mapping.busy)
-            save.triggered.connect(lambda _checked=False: self.tools.ask_map_name("save_map"))
+            add("map_save", tr("Save map…"), partial(self.tools.ask_map_name, "save_map"))
         if mapping.can_load:
-            load = menu.addAction(tr("Load map…"))
-            load.setEnabled(not mapping.busy)
-            load.triggered.connect(lambda _checked=False: self.tools.ask_map_name("load_map"))
+            add("map_load", tr("Load map…"), partial(self.tools.ask_map_name, "load_map"))
         if mapping.can_switch:
-            for building, text in ((True, tr("Extend the map")), (False, tr("Localise only"))):
-                action = menu.addAction(text)
-                action.setCheckable(True)
-                action.setChecked(mapping.mapping is building)
-                action.setEnabled(not mapping.busy)
-                action.triggered.connect(self._mapping_setter(mapping=building))
+            for build, text in ((True, tr("Extend the map")), (False, tr("Localise only"))):
+                use = partial(self.console.do, intents.SetMapping(build))
+                add("map_extend" if build else "map_localise", text, use, checked=mapping.mapping is build)
         return menu
 
-    def _mapping_setter(self, *, mapping: bool) -> Callable[[], None]:
-        def set_mapping() -> None:
-            self.console.do(intents.SetMapping(mapping))
-
-        return set_mapping
+    def _toggle_layer(self, layer: Layer) -> None:
+        self.view.show_layer(layer, layer in self.view.map_state.hidden)
+        self.report_choices()
 
     def _on_fit_chosen(self) -> None:
         self.view.set_follow(False)
@@ -358,11 +337,11 @@ class MapPanel(Panel):
         self._on_robot_changed(self.state.robot.value)
 
     def _on_robot_changed(self, robot: RobotProfile | None) -> None:
-        self.view.show_robot(robot.footprint_outline_m if robot is not None else ())
+        self.view.update_state(outline_m=robot.footprint_outline_m if robot is not None else ())
         self._on_goal_changed(self.state.goal.value)
 
     def _on_places_changed(self, places: tuple[Place, ...]) -> None:
-        self.view.show_places(() if self.tools.by_odometry else places)
+        self.view.update_state(places=() if self.tools.by_odometry else places)
         self._on_goal_changed(self.state.goal.value)
 
     def _on_map_changed(self, grid: OccupancyGrid) -> None:
@@ -421,7 +400,8 @@ class MapPanel(Panel):
         under_way = goal is not None and goal.state in text_formatting.UNDER_WAY
         # The path of an earlier goal stays latched; only a newer path belongs to this goal.
         belongs = path is not None and under_way and path.stamp_ns >= self._goal_since_ns - _PATH_BEFORE_GOAL_NS
-        self.view.show_path(path.points_in_map if belongs and path is not None else None)
+        points = path.points_in_map if belongs and path is not None else ()
+        self.view.update_state(path_m=points if len(points) > 1 else None)
 
     def _on_people_changed(self, _value: object = None) -> None:
         if not self.in_view:
@@ -435,7 +415,8 @@ class MapPanel(Panel):
             name = text_formatting.person_name(row) if row is not None else tr("Person")
             markers.append((person, name, row is not None and text_formatting.has_given_name(row)))
         selected = self.state.selected_person.value
-        self.view.show_people(tuple(markers), self.state.people_in_map.freshness, selected=selected)
+        freshness = self.state.people_in_map.freshness
+        self.view.update_state(people=tuple(markers), people_freshness=freshness, selected=selected)
 
     def _on_goal_changed(self, goal: GoalChanged | None) -> None:
         going = goal is not None and goal.state in text_formatting.UNDER_WAY
@@ -443,7 +424,7 @@ class MapPanel(Panel):
             self._goal_id, self._goal_since_ns = goal.goal_id, goal.stamp_ns
         if not self.in_view:
             return
-        self.view.show_goal(goal if going else None)
+        self.view.update_state(goal=goal if going else None)
         self._on_path_changed()
         show_part(self._cancel, going and self.tools.may_go)
         show_part(
@@ -467,7 +448,7 @@ class MapPanel(Panel):
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         if not self.in_view:
             return
-        self.view.show_guard(drive.guard, drive.guard_distance_m)
+        self.view.update_state(guard=(drive.guard, drive.guard_distance_m))
 
     def _on_freshness_changed(self, _freshness: str = "") -> None:
         if not self.in_view:
@@ -482,7 +463,7 @@ class MapPanel(Panel):
         if state.scan.freshness == "none":
             self.view.show_scan(None)
         pose = state.odometry if self.tools.by_odometry else state.pose
-        self.view.show_freshness(pose=pose.freshness, scan=state.scan.freshness)
+        self.view.update_state(pose_freshness=pose.freshness, scan_freshness=state.scan.freshness)
         self._on_people_changed()
         self._on_path_changed()
         self._refresh()
@@ -535,13 +516,12 @@ class MapPanel(Panel):
         if not self.in_view:
             return
         state = self.state
-        self.view.show_chips(self._chips())
-        self._description.changed()
         reachable = state.link.value.state in ("connected", "trouble")
         waiting = tr("Waiting for the map") if reachable else tr("No map: the robot is out of reach")
         if not state.present.live:
             waiting = tr("No map recorded up to this moment")
-        self.view.show_waiting("" if self.tools.by_odometry else waiting)
+        self.view.update_state(chips=self._chips(), waiting="" if self.tools.by_odometry else waiting)
+        self._description.changed()
         scan_age_s = state.scan.age_s()
         match state.scan.freshness:
             case "fresh":
@@ -567,12 +547,3 @@ class MapPanel(Panel):
         elif state.mapping.value.mapping:
             text = " · ".join((text, tr("mapping")))
         self.set_fact(text, role)
-
-
-def _add_choice(menu: QMenu, name: str, text: str, checked: bool, use: Callable[[bool], None]) -> QAction:
-    action = menu.addAction(text)
-    action.setObjectName(name)
-    action.setCheckable(True)
-    action.setChecked(checked)
-    action.toggled.connect(use)
-    return action

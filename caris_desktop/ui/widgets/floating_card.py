@@ -3,7 +3,7 @@
 A popup window would end driving and take the focus.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import QPointF, Qt, Signal
 from PySide6.QtGui import QHideEvent, QPaintEvent
@@ -70,7 +70,12 @@ class ChoiceCard(FloatingCard):
         self._theme.style_text(self._line, "dim", tokens.STATUS_PX)
 
     def offer(
-        self, where: QPointF, line: str, choices: list[tuple[str, str, str, Callable[[], None]]], *, per_row: int = 1
+        self,
+        where: QPointF,
+        line: str,
+        choices: Sequence[tuple[str, str, str, Callable[[], object]]],
+        *,
+        per_row: int = 1,
     ) -> None:
         """Open with ``choices`` of (object name, text, icon, callback); the first ``per_row`` are highlighted."""
         self.hide()  # widgets added to a visible popup have no size until shown
@@ -97,7 +102,7 @@ class ChoiceCard(FloatingCard):
         self._buttons.append(close)
         self.open_at(where)
 
-    def _closing(self, act: Callable[[], None]) -> Callable[[], None]:
+    def _closing(self, act: Callable[[], object]) -> Callable[[], None]:
         def run() -> None:
             self.hide()
             act()
