@@ -79,6 +79,7 @@ class PanelManager(QObject):
         self._missing: deque[PanelName] = deque()
         self._behind: deque[PanelName] = deque()
         self._without_room: PanelName | None = None
+        self._importing = False
         self._turn = QTimer(self, singleShot=True, interval=PAUSE_MS)
         self._turn.timeout.connect(self._build_for_a_turn)
         app = QApplication.instance()
@@ -226,14 +227,18 @@ class PanelManager(QObject):
             self._turn.start()
 
     def _waits_for_library(self) -> bool:
-        """Whether all missing panels wait for the library of one, which is being imported; the turns go on after it."""
-        if self.building or self._outdated or self._without_room or any(PANELS[name].ready for name in self._behind):
-            # The ready ones come first.
-            self._behind = deque(sorted(self._behind, key=lambda name: not PANELS[name].ready))
-            return False
-        spec = PANELS[self._behind[0]]
-        self._context.console.run_in_background(spec.import_library, lambda _nothing: self._turn.start())
-        return True
+        """Whether all missing panels wait for a library, which is imported meanwhile; the others come first."""
+        late = [name for name in self._behind if not PANELS[name].ready]
+        if late and not self.building and not self._importing:
+            self._importing = True
+            self._context.console.run_in_background(PANELS[late[0]].import_library, self._on_imported)
+        self._behind = deque(sorted(self._behind, key=lambda name: not PANELS[name].ready))
+        left = self.building or self._outdated or self._without_room or len(late) < len(self._behind)
+        return bool(late) and not left
+
+    def _on_imported(self, _nothing: None) -> None:
+        self._importing = False
+        self._turn.start()
 
     def _make_next(self, names: deque[PanelName]) -> None:
         name = self._without_room = names.popleft()

@@ -78,7 +78,12 @@ PANELS: Mapping[PanelName, PanelSpec] = {
         QT_TR_NOOP("Robot"), "robot", "RobotPanel", "sliders", ("people", "drive", "session", "map"), "robot_controls"
     ),
     "motion": PanelSpec(
-        QT_TR_NOOP("Motion"), "motion", "MotionPanel", "chart-line", ("map", "drive", "people", "session")
+        QT_TR_NOOP("Motion"),
+        "motion",
+        "MotionPanel",
+        "chart-line",
+        ("map", "drive", "people", "session"),
+        library=_PLOTS,
     ),
     "photos": PanelSpec(
         QT_TR_NOOP("Photos"), "photos", "PhotosPanel", "image", ("people", "session", "map", "drive"), "photos"

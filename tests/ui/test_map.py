@@ -578,3 +578,53 @@ def test_without_a_map_robot_and_lidar_are_drawn_by_odometry_and_that_is_stated(
     assert not any("odometry" in words for words, _role in view.chips)
     assert len(view.map_state.trail) == 1, "what was driven by odometry has no place in the map"
     assert view.place_position("Kitchen") is not None
+
+
+# Measuring, layers, places
+
+
+def test_a_distance_is_measured_by_drag_or_by_two_clicks(panel: MapPanel, console: FakeConsole) -> None:
+    choose(panel, "map_tool_measure")
+    drag(panel.view.viewport(), at(panel, 3.0, 2.0), at(panel, 6.0, 6.0))
+    assert panel.view.hint.startswith("5.0"), panel.view.hint
+    assert panel.view.map_state.tool == "measure", "the next one can be measured at once"
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=at(panel, 3.0, 2.0))
+    QTest.mouseMove(panel.view.viewport(), at(panel, 3.0, 5.0))
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=at(panel, 3.0, 5.0))
+    assert panel.view.hint.startswith("3.0") or panel.view.hint.startswith("2.9"), panel.view.hint
+    QTest.keyClick(panel.view, Qt.Key.Key_Escape)
+    assert (panel.view.map_state.tool, panel.view.hint) == ("look", "")
+    assert console.named("go_to") == []
+
+
+def test_a_layer_can_be_hidden(panel: MapPanel) -> None:
+    before = panel.view.grab().toImage()
+    choose(panel, "map_layer_places")
+    assert panel.view.grab().toImage() != before
+    assert panel.view.map_items.labels().keys().isdisjoint({"Kitchen", "Reception"})
+    choose(panel, "map_layer_places")
+    assert panel.view.grab().toImage() == before
+
+
+def test_a_moved_place_can_be_put_back(panel: MapPanel, window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
+    before = panel.view.place_position("Kitchen")
+    assert before is not None
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=before)
+    choose_for_place(panel, "Kitchen", "map_place_move")
+    QTest.mouseClick(panel.view.viewport(), BUTTON, pos=at(panel, 7.0, 2.2))
+    assert panel.view.place_position("Kitchen") != before
+    click(qtbot, find(window, "map_undo_button"))
+    assert panel.view.place_position("Kitchen") == before
+
+
+def test_buttons_lie_beside_the_map_in_a_low_panel_and_below_it_in_a_high_one(
+    panel: MapPanel, window: MainWindow
+) -> None:
+    button = find(window, "map_go_button")
+    for height, below in ((150, False), (400, True)):
+        panel.resize(420, height)
+        QApplication.processEvents()
+        corner = button.mapTo(panel, QPoint())
+        assert (corner.y() >= panel.view.geometry().bottom()) is below
+        assert (corner.x() >= panel.view.geometry().right()) is not below
+        assert panel.rect().contains(QRect(corner, button.size()))

@@ -6,13 +6,17 @@ from dataclasses import replace
 from typing import get_args
 
 import pytest
+from pytestqt.qtbot import QtBot
 
 from caris_desktop.scenario.scenario_model import PanelName, Permissions
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.panel_table import PANELS, possible_panels
+from caris_desktop.ui.theme import Theme
 from tests.ui import samples
+from tests.ui.conftest import MemorySettings
+from tests.ui.fake_console import FakeConsole
 
 LATE = (
     "ui.panels.", "ui.robot_dialog", "ui.sessions_window", "ui.export_dialog", "ui.gamepad_dialog", "ui.start_dialog",
@@ -75,3 +79,24 @@ def imported(program: str, names: list[str]) -> list[str]:
 
 def test_panels_of_a_scenario_are_those_of_its_layout(window: MainWindow) -> None:
     assert {type(panel) for panel in window.panels.values()} == {PANELS[name].load() for name in window.panels}
+
+
+def test_a_panel_whose_library_takes_long_comes_after_the_window(
+    qtbot: QtBot, theme: Theme, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The map is in front, but its library is imported in the background once the window is painted."""
+    monkeypatch.setattr("caris_desktop.ui.panel_table._imported", set())
+    console = FakeConsole(samples.TOUR)
+    console.disk_is_slow = True
+    window = MainWindow(console, settings=MemorySettings(), theme=theme, all_panels=False)
+    qtbot.addWidget(window)
+    assert "speak" in window.board.made_so_far and "map" not in window.board.made_so_far
+    window.show()
+    qtbot.waitUntil(lambda: {"people", "drive"} <= set(window.board.made_so_far))
+    assert "map" not in window.board.made_so_far
+    console.disk_is_slow = False
+    console.answer_of_disk()
+    qtbot.waitUntil(lambda: "map" in window.board.made_so_far)
+    qtbot.waitUntil(lambda: window.board.whole)
+    assert window.panels["map"].isVisible()
+    console.state.close()
