@@ -48,7 +48,7 @@ class GridItem(pyqtgraph.ImageItem):  # type: ignore[misc]  # pyqtgraph has no t
     def show_grid(self, grid: OccupancyGrid | None) -> None:
         self.newest = grid
         if grid is None:
-            self.raster = self._rendering = self.displayed_grid = None
+            self.raster = self._rendering = self.displayed_grid = self.qimage = self._cells = None
             self.clear()
         elif self._rendering is None:
             self._begin(grid)

@@ -424,4 +424,5 @@ class MapView(pyqtgraph.GraphicsView):  # type: ignore[misc]  # pyqtgraph has no
         return math.atan2(up, right) if math.hypot(right, up) > 0.1 else self.map_state.pose.heading_rad
 
     def _place_at(self, point: QPointF) -> str | None:
+        self.refresh()
         return next((name for name, rect in self.map_items.place_rects.items() if rect.contains(point)), None)
