@@ -261,11 +261,11 @@ def _halve(finer: NDArray[np.uint8], coarser: NDArray[np.uint8]) -> None:
 
 def _color_table(theme: Theme) -> NDArray[np.uint8]:
     """Colours of the bytes of a raster: shades from free to wall above an occupancy of 25."""
-    free, wall = (_rgb(theme.color(role)) for role in ("map_free", "map_wall"))
+    free, wall = (_channels(theme.color(role)) for role in ("map_free", "map_wall"))
     share = np.clip((np.arange(255) - 25) / 40, 0.0, 1.0)[:, None]
     shades = np.round(free + (wall - free) * share).astype(np.uint8)
-    return np.vstack((_rgb(theme.color("map_unknown")).astype(np.uint8), shades))
+    return np.vstack((_channels(theme.color("map_unknown")).astype(np.uint8), shades))
 
 
-def _rgb(color: QColor) -> NDArray[np.float64]:
+def _channels(color: QColor) -> NDArray[np.float64]:
     return np.array([color.red(), color.green(), color.blue()], np.float64)

@@ -77,7 +77,7 @@ class _Label(QGraphicsPathItem):
     ) -> None:  # fmt: skip
         self.rect = rect
         self.setPos(rect.topLeft())
-        look = (rect.size(), text, font, color.rgba(), ground.rgba(), line, icon_name)
+        look = (rect.size(), text, font, color, ground, line, icon_name)
         if look != self._look:
             self._look = look
             path = QPainterPath()
