@@ -39,6 +39,7 @@ class GridItem(pyqtgraph.ImageItem):  # type: ignore[misc]  # pyqtgraph has no t
         self.raster: GridRaster | None = None
         self.slowest_band_ms = 0.0
         self._rendering: GridRaster | None = None  # being rendered or updated
+        self.qimage: Any = None
         self._px_per_m = 1.0
         self._level = -1
         self._visible = QRect()
