@@ -240,6 +240,23 @@ QScrollBar::handle {{
 QScrollBar::add-line, QScrollBar::sub-line, QScrollBar::add-page, QScrollBar::sub-page {{
     background: transparent; width: 0; height: 0;
 }}
+QLabel[role="title"], QLabel[role="heading"], QLabel[role="time"] {{ font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
+QLabel[role="heading"], QLabel[role="time"] {{ font-size: {tokens.SPEECH_PX}px; }}
+QLabel[role="moment"] {{ font-size: {status}px; font-weight: {tokens.WEIGHT_MEDIUM}; }}
+QLabel[role="note"] {{ color: {colors.dim}; font-size: {status}px; }}
+QLabel[role="warning"] {{ color: {colors.amber}; font-size: {status}px; }}
+QLabel[role="refusal"] {{
+    background: {colors.amber_soft}; border: 1px solid {colors.amber}; border-radius: {radius}px;
+    color: {colors.text}; font-size: {status}px;
+}}
+QLineEdit#tier_filter, QListView#label_list, QTableView#agreement_table {{ font-size: {status}px; }}
+QLabel#agreement_kappa {{ font-size: 28px; font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
+QWidget#replay_bar {{ background: {colors.panel}; border-top: 1px solid {colors.line}; }}
+QLabel#replay_title {{
+    background: {colors.blue_soft}; border-radius: 16px; padding: 6px 14px; font-weight: {tokens.WEIGHT_MEDIUM};
+}}
+QLabel#moment_picture {{ background: {colors.video_ground}; }}
+QSlider#replay_scrubber:focus {{ border: 2px solid {colors.blue}; border-radius: {radius}px; }}
 QSlider::groove:horizontal {{ height: 4px; border-radius: 2px; background: {colors.line_strong}; }}
 QSlider::sub-page:horizontal {{ height: 4px; border-radius: 2px; background: {colors.blue}; }}
 QSlider::handle:horizontal {{

@@ -9,7 +9,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
-from caris_desktop.ui.replay.timeline_drawing import NAMES_PX
+from caris_desktop.ui.replay.timeline_items import NAMES_PX
 from caris_desktop.ui.theme import Theme
 from tests.ui.fake_replay import FakeReplay, ReplayScene, sample_coding, sample_overview
 from tests.ui.preview import spin
@@ -62,7 +62,7 @@ def coding(scene: ReplayScene, out: Path, choice: str) -> None:
     canvas.setFocus()
     canvas.zoom(4.0)
     first = scene.timeline.document.annotations[5]
-    rect = canvas.places.rect_of(first)
+    rect = canvas.rect_of(first)
     assert rect is not None
     QTest.mouseClick(canvas, Qt.MouseButton.LeftButton, pos=rect.center().toPoint())
     spin(100)

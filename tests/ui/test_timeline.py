@@ -26,11 +26,9 @@ from caris_desktop.recording.annotation.annotation_model import (
 )
 from caris_desktop.recording.annotation.coder_agreement import NOTHING
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.replay.agreement_dialog import UNIT_MS, AgreementDialog
-from caris_desktop.ui.replay.tier_dialog import TierDialog
+from caris_desktop.ui.replay.replay_dialogs import UNIT_MS, AgreementDialog, TierDialog
 from caris_desktop.ui.replay.timeline_commands import NUDGE_MS, LabelCard
-from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, RULER_PX
-from caris_desktop.ui.replay.timeline_model import SCENARIO_LABELS, TimeScale
+from caris_desktop.ui.replay.timeline_items import NAMES_PX, RULER_PX, SCENARIO_LABELS, TimeScale
 from caris_desktop.ui.replay.timeline_view import TimelineView
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -62,7 +60,7 @@ class Coder:
         return [(item.start_ms, item.end_ms, item.value) for item in self.document.of_tier(tier_id)]
 
     def y_of(self, tier_id: str) -> int:
-        index = self.canvas.places.index_of(f"tier {tier_id}")
+        index = self.canvas.index_of(f"tier {tier_id}")
         assert index is not None, f"{tier_id} is not on show"
         return self.canvas.state.row_top(index) + self.canvas.rows[index].height_px // 2
 
@@ -204,7 +202,7 @@ def test_an_overlap_is_refused_in_words_next_to_it(coder: Coder) -> None:
     assert coder.document == before
     assert "is already on the tier" in coder.timeline.words
     bubble = find(coder.canvas, "words_bubble")
-    rect = coder.canvas.places.rect_of(coder.document.of_tier(ANA)[0])
+    rect = coder.canvas.rect_of(coder.document.of_tier(ANA)[0])
     assert rect is not None
     assert abs(bubble.geometry().top() - rect.bottom()) < 60
     coder.timeline.acts.give_up()
@@ -213,7 +211,7 @@ def test_an_overlap_is_refused_in_words_next_to_it(coder: Coder) -> None:
 
 def test_the_record_can_be_looked_at_but_not_changed(qtbot: QtBot, coder: Coder) -> None:
     row = next(row for row in coder.canvas.rows if row.name == "Robot speech")
-    index = coder.canvas.places.index_of(row.key)
+    index = coder.canvas.index_of(row.key)
     assert index is not None
     item = coder.canvas.state.track_of(row).annotations[3]
     x = NAMES_PX + round(coder.canvas.scale.to_px((item.start_ms + item.end_ms) / 2))
@@ -466,7 +464,7 @@ def test_rows_are_filtered_hidden_and_moved(coder: Coder) -> None:
     field.clear()
     coder.timeline.rows.set_row_shown("speed", shown=False)
     assert [row.name for row in coder.canvas.rows] == [name for name in names if name != "Speed"]
-    index = coder.canvas.places.index_of(f"tier {BEN}")
+    index = coder.canvas.index_of(f"tier {BEN}")
     assert index is not None
     grip = QPoint(60, coder.y_of(BEN))
     coder.drag(grip, QPoint(60, coder.y_of(ANA) - 12))
@@ -642,7 +640,7 @@ def test_thirty_tiers_scroll(qtbot: QtBot, theme: Theme) -> None:
     scene = open_scene(qtbot, theme, replay)
     canvas = scene.timeline.canvas
     canvas.show_row("record record-29")
-    index = canvas.places.index_of("record record-29")
+    index = canvas.index_of("record record-29")
     assert index is not None
     assert canvas.state.row_top(index) + canvas.rows[index].height_px <= canvas.height()
     assert scene.timeline._down.value() == canvas.scroll_y > 0

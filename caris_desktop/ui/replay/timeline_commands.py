@@ -1,30 +1,45 @@
-"""Timeline commands by key and mouse: code, split, move and name annotations, and go to the next one."""
+"""Timeline commands by key, mouse and menu: code, split, move and name annotations; order, show and change tiers."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, QRect, QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QAccessible, QFontMetrics, QKeyEvent, QPaintEvent
-from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QWidget
+from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QAccessible, QKeyEvent
+from PySide6.QtWidgets import QLabel, QLineEdit, QListWidget, QListWidgetItem, QMenu, QWidget
 
 from caris_desktop.domain.translation import tr, tr_filled
+from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation import annotation_editing
-from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier, VocabularyEntry
-from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui import layouts
+from caris_desktop.ui.accessible_roles import has_role
+from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.replay.replay_bar import SeekThrottle
-from caris_desktop.ui.replay.timeline_canvas import TimelineCanvas
-from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, RULER_PX
-from caris_desktop.ui.replay.timeline_model import Track, exact_text, vocabulary_named
-from caris_desktop.ui.replay.timeline_overlay import OpenInterval
+from caris_desktop.ui.replay.replay_dialogs import AgreementDialog, ImportDialog, TierDialog, TierRequest, with_tier
+from caris_desktop.ui.replay.timeline_canvas import OpenInterval, TimelineCanvas
+from caris_desktop.ui.replay.timeline_items import (
+    NAMES_PX,
+    RULER_PX,
+    Row,
+    Track,
+    all_rows,
+    arranged,
+    exact_text,
+    moved_key,
+    vocabulary_named,
+)
+from caris_desktop.ui.text_formatting import in_menu
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.floating_card import FloatingCard
 
 NEW_MS = 1000
 NUDGE_MS = 50
 _ZOOM_STEP = 1.5
+_REFUSAL_MS = 7000
+_REFUSAL_PX = 420
 
 
 class TimelineCommands(QObject):
@@ -42,17 +57,24 @@ class TimelineCommands(QObject):
         self._replay = replay
         self._canvas = canvas
         self._view = view
-        self._bubble = WordsBubble(theme, canvas)
+        self._refusal = QLabel(canvas, wordWrap=True, margin=9)
+        self._refusal.setObjectName("words_bubble")
+        self._refusal.setProperty("role", "refusal")
+        self._refusal.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        has_role(self._refusal, QAccessible.Role.HelpBalloon)
+        self._refusal.hide()
+        self._refusal_end = QTimer(self, singleShot=True, interval=_REFUSAL_MS)
+        self._refusal_end.timeout.connect(self._refusal.hide)
         self._card: LabelCard | None = None
         self._named = ""
         self.open: OpenInterval | None = None
         self._seeks = SeekThrottle(self)
-        self._seeks.due.connect(self._on_seek_due)
+        self._seeks.due.connect(replay.seek)
         canvas.seek_requested.connect(self._on_seek_requested)
         canvas.create_requested.connect(self._on_create_requested)
         canvas.move_requested.connect(self._on_move_requested)
         canvas.rename_requested.connect(self._rename)
-        canvas.view_changed.connect(self._bubble.hide)
+        canvas.view_changed.connect(self._refusal.hide)
 
     @property
     def document(self) -> AnnotationDocument:
@@ -68,7 +90,7 @@ class TimelineCommands(QObject):
     @property
     def words(self) -> str:
         """Refusal on display."""
-        return self._bubble.text
+        return self._refusal.text() if self._refusal.isVisible() else ""
 
     def ms_of(self, at_ns: int) -> float:
         return (at_ns - self._replay.session.started_ns) / 1e6
@@ -76,6 +98,8 @@ class TimelineCommands(QObject):
     def duration_ms(self) -> float:
         playback: PlaybackStatus = self._replay.playback.value
         return max(self.ms_of(playback.end_ns), float(self.document.duration_ms), 1.0)
+
+    # ---- callbacks of the action table
 
     def focus_timeline(self) -> None:
         if not self._canvas.isVisible():
@@ -103,13 +127,12 @@ class TimelineCommands(QObject):
         """Select the coder's next (1) or previous (-1) tier."""
         tiers = [row.key for row in self._canvas.rows if row.own]
         active = self._canvas.active
-        if not tiers:
-            return
-        index = tiers.index(active.key) + direction if active is not None and active.key in tiers else 0
-        key = tiers[min(max(0, index), len(tiers) - 1)]
-        self._canvas.activate(key)
-        self._canvas.select("")
-        self._canvas.show_row(key)
+        if tiers:
+            index = tiers.index(active.key) + direction if active is not None and active.key in tiers else 0
+            key = tiers[min(max(0, index), len(tiers) - 1)]
+            self._canvas.activate(key)
+            self._canvas.select("")
+            self._canvas.show_row(key)
 
     def select_next(self, direction: int) -> None:
         """Select the next (1) or previous (-1) annotation of the tier."""
@@ -131,85 +154,65 @@ class TimelineCommands(QObject):
         tier = self._own_tier(tr("Add a tier for coding first."))
         if tier is None:
             return
+        title = tr_filled(tier.title)
         vocabulary = vocabulary_named(self.document, tier.vocabulary) if tier.vocabulary else None
         if vocabulary is None:
-            self.say(
-                tr("{tier} holds free text. Choose labels for the tier to code with keys.").format(
-                    tier=tr_filled(tier.title)
-                )
-            )
+            words = tr("{tier} holds free text. Choose labels for the tier to code with keys.")
+            self.say(words.format(tier=title))
             return
         if number > len(vocabulary.entries):
-            self.say(tr("{tier} has %n labels.", "", len(vocabulary.entries)).format(tier=tr_filled(tier.title)))
+            self.say(tr("{tier} has %n labels.", "", len(vocabulary.entries)).format(tier=title))
             return
         value = vocabulary.entries[number - 1].value
-        selected = self._canvas.selected
-        if self.open is None and selected is not None and selected.tier_id == tier.tier_id and not self._playing:
-            self.edit(_renaming(selected.annotation_id, value), selected)
+        selected, ended = self._canvas.selected, self.open
+        playing = self._replay.playback.value.playing
+        if ended is None and selected is not None and selected.tier_id == tier.tier_id and not playing:
+            self._set_label(selected.annotation_id, value)
             return
-        ended = self.open
-        if ended is not None and not self._end_open():
+        if ended is not None and not self._end_open(ended):
             return
-        if ended is None or ended.value != value or ended.tier_id != tier.tier_id:
-            taken = annotation_editing.annotation_at(self.document, tier.tier_id, self.position_ms)
-            if taken is not None:
-                self._say_taken(taken)
-                return
+        same = ended is not None and (ended.value, ended.tier_id) == (value, tier.tier_id)
+        if not same and self._is_free(tier):
             self._canvas.select("")
             self.set_open(OpenInterval(tier.tier_id, value, self.position_ms))
 
-    @property
-    def _playing(self) -> bool:
-        return bool(self._replay.playback.value.playing)
-
-    def _end_open(self) -> bool:
+    def _end_open(self, interval: OpenInterval) -> bool:
         """End the open label at the playhead, or at the next annotation."""
-        stretch = self.open
-        if stretch is None:
-            return True
         self.set_open(None)
         end_ms = self.position_ms
-        following = self._own_track(stretch.tier_id).neighbour(stretch.start_ms, 1)
+        track = self._canvas.state.tracks.get(f"tier {interval.tier_id}", Track(()))
+        following = track.neighbour(interval.start_ms, 1)
         if following is not None:
             end_ms = min(end_ms, following.start_ms)
-        if end_ms <= stretch.start_ms:
-            self.say(tr("“{label}” starts after this position and was discarded.").format(label=stretch.value))
+        if end_ms <= interval.start_ms:
+            self.say(tr("“{label}” starts after this position and was discarded.").format(label=interval.value))
             return False
         return self.edit(
             lambda document: annotation_editing.add_annotation(
-                document, stretch.tier_id, stretch.start_ms, end_ms, stretch.value
+                document, interval.tier_id, interval.start_ms, end_ms, interval.value
             )
         )
 
-    def set_open(self, stretch: OpenInterval | None) -> None:
-        self.open = stretch
-        self._canvas.show_open(stretch)
+    def set_open(self, interval: OpenInterval | None) -> None:
+        self.open = interval
+        self._canvas.show_open(interval)
         self.open_changed.emit()
 
     def add_at_playhead(self) -> None:
         """Add an annotation of a second, or of the free time if shorter."""
         tier = self._own_tier(tr("Add a tier for coding first."))
-        if tier is None:
-            return
-        start_ms = self.position_ms
-        taken = annotation_editing.annotation_at(self.document, tier.tier_id, start_ms)
-        if taken is not None:
-            self._say_taken(taken)
-            return
-        free = annotation_editing.free_interval(self.document, tier.tier_id, start_ms, start_ms + NEW_MS)
-        end_ms = free[1] if free is not None and free[0] == start_ms else start_ms + NEW_MS
-        self._on_create_requested(tier.tier_id, start_ms, end_ms)
+        if tier is not None and self._is_free(tier):
+            start_ms = self.position_ms
+            free = annotation_editing.free_interval(self.document, tier.tier_id, start_ms, start_ms + NEW_MS)
+            end_ms = free[1] if free is not None and free[0] == start_ms else start_ms + NEW_MS
+            self._on_create_requested(tier.tier_id, start_ms, end_ms)
 
     def split_at_playhead(self) -> None:
         item = self._chosen()
         if item is not None:
             at_ms = self.position_ms
-            tier = annotation_editing.tier_of(self.document, item.tier_id)
-            second = annotation_editing.next_annotation_id(self.document, tier.coder)
-            if self.edit(
-                lambda document: annotation_editing.split_annotation(document, item.annotation_id, at_ms), item
-            ):
-                self._canvas.select(second)
+            if self.edit(lambda all_: annotation_editing.split_annotation(all_, item.annotation_id, at_ms), item):
+                self._select_at(item.tier_id, at_ms)
 
     def rename_selected(self) -> None:
         item = self._chosen()
@@ -245,15 +248,15 @@ class TimelineCommands(QObject):
 
     def give_up(self) -> None:
         """Esc: cancel the current operation. The window connects it to ``escape_pressed``."""
-        self._bubble.hide()
-        if self._card is not None and self._card.give_up():
-            return
-        if self._canvas.give_up():
+        self._refusal.hide()
+        if (self._card is not None and self._card.cancel()) or self._canvas.cancel_drag():
             return
         if self.open is not None:
             self.set_open(None)
         else:
             self._canvas.select("")
+
+    # ---- edits and refusals
 
     def edit(self, edit: Callable[[AnnotationDocument], AnnotationDocument], near: Annotation | None = None) -> bool:
         """Apply an edit, or show the refusal at ``near``."""
@@ -261,23 +264,36 @@ class TimelineCommands(QObject):
         if refusal:
             self.say(refusal, near)
         else:
-            self._bubble.hide()
+            self._refusal.hide()
         return not refusal
 
     def say(self, words: str, near: Annotation | None = None) -> None:
-        place = None if near is None else self._canvas.places.rect_of(near)
+        """Show a text below ``near`` or at the playhead, or above if there is no room."""
+        label, canvas, active = self._refusal, self._canvas, self._canvas.active
+        place = None if near is None else canvas.rect_of(near)
         if place is None:
-            active = self._canvas.active
-            index = None if active is None else self._canvas.places.index_of(active.key)
-            top = RULER_PX if index is None or active is None else self._canvas.state.row_top(index)
-            x = NAMES_PX + min(max(0.0, self._canvas.scale.to_px(self.position_ms)), self._canvas.room_px)
+            index = None if active is None else canvas.index_of(active.key)
+            top = RULER_PX if index is None else canvas.state.row_top(index)
+            x = NAMES_PX + min(max(0.0, canvas.scale.to_px(self.position_ms)), canvas.room_px)
             place = QRectF(x, top, 2, 0 if active is None else active.height_px)
-        self._bubble.say(words, place)
+        label.setText(words)
+        label.setAccessibleName(words)
+        label.ensurePolished()
+        width = label.fontMetrics().horizontalAdvance(words) + 2 * label.margin() + 4
+        label.resize(min(_REFUSAL_PX, canvas.width() - 16, width), 0)
+        label.resize(label.width(), label.heightForWidth(label.width()))
+        top = round(place.bottom()) + 6
+        if top + label.height() > canvas.height() - 4:
+            top = round(place.top()) - 6 - label.height()
+        label.move(min(max(8, round(place.left())), canvas.width() - label.width() - 8), max(4, top))
+        label.show()
+        label.raise_()
+        self._refusal_end.start()
 
     def _own_tier(self, otherwise: str) -> Tier | None:
         """The coder's active tier; shows ``otherwise`` if there is none."""
         active = self._canvas.active
-        if active is None or not active.own or active.tier is None:
+        if active is None or not active.own:
             self.say(otherwise)
             return None
         return active.tier
@@ -302,23 +318,28 @@ class TimelineCommands(QObject):
             self.say(tr("This comes from the recording and cannot be changed. Code it on your own tier."), item)
         return found
 
+    def _is_free(self, tier: Tier) -> bool:
+        """Whether the tier has no annotation at the playhead; shows a refusal if it has."""
+        taken = annotation_editing.annotation_at(self.document, tier.tier_id, self.position_ms)
+        if taken is not None:
+            words = tr("“{label}” is already here, until {time}.")
+            self.say(words.format(label=taken.value, time=exact_text(taken.end_ms)), taken)
+        return taken is None
+
+    def _select_at(self, tier_id: str, at_ms: int) -> None:
+        item = annotation_editing.annotation_at(self.document, tier_id, at_ms)
+        if item is not None:
+            self._canvas.select(item.annotation_id)
+
     def _on_create_requested(self, tier_id: str, start_ms: int, end_ms: int) -> None:
-        try:
-            tier = annotation_editing.tier_of(self.document, tier_id)
-        except AnnotationError as problem:
-            reason = str(problem)
-            self.say(tr(reason))
-            return
-        new = annotation_editing.next_annotation_id(self.document, tier.coder)
         if self.edit(lambda document: annotation_editing.add_annotation(document, tier_id, start_ms, end_ms)):
-            self._canvas.select(new)
-            self._rename(new)
+            self._select_at(tier_id, start_ms)
+            self.rename_selected()
 
     def _on_move_requested(self, annotation_id: str, start_ms: int, end_ms: int, tier_id: str) -> None:
-        item = self._canvas.selected
         self.edit(
             lambda document: annotation_editing.move_annotation(document, annotation_id, start_ms, end_ms, tier_id),
-            item,
+            self._canvas.selected,
         )
 
     def _rename(self, annotation_id: str) -> None:
@@ -327,8 +348,8 @@ class TimelineCommands(QObject):
         item = self._canvas.selected
         if item is None:
             return
-        self._bubble.hide()
-        rect = self._canvas.places.rect_of(item)
+        self._refusal.hide()
+        rect = self._canvas.rect_of(item)
         tier = next((tier for tier in self.document.tiers if tier.tier_id == item.tier_id), None)
         if rect is None or tier is None:
             self._is_own(item)
@@ -336,103 +357,221 @@ class TimelineCommands(QObject):
         window = self._view.window()
         if self._card is None or self._card.parent() is not window:
             self._card = LabelCard(self._theme, window)
-            self._card.chosen.connect(self._on_label_chosen)
-            self._card.closed.connect(self._on_card_closed)
+            self._card.chosen.connect(lambda value: self._set_label(self._named, value))
+            self._card.closed.connect(lambda: self._canvas.setFocus(Qt.FocusReason.OtherFocusReason))
         self._named = annotation_id
         vocabulary = vocabulary_named(self.document, tier.vocabulary) if tier.vocabulary else None
         left = min(max(NAMES_PX + 120.0, rect.left() + 120), self._canvas.width() - 20.0)
         at = self._canvas.mapTo(window, QPoint(round(left), round(rect.bottom()) - 12))
         self._card.ask(QPointF(at), item.value, None if vocabulary is None else vocabulary.entries)
 
-    def _on_label_chosen(self, value: str) -> None:
-        named = self._named
-        item = self._canvas.selected
-        self.edit(_renaming(named, value), item)
-
-    def _on_card_closed(self) -> None:
-        self._canvas.setFocus(Qt.FocusReason.OtherFocusReason)
+    def _set_label(self, annotation_id: str, value: str) -> None:
+        self.edit(
+            lambda document: annotation_editing.rename_annotation(document, annotation_id, value),
+            self._canvas.selected,
+        )
 
     def _on_seek_requested(self, at_ms: float) -> None:
         self._seeks.want(self._replay.session.started_ns + round(at_ms * 1e6))
-
-    def _on_seek_due(self, at_ns: int) -> None:
-        self._replay.seek(at_ns)
 
     def _seek(self, at_ms: float) -> None:
         at_ms = min(max(0.0, at_ms), self.duration_ms())
         self._replay.seek(self._replay.session.started_ns + round(at_ms * 1e6))
 
-    def _say_taken(self, taken: Annotation) -> None:
-        words = tr("“{label}” is already here, until {time}.")
-        self.say(words.format(label=taken.value, time=exact_text(taken.end_ms)), taken)
 
-    def _own_track(self, tier_id: str) -> Track:
-        return self._canvas.state.tracks.get(f"tier {tier_id}", Track(()))
+class TimelineRows(QObject):
+    """Order and visibility of rows, and dialogs and menus of tiers; ``filter``: search field over row names."""
 
+    changed = Signal()  # visible rows changed
 
-def _renaming(annotation_id: str, value: str) -> Callable[[AnnotationDocument], AnnotationDocument]:
-    return lambda document: annotation_editing.rename_annotation(document, annotation_id, value)
-
-
-_SHOWN_MS = 7000
-_WIDEST_PX = 420
-_FLAGS = int(Qt.TextFlag.TextWordWrap | Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-
-
-class WordsBubble(QWidget):
-    """Popup that explains a refusal at the place where it occurred.
-
-    Popup over its parent that closes after a while or on the next command. Transparent to the mouse.
-    """
-
-    accessible_role = QAccessible.Role.HelpBalloon
-
-    def __init__(self, theme: Theme, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setObjectName("words_bubble")
-        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+    def __init__(
+        self,
+        view: QWidget,
+        canvas: TimelineCanvas,
+        acts: TimelineCommands,
+        *,
+        theme: Theme,
+        replay: ReplayControls,
+        state: LiveState,
+        actions: Actions,
+    ) -> None:
+        super().__init__(view)
         self._theme = theme
-        self._room = parent
-        self._text = ""
-        self._end = QTimer(self, singleShot=True, interval=_SHOWN_MS)
-        self._end.timeout.connect(self.hide)
-        self.hide()
+        self._replay = replay
+        self._state = state
+        self._actions = actions
+        self._acts = acts
+        self._canvas = canvas
+        self._view = view
+        self._order: list[str] = []
+        self._hidden: set[str] = set()
+        self.filter = QLineEdit(placeholderText=tr("Filter tiers"))
+        self.filter.setObjectName("tier_filter")
+        self.filter.setAccessibleName(tr("Show only tiers that contain these words"))
+        add_clear_button(self.filter)
+        self.filter.setFixedSize(136, 30)
+        self.filter.textChanged.connect(lambda _text: self.changed.emit())
+        canvas.row_menu_requested.connect(self.open_row_menu)
+        canvas.row_opened.connect(self._on_row_opened)
+        canvas.row_moved.connect(self.move_row)
 
-    @property
-    def text(self) -> str:
-        """Text on display; empty if none."""
-        return self._text if self.isVisible() else ""
+    def _all_rows(self) -> list[Row]:
+        """All rows in the user's order."""
+        return arranged(all_rows(self._replay.overview.value, self._acts.document), self._order, (), "")
 
-    def say(self, text: str, near: QRectF) -> None:
-        """Show below ``near``, or above if there is no room."""
-        self._text = text
-        self.setAccessibleName(text)
-        widest = min(_WIDEST_PX, self._room.width() - 16)
-        metrics = QFontMetrics(self._theme.font(tokens.STATUS_PX))
-        words = metrics.boundingRect(QRect(0, 0, widest - 48, 1000), _FLAGS, text)
-        self.resize(words.width() + 48, words.height() + 16)
-        left = min(max(8, round(near.left())), self._room.width() - self.width() - 8)
-        top = round(near.bottom()) + 6
-        if top + self.height() > self._room.height() - 4:
-            top = round(near.top()) - 6 - self.height()
-        self.move(left, max(4, top))
-        self.show()
-        self.raise_()
-        self.update()
-        self._end.start()
+    def shown(self) -> list[Row]:
+        """Visible rows, in order."""
+        return arranged(self._all_rows(), self._order, self._hidden, self.filter.text())
 
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        theme = self._theme
-        painter = theme.paint_box(self, ground="amber_soft", line="amber", radius_px=8)
-        draw_icon(painter, QRectF(10, self.height() / 2 - 8, 16, 16), "warning", theme.color("amber"))
-        painter.setFont(theme.font(tokens.STATUS_PX))
-        painter.setPen(theme.color("text"))
-        painter.drawText(QRect(34, 0, self.width() - 42, self.height()), _FLAGS, self._text)
+    def words(self) -> str:
+        """Text shown while no row is visible."""
+        return tr("No row contains these words.") if self.filter.text().strip() else tr("All rows are hidden.")
+
+    def open_tier_dialog(self) -> None:
+        """Add a tier of an existing or new coder."""
+        self._open_tier_dialog(None)
+
+    def _open_tier_dialog(self, tier: Tier | None) -> None:
+        active = self._canvas.active
+        scenario = self._state.scenario.value
+        TierDialog(
+            self._theme,
+            self._acts.document,
+            self._view,
+            apply=lambda request: self._apply_tier(request, tier),
+            tier=tier,
+            coder="" if active is None else active.coder,
+            scenario_labels=() if scenario is None else scenario.recording.labels,
+        ).open()
+
+    def _apply_tier(self, request: TierRequest, tier: Tier | None) -> str:
+        before = {item.tier_id for item in self._acts.document.tiers}
+        refusal = self._replay.edit(lambda document: with_tier(document, request, tier))
+        if not refusal:
+            for item in self._acts.document.tiers:
+                if item.tier_id not in before:
+                    self.filter.clear()
+                    self._canvas.activate(f"tier {item.tier_id}")
+                    self._canvas.show_row(f"tier {item.tier_id}")
+            self._canvas.setFocus(Qt.FocusReason.OtherFocusReason)
+        return refusal
+
+    def open_agreement(self) -> None:
+        if sum(bool(tier.coder) for tier in self._acts.document.tiers) < 2:
+            self._acts.say(tr("Agreement compares two tiers. Add the other coder’s tier, or import it."))
+        else:
+            AgreementDialog(self._theme, self._acts.document, self._view).open()
+
+    def open_import(self) -> None:
+        coders = annotation_editing.coders_of(self._acts.document)
+        ImportDialog(self._theme, self._view, coders=coders, import_file=self._import_file).open()
+
+    def _import_file(self, path: Path, coder: str, on_result: Callable[[str], None]) -> None:
+        before = self._acts.document
+
+        def on_imported(refusal: str) -> None:
+            if not refusal:
+                self._acts.say(imported_words(before, self._acts.document))
+            on_result(refusal)
+
+        self._replay.import_annotations(path, coder, on_imported)
+
+    def move_row(self, key: str, position: int) -> None:
+        """Move a visible row. The order of a coder's own tiers is saved with them."""
+        order = moved_key([row.key for row in self._canvas.rows], key, position)
+        before = ""
+        for row in self._all_rows():  # hidden rows stay behind their predecessor
+            if row.key not in order:
+                order.insert(order.index(before) + 1 if before in order else 0, row.key)
+            before = row.key
+        self._order = order
+        tier_ids = [other.removeprefix("tier ") for other in order if other.startswith("tier ")]
+        tier_id = key.removeprefix("tier ")
+        if tier_id in tier_ids and tier_ids != [tier.tier_id for tier in self._acts.document.tiers if tier.coder]:
+            self._acts.edit(lambda document: annotation_editing.move_tier(document, tier_id, tier_ids.index(tier_id)))
+        self.changed.emit()
+        self._canvas.show_row(key)
+
+    def set_row_shown(self, key: str, *, shown: bool) -> None:
+        (self._hidden.discard if shown else self._hidden.add)(key)
+        self.changed.emit()
+
+    def open_rows_menu(self) -> None:
+        """Menu to show and hide rows."""
+        menu = self._menu("rows_menu")
+        for row in self._all_rows():
+            action = menu.addAction(in_menu(f"{row.name} · {row.coder}" if row.own else row.name))
+            action.setCheckable(True)
+            action.setChecked(row.key not in self._hidden)
+            action.toggled.connect(lambda shown, key=row.key: self.set_row_shown(key, shown=shown))
+        menu.addSeparator()
+        menu.addAction(tr("Show all rows"), self._show_all_rows)
+        button = self._view.findChild(QWidget, "rows_menu_button")
+        menu.popup(button.mapToGlobal(QPoint(0, button.height() + 4)))
+
+    def _show_all_rows(self) -> None:
+        self._hidden.clear()
+        self.changed.emit()
+
+    def open_row_menu(self, key: str, at: QPoint) -> None:
+        """Menu of a row and its selection."""
+        index = self._canvas.index_of(key)
+        if index is None:
+            return
+        row, selected, menu = self._canvas.rows[index], self._canvas.selected, self._menu("row_menu")
+        tier = row.tier if row.own else None
+        if tier is not None and selected is not None and selected.tier_id == tier.tier_id:
+            for action_id in ("annotation_rename", "annotation_split", "annotation_remove"):
+                text = f"{self._actions.standard_row(action_id).text}\t{self._actions.key_text(action_id)}"
+                menu.addAction(text).triggered.connect(lambda _on, name=action_id: self._actions.run(name))
+            menu.addSeparator()
+        if tier is not None:
+            menu.addAction(tr("Change the tier…"), lambda: self._open_tier_dialog(tier))
+        menu.addAction(tr("Move up"), lambda: self.move_row(key, index - 1)).setEnabled(index > 0)
+        down = menu.addAction(tr("Move down"), lambda: self.move_row(key, index + 1))
+        down.setEnabled(index < len(self._canvas.rows) - 1)
+        menu.addAction(tr("Hide"), lambda: self.set_row_shown(key, shown=False))
+        if tier is not None:
+            count = len(self._canvas.state.track_of(row).annotations)
+            menu.addSeparator()
+            words = tr("Remove the tier with its %n annotations", "", count) if count else tr("Remove the tier")
+            menu.addAction(words, lambda: self._remove_tier(tier.tier_id))
+        menu.popup(at)
+
+    def _menu(self, name: str) -> QMenu:
+        menu = QMenu(self._view)
+        menu.setObjectName(name)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        return menu
+
+    def _remove_tier(self, tier_id: str) -> None:
+        self._acts.edit(lambda document: annotation_editing.remove_tier(document, tier_id))
+
+    def _on_row_opened(self, key: str) -> None:
+        tiers = (tier for tier in self._acts.document.tiers if f"tier {tier.tier_id}" == key)
+        for tier in tiers:
+            self._open_tier_dialog(tier)
+
+
+def imported_words(before: AnnotationDocument, after: AnnotationDocument) -> str:
+    """Summary of an import."""
+    if before == after:
+        return tr("Everything in that file is already here.")
+    tiers = len({tier.tier_id for tier in after.tiers} - {tier.tier_id for tier in before.tiers})
+    annotations = len(set(after.annotations) - set(before.annotations))
+    of_tiers = tr("1 tier") if tiers == 1 else tr("%n tiers", "", tiers)
+    of_annotations = tr("1 annotation") if annotations == 1 else tr("%n annotations", "", annotations)
+    if tiers and annotations:
+        return tr("Imported: {tiers} and {annotations}.").format(tiers=of_tiers, annotations=of_annotations)
+    if tiers or annotations:
+        return tr("Imported: {what}.").format(what=of_tiers if tiers else of_annotations)
+    return tr("Imported. Nothing was added; some annotations were changed or removed.")
 
 
 _ROW_PX = 28
 _MOST_ROWS = 8
 _VALUE = int(Qt.ItemDataRole.UserRole)
+_CARD_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Escape, Qt.Key.Key_Up, Qt.Key.Key_Down)
 
 
 class LabelCard(FloatingCard):
@@ -452,8 +591,7 @@ class LabelCard(FloatingCard):
         self.field = QLineEdit(maxLength=10_000)
         self.field.setObjectName("label_field")
         self.field.setAccessibleName(tr("Label of the annotation"))
-        self.field.setMinimumHeight(32)
-        self.field.setMinimumWidth(240)
+        self.field.setMinimumSize(240, 32)
         self.field.textEdited.connect(self._on_text_edited)
         self.field.installEventFilter(self)
         self.list = QListWidget()
@@ -462,7 +600,7 @@ class LabelCard(FloatingCard):
         self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.list.setUniformItemSizes(True)
-        self.list.itemClicked.connect(self._on_item_clicked)
+        self.list.itemClicked.connect(lambda item: self._finish(str(item.data(_VALUE))))
         column = layouts.vbox(self, margins_px=8, spacing_px=4)
         column.addWidget(self.field)
         column.addWidget(self.list)
@@ -486,22 +624,18 @@ class LabelCard(FloatingCard):
 
     def _fill(self, typed: str) -> None:
         self.list.clear()
-        entries = self._entries or ()
-        query = typed.casefold().strip()
-        # Prefix matches first.
+        entries, query = self._entries or (), typed.casefold().strip()
         found = [item for item in enumerate(entries, start=1) if query in item[1].value.casefold()]
-        found.sort(key=lambda item: not item[1].value.casefold().startswith(query))
+        found.sort(key=lambda item: not item[1].value.casefold().startswith(query))  # prefix matches first
         for number, entry in found:
             key = f"{number}  " if number <= 9 else ""
             meaning = f"  ·  {entry.description}" if entry.description else ""
-            row = QListWidgetItem(f"{key}{entry.value}{meaning}")
+            row = QListWidgetItem(f"{key}{entry.value}{meaning}", self.list)
             row.setData(_VALUE, entry.value)
             row.setToolTip(entry.description)
             row.setSizeHint(QSize(200, _ROW_PX))
-            self.list.addItem(row)
         values = [entry.value for _, entry in found]
         self.list.setCurrentRow(values.index(self._before) if not query and self._before in values else 0)
-        self.list.setFont(self._theme.font(tokens.STATUS_PX))
         self.list.setFixedHeight(_ROW_PX * min(_MOST_ROWS, max(1, len(entries))) + 4)
         self.list.setMinimumWidth(min(360, max(240, self.list.sizeHintForColumn(0) + 24)))
 
@@ -512,9 +646,6 @@ class LabelCard(FloatingCard):
             self._finish(self._entries[int(text) - 1].value)
         else:
             self._fill(text)
-
-    def _on_item_clicked(self, item: QListWidgetItem) -> None:
-        self._finish(str(item.data(_VALUE)))
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if watched is self.field and not self._done:
@@ -527,9 +658,8 @@ class LabelCard(FloatingCard):
 
     def _filter_key(self, event: QKeyEvent) -> bool:
         """Keys of the popup: Return selects, arrows move, Esc cancels."""
-        key = event.key()
-        keys = (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Escape, Qt.Key.Key_Up, Qt.Key.Key_Down)
-        if key not in keys:
+        key, row = event.key(), self.list.currentItem()
+        if key not in _CARD_KEYS:
             return False
         event.accept()
         if event.type() == QEvent.Type.ShortcutOverride:
@@ -541,18 +671,15 @@ class LabelCard(FloatingCard):
             self.list.setCurrentRow(min(max(0, self.list.currentRow() + step), self.list.count() - 1))
         elif self._entries is None:
             self._finish(self.field.text())
-        else:
-            row = self.list.currentItem()
-            if row is not None:
-                self._finish(str(row.data(_VALUE)))
+        elif row is not None:
+            self._finish(str(row.data(_VALUE)))
         return True
 
-    def give_up(self) -> bool:
+    def cancel(self) -> bool:
         """Close without a label; False if it was not open."""
-        if self._done:
-            return False
+        was_open = not self._done
         self._finish(None)
-        return True
+        return was_open
 
     def _finish(self, value: str | None) -> None:
         if self._done:

@@ -1,7 +1,6 @@
-"""Annotation timeline of a replay: recorded events and coders' tiers on one ruler."""
+"""Annotation timeline of a replay: recorded events and coders' tiers on one ruler, with the strip for coding."""
 
 import sys
-from collections.abc import Callable
 
 from PySide6.QtCore import QEvent, QKeyCombination, QObject, QPoint, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QAccessible, QKeyEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent
@@ -11,7 +10,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
-from caris_desktop.recording.annotation import annotation_editing
+from caris_desktop.recording.annotation.annotation_editing import coders_of
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Vocabulary
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.ui import layouts, tokens
@@ -20,12 +19,13 @@ from caris_desktop.ui.action_rows import CODE_COUNT, TIMELINE_ACTIONS
 from caris_desktop.ui.key_choices import normalized
 from caris_desktop.ui.key_positions import key_code, position_of
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, draw_card, show_part
-from caris_desktop.ui.replay.thumbnails import Thumbnails
-from caris_desktop.ui.replay.timeline_canvas import TimelineCanvas
-from caris_desktop.ui.replay.timeline_commands import TimelineCommands
-from caris_desktop.ui.replay.timeline_drawing import NAMES_PX, RULER_PX
-from caris_desktop.ui.replay.timeline_model import (
+from caris_desktop.ui.replay.timeline_canvas import OpenInterval, TimelineCanvas
+from caris_desktop.ui.replay.timeline_commands import TimelineCommands, TimelineRows
+from caris_desktop.ui.replay.timeline_items import (
+    NAMES_PX,
+    RULER_PX,
     Row,
+    Thumbnails,
     Track,
     all_rows,
     exact_text,
@@ -33,8 +33,6 @@ from caris_desktop.ui.replay.timeline_model import (
     tracks_of,
     vocabulary_named,
 )
-from caris_desktop.ui.replay.timeline_overlay import OpenInterval
-from caris_desktop.ui.replay.timeline_rows import TimelineRows
 from caris_desktop.ui.text_formatting import in_menu
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
@@ -69,7 +67,6 @@ class TimelineView(QWidget):
         self._replay = replay
         self._actions = actions
         self._opened: bool | None = None
-        self._tracks: dict[str, Track] = {}
         self._own_tracks: dict[str, Track] = {}
         self._record_tracks: dict[str, Track] = {}
         self.canvas = TimelineCanvas(theme, Thumbnails(replay, self), replay.with_names)
@@ -82,12 +79,11 @@ class TimelineView(QWidget):
         self.rows = TimelineRows(self, self.canvas, self.acts, theme=theme, replay=replay, state=state, actions=actions)
         self.rows.changed.connect(self._show_rows)
         self._across = QScrollBar(Qt.Orientation.Horizontal)
-        self._across.valueChanged.connect(self._on_scrolled_across)
+        self._across.valueChanged.connect(self.canvas.scroll_across_to)
         self._down = QScrollBar(Qt.Orientation.Vertical)
         self._down.valueChanged.connect(self.canvas.scroll_to)
         self.strip = CodingStrip(theme, actions)
         self.strip.add_tier_requested.connect(self.rows.open_tier_dialog)
-        self._header = self._make_header()
         middle = QGridLayout()
         middle.setContentsMargins(1, 0, 1, 0)
         middle.setSpacing(0)
@@ -97,7 +93,7 @@ class TimelineView(QWidget):
         under.addWidget(self._across)
         middle.addLayout(under, 1, 0)
         column = layouts.vbox(self, margins_px=(0, 0, 0, 1), spacing_px=0)
-        column.addWidget(self._header)
+        column.addWidget(self._make_header())
         column.addLayout(middle, 1)
         column.addWidget(self.strip)
         self.canvas.selection_changed.connect(self._on_selection_changed)
@@ -105,69 +101,58 @@ class TimelineView(QWidget):
         replay.overview.changed.connect(self._on_overview_changed)
         replay.coding.changed.connect(self._on_coding_changed)
         replay.playback.changed.connect(self._on_playback_changed)
-        theme.changed.connect(self._style)
+        theme.changed.connect(self.update)
         self._show_session()
         self._on_overview_changed(replay.overview.value)
         self._on_coding_changed(replay.coding.value)
         self._on_playback_changed(replay.playback.value)
         self.setFocusProxy(self.canvas)
-        self._style()
 
     def _make_header(self) -> QWidget:
-        theme, actions = self._theme, self._actions
         header = QWidget()
         header.setFixedHeight(TITLE_HEIGHT_PX)
-        self._title = QLabel(tr("Timeline"))
+        title = QLabel(tr("Timeline"))
+        title.setProperty("role", "title")
         self._fact = ElidedLabel()
         self._fact.setObjectName("timeline_fact")
-        self._named_buttons: list[tuple[ActionButton, str]] = []
+        self._fact.setProperty("role", "note")
         row = layouts.hbox(header, margins_px=(14, 3, 6, 3), spacing_px=4)
-        row.addWidget(self._title)
+        row.addWidget(title)
         row.addSpacing(8)
         row.addWidget(self._fact, 1)
-        row.addWidget(self.rows.filter)
         self._in_header: list[QWidget] = [self.rows.filter]
-        for name, icon, text, tip, act in (
-            ("rows_menu_button", "eye", tr("Rows"), tr("Show or hide rows"), self._open_rows_menu),
+        self._named_buttons: list[tuple[ActionButton, str]] = []
+        rows = self.rows
+        for name, icon, text, tip, open_it in (
+            ("rows_menu_button", "eye", tr("Rows"), tr("Show or hide rows"), rows.open_rows_menu),
+            ("add_tier", "plus", tr("Tier"), tr("Add a tier for yourself or another coder"), rows.open_tier_dialog),
+            ("agreement", "scales", tr("Agreement"), tr("Agreement between two coders"), rows.open_agreement),
             (
-                "add_tier",
-                "plus",
-                tr("Tier"),
-                tr("Add a tier for yourself or another coder"),
-                self.rows.open_tier_dialog,
+                "import_annotations", "download-simple", tr("Import"), tr("Import from ELAN or a CSV table"),
+                rows.open_import,
             ),
-            ("agreement", "scales", tr("Agreement"), tr("Agreement between two coders"), self.rows.open_agreement),
-            (
-                "import_annotations",
-                "download-simple",
-                tr("Import"),
-                tr("Import from ELAN or a CSV table"),
-                self.rows.open_import,
-            ),
-        ):
-            button = ActionButton(theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1)
+        ):  # fmt: skip
+            button = ActionButton(self._theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1)
             button.setObjectName(name)
             button.setToolTip(tip)
-            button.clicked.connect(act)
-            row.addWidget(button)
+            button.clicked.connect(open_it)
             self._named_buttons.append((button, text))
             self._in_header.append(button)
         for action_id in ("undo", "redo", "timeline_smaller", "timeline_larger", "timeline_fit"):
-            spec = actions.spec(action_id)
-            if spec is None:
-                continue
-            button = ActionButton(theme, "", icon=spec.icon, role="ghost", height_px=30)
+            spec = self._actions.standard_row(action_id)
+            button = ActionButton(self._theme, icon=spec.icon, role="ghost", height_px=30)
             button.setObjectName(action_id)
             button.setAccessibleName(spec.text)
-            button.setToolTip(f"{spec.text} ({actions.key_text(action_id)})")
-            button.clicked.connect(self._runner(action_id))
-            row.addWidget(button)
+            button.setToolTip(spec.text)
+            button.set_key_shown(False)
+            button.bind(self._actions, action_id)
             self._in_header.append(button)
-        self._drawer = ActionButton(theme, "", height_px=30, text_px=tokens.STATUS_PX + 1)
+        self._drawer = ActionButton(self._theme, height_px=30, text_px=tokens.STATUS_PX + 1)
         self._drawer.setObjectName("timeline_drawer")
         self._drawer.clicked.connect(lambda: self.open_requested.emit(not self._opened))
         self._drawer.hide()
-        row.addWidget(self._drawer)
+        for widget in (*self._in_header, self._drawer):
+            row.addWidget(widget)
         return header
 
     def show_as_drawer(self, opened: bool | None) -> None:
@@ -177,26 +162,15 @@ class TimelineView(QWidget):
         for widget in (self.canvas, self._down, *self._in_header):
             show_part(widget, not shut)
         show_part(self._drawer, opened is not None)
-        if opened:
-            self._drawer.set_label("", icon="caret-double-down", role="amber")
-            self._drawer.setToolTip(tr("Back to the picture and the panels"))
-            self._drawer.setAccessibleName(tr("Back to the picture and the panels"))
-        else:
-            self._drawer.set_label(tr("Open"), icon="caret-double-up", role="amber")
-            self._drawer.setToolTip(tr("Open the timeline over the panels: not enough room for both"))
-            self._drawer.setAccessibleName(tr("Open the timeline"))
-        if shut:
-            self.setFixedHeight(TITLE_HEIGHT_PX)
-        else:
-            self.setMinimumHeight(0)
-            self.setMaximumHeight(_NO_LIMIT_PX)
+        icon, name = ("down", tr("Back to the picture and the panels")) if opened else ("up", tr("Open the timeline"))
+        self._drawer.set_label("" if opened else tr("Open"), icon=f"caret-double-{icon}", role="amber")
+        self._drawer.setAccessibleName(name)
+        self._drawer.setToolTip(
+            name if opened else tr("Open the timeline over the panels: not enough room for both")
+        )  # fmt: skip
+        self.setMinimumHeight(TITLE_HEIGHT_PX if shut else 0)
+        self.setMaximumHeight(TITLE_HEIGHT_PX if shut else _NO_LIMIT_PX)
         self._use_room()
-
-    def _open_rows_menu(self) -> None:
-        self.rows.open_rows_menu(self._named_buttons[0][0])
-
-    def _runner(self, action_id: str) -> Callable[[], object]:
-        return lambda: self._actions.run(action_id)
 
     def sizeHint(self) -> QSize:
         return QSize(900, 300)
@@ -212,11 +186,9 @@ class TimelineView(QWidget):
         low = self.height() < LOW_PX or self._opened is False
         self.strip.setVisible(not low)
         self._across.setVisible(not low)
-        roomy = self.width() >= 1040
         for button, text in self._named_buttons:
-            if button.text() != (text if roomy else ""):
-                button.set_label(text if roomy else "")
-                button.setAccessibleName(text)
+            button.set_label(text if self.width() >= 1040 else "")
+            button.setAccessibleName(text)
 
     # ---- display
 
@@ -235,9 +207,7 @@ class TimelineView(QWidget):
         self.canvas.show_session(self._replay.session.started_ns, self.acts.duration_ms())
 
     def _on_overview_changed(self, overview: SessionOverview | None) -> None:
-        self._record_tracks = {}
-        if overview is not None:
-            self._record_tracks = {f"record {key}": track for key, track in tracks_of(overview.tiers).items()}
+        self._record_tracks = {} if overview is None else tracks_of(overview.tiers)
         self.canvas.show_overview(overview)
         self._show_rows()
         self._show_tracks()
@@ -245,18 +215,17 @@ class TimelineView(QWidget):
     def _on_coding_changed(self, document: AnnotationDocument) -> None:
         rows_before = self.canvas.rows
         self._own_tracks = tracks_of(document, self._own_tracks)
-        self._tracks = {f"tier {key}": track for key, track in self._own_tracks.items()}
         self._show_tracks()
         if [row.tier for row in rows_before if row.own] != [tier for tier in document.tiers if tier.coder]:
             self._show_rows()
-        stretch = self.acts.open
-        if stretch is not None and stretch.tier_id not in {tier.tier_id for tier in document.tiers}:
+        if self.acts.open is not None and self.acts.open.tier_id not in {tier.tier_id for tier in document.tiers}:
             self.acts.set_open(None)
         self._show_session()
         self._on_selection_changed()
 
     def _show_tracks(self) -> None:
-        self.canvas.show_tracks({**self._tracks, **self._record_tracks})
+        own = {f"tier {key}": track for key, track in self._own_tracks.items()}
+        self.canvas.show_tracks({**own, **{f"record {key}": track for key, track in self._record_tracks.items()}})
 
     def _show_rows(self) -> None:
         overview: SessionOverview | None = self._replay.overview.value
@@ -264,7 +233,7 @@ class TimelineView(QWidget):
         words = tr("Reading the session…") if overview is None else tr("The recording contains nothing to show here.")
         if not rows and all_rows(overview, self.document):
             words = self.rows.words()
-        self.canvas.show_rows(rows, annotation_editing.coders_of(self.document), words=words)
+        self.canvas.show_rows(rows, coders_of(self.document), words=words)
         own_rows = [row for row in rows if row.own]
         if self.canvas.active is None and own_rows:
             self.canvas.activate(own_rows[0].key)
@@ -277,40 +246,32 @@ class TimelineView(QWidget):
         self._description.changed()
 
     def _on_selection_changed(self) -> None:
-        active = self.canvas.active
-        is_own = active is not None and active.own
-        vocabulary = self._vocabulary_of(active) if is_own else None
-        stretch = self._open_on(active) if is_own and active is not None else None
-        tiers = sum(1 for tier in self.document.tiers if tier.coder)
-        self.strip.show_tier(active, vocabulary, stretch, tiers=tiers)
+        active, interval = self.canvas.active, self.acts.open
+        tier = None if active is None or not active.own else active.tier
+        vocabulary = None if tier is None or not tier.vocabulary else vocabulary_named(self.document, tier.vocabulary)
+        here = interval if tier is not None and interval is not None and interval.tier_id == tier.tier_id else None
+        self.strip.show_tier(active, vocabulary, here, tiers=sum(bool(tier.coder) for tier in self.document.tiers))
         self._fact.setText(self._fact_text())
-        self._fact.setToolTip(self._fact.text())
         self._description.changed()
         self.update()
 
     def _accessible_text(self) -> str:
         """Accessible description: position, visible part, number of marks, selection."""
         scale, overview = self.canvas.scale, self._replay.overview.value
-        start_ms, end_ms = scale.start_ms, scale.start_ms + self.canvas.room_px / scale.px_per_ms
         total_ms = self.acts.duration_ms()
+        end_ms = min(total_ms, scale.to_ms(self.canvas.room_px))
         sentences = [
             tr("At {now} of {total}.").format(
                 now=exact_text(self.canvas.state.position_ms), total=exact_text(total_ms)
             ),
             tr("Shown from {start} to {end}.").format(
-                start=exact_text(max(0.0, start_ms)), end=exact_text(min(total_ms, end_ms))
+                start=exact_text(max(0.0, scale.start_ms)), end=exact_text(end_ms)
             ),
         ]
         if overview is not None:
             marks = sum(moment.kind == "mark" for moment in overview.moments)
             sentences.append(tr("1 mark.") if marks == 1 else tr("%n marks.", "", marks))
         return " ".join([*sentences, self._fact.text()]).strip()
-
-    def _open_on(self, row: Row) -> OpenInterval | None:
-        """Open interval on this row."""
-        stretch = self.acts.open
-        here = stretch is not None and row.tier is not None and row.tier.tier_id == stretch.tier_id
-        return stretch if here else None
 
     def _fact_text(self) -> str:
         item = self.canvas.selected
@@ -320,17 +281,12 @@ class TimelineView(QWidget):
             return f"{label} · {times} · {length_text(item.end_ms - item.start_ms)}"
         if self._replay.overview.value is None:
             return tr("reading the session…")
-        count, coders = len(self.document.annotations), len(annotation_editing.coders_of(self.document))
+        count, coders = len(self.document.annotations), len(coders_of(self.document))
         if not coders:
             return ""
         of_count = tr("1 annotation") if count == 1 else tr("{count} annotations").format(count=f"{count:,}")
         of_coders = tr("1 coder") if coders == 1 else tr("%n coders", "", coders)
         return tr("{annotations} by {coders}").format(annotations=of_count, coders=of_coders)
-
-    def _vocabulary_of(self, row: Row | None) -> Vocabulary | None:
-        if row is None or row.tier is None or not row.tier.vocabulary:
-            return None
-        return vocabulary_named(self.document, row.tier.vocabulary)
 
     def _on_view_changed(self) -> None:
         canvas, scale = self.canvas, self.canvas.scale
@@ -346,9 +302,6 @@ class TimelineView(QWidget):
             bar.setValue(round(value))
             bar.blockSignals(False)
         self._description.changed()
-
-    def _on_scrolled_across(self, start_ms: int) -> None:
-        self.canvas.scroll_across_to(float(start_ms))
 
     # ---- keys
 
@@ -369,21 +322,10 @@ class TimelineView(QWidget):
                 return True
         return False
 
-    # ---- painting
-
-    def _style(self) -> None:
-        theme = self._theme
-        self._title.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self._fact.setFont(theme.font(tokens.STATUS_PX))
-        self.rows.filter.setFont(theme.font(tokens.STATUS_PX))
-        theme.color_text(self._fact, "dim")
-        self.update()
-
     def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        active = self.canvas.hasFocus()
-        bounds = QRectF(self.rect())
-        draw_card(painter, self._theme, bounds.adjusted(0, TITLE_HEIGHT_PX, 0, 0), top=False, active=active)
+        painter, active = QPainter(self), self.canvas.hasFocus()
+        body = QRectF(self.rect()).adjusted(0, TITLE_HEIGHT_PX, 0, 0)
+        draw_card(painter, self._theme, body, top=False, active=active)
         draw_card(painter, self._theme, QRectF(0, 0, self.width(), TITLE_HEIGHT_PX), top=True, active=active)
 
 
@@ -408,23 +350,22 @@ def _spelled(modifiers: Qt.KeyboardModifier, key: Qt.Key) -> str:
     return QKeySequence(QKeyCombination(modifiers, key)).toString(QKeySequence.SequenceFormat.PortableText)
 
 
-_ACTS = (
+_EDITS = (
     ("annotation_new", "plus", QT_TR_NOOP("New")),
     ("annotation_split", "scissors", QT_TR_NOOP("Split")),
     ("annotation_rename", "pencil-simple", QT_TR_NOOP("Rename")),
     ("annotation_remove", "trash", QT_TR_NOOP("Remove")),
 )
 _NARROW_BELOW_PX = 1000
-_SIDE_PX = 16
-_LEAST_WORDS_PX, _MOST_WORDS_PX, _LABEL_PX, _GAP_PX = 72, 640, 112, 8
+_SIDE_PX, _GAP_PX, _LABEL_PX = 16, 8, 112
+_LEAST_WORDS_PX, _MOST_WORDS_PX = 72, 640
 
 
 class CodingStrip(QWidget):
     """Coding strip below the timeline: labels of the active tier with their keys, and commands.
 
-    Coding strip. ``add_tier_requested``: no tier yet; all else runs actions of the table.
-
-    In a narrow strip commands show icons only, and labels that do not fit are in a menu.
+    ``add_tier_requested``: no tier yet; all else runs actions of the table. In a narrow strip commands show icons only,
+    and labels that do not fit are in a menu.
     """
 
     add_tier_requested = Signal()
@@ -433,79 +374,72 @@ class CodingStrip(QWidget):
         super().__init__()
         self.setObjectName("coding_strip")
         self.setFixedHeight(40)
-        self._theme = theme
         self._contents: tuple[object, ...] | None = None
         self._actions = actions
         self._present = 0
-        self._narrow = False
         self._words = ElidedLabel()
         self._words.setObjectName("coding_words")
+        self._words.setProperty("role", "note")
         self._add = ActionButton(theme, tr("Add a tier"), icon="plus", role="primary", height_px=30)
         self._add.setObjectName("coding_add_tier")
         self._add.clicked.connect(self.add_tier_requested)
         self._labels: list[ActionButton] = []
         for number in range(1, CODE_COUNT + 1):
-            button = ActionButton(theme, "", key_first=True, height_px=30, text_px=tokens.STATUS_PX, may_shrink=True)
+            button = ActionButton(theme, key_first=True, height_px=30, text_px=tokens.STATUS_PX, may_shrink=True)
             button.setObjectName(f"code_{number}")
             button.setCheckable(True)
-            button.bind(actions, f"code_{number}")
+            button.bind(actions, button.objectName())
             self._labels.append(button)
-        self._more = ActionButton(theme, "", icon="caret-double-right", role="amber", height_px=30)
+        self._more = ActionButton(theme, icon="caret-double-right", role="amber", height_px=30)
         self._more.setObjectName("coding_more")
         self._more.setAccessibleName(tr("More labels"))
         self._more.setToolTip(tr("More labels: their keys also work"))
         self._more.clicked.connect(self._open_more)
         self._more.hide()
-        self._acts: list[ActionButton] = []
-        for action_id, _icon, text in _ACTS:
-            button = ActionButton(theme, tr(text), role="ghost", height_px=30, text_px=tokens.STATUS_PX)
+        self._edits: list[ActionButton] = []
+        for action_id, _icon, text in _EDITS:
+            button = ActionButton(theme, role="ghost", height_px=30, text_px=tokens.STATUS_PX)
             button.setObjectName(action_id)
             button.setToolTip(tr(text))
             button.bind(actions, action_id)
-            self._acts.append(button)
+            self._edits.append(button)
         row = layouts.hbox(self, margins_px=(_SIDE_PX, 4, 8, 4), spacing_px=_GAP_PX)
         row.addWidget(self._words, 1)
-        row.addWidget(self._add)
-        for button in (*self._labels, self._more):
+        for button in (self._add, *self._labels, self._more):
             row.addWidget(button)
         row.addStretch(1)
-        for button in self._acts:
+        for button in self._edits:
             row.addWidget(button)
-        theme.restyle_on_change(self._style)
 
     def show_tier(
-        self, row: Row | None, vocabulary: Vocabulary | None, stretch: OpenInterval | None, *, tiers: int
+        self, row: Row | None, vocabulary: Vocabulary | None, interval: OpenInterval | None, *, tiers: int
     ) -> None:
         """``row``: the active tier; ``tiers``: the number of tiers."""
-        contents = (row, vocabulary, stretch, tiers)
+        contents = (row, vocabulary, interval, tiers)
         if contents == self._contents:
             return
         self._contents = contents
-        is_own = row is not None and row.own
-        entries = () if vocabulary is None or not is_own else vocabulary.entries
+        own = row if row is not None and row.own else None
+        entries = () if vocabulary is None or own is None else vocabulary.entries
         if not tiers:
             words = tr("Nothing is coded in this session yet.")
-        elif row is None or not is_own:
+        elif own is None:
             words = tr("All coders’ tiers are hidden.")
-        elif stretch is not None:
-            words = tr("{tier}: since {time}").format(tier=row.name, time=exact_text(stretch.start_ms)[:-2])
-        elif entries:
-            words = tr("{tier} of {coder}").format(tier=row.name, coder=row.coder)
+        elif interval is not None:
+            words = tr("{tier}: since {time}").format(tier=own.name, time=exact_text(interval.start_ms)[:-2])
         else:
             words = tr("{tier} of {coder} · drag on the tier to add an annotation")
-            words = words.format(tier=row.name, coder=row.coder)
+            words = (tr("{tier} of {coder}") if entries else words).format(tier=own.name, coder=own.coder)
         self._words.setText(words)
         show_part(self._add, not tiers)
-        for number, button in enumerate(self._labels):
-            if number < len(entries):
-                entry = entries[number]
-                open_now = stretch is not None and stretch.value == entry.value
-                button.set_label(tr("End {label}").format(label=entry.value) if open_now else entry.value)
-                button.setChecked(open_now)
-                button.setToolTip(entry.description or tr("Press once to start at the playhead, again to end"))
+        for entry, button in zip(entries, self._labels, strict=False):
+            open_now = interval is not None and interval.value == entry.value
+            button.set_label(tr("End {label}").format(label=entry.value) if open_now else entry.value)
+            button.setChecked(open_now)
+            button.setToolTip(entry.description or tr("Press once to start at the playhead, again to end"))
         self._present = min(len(entries), len(self._labels))
-        for button in self._acts:
-            show_part(button, is_own)
+        for button in self._edits:
+            show_part(button, own is not None)
         self._fit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -514,20 +448,16 @@ class CodingStrip(QWidget):
 
     def _fit(self) -> None:
         narrow = self.width() < _NARROW_BELOW_PX
-        if narrow != self._narrow:
-            self._narrow = narrow
-            for button, (_, icon, text) in zip(self._acts, _ACTS, strict=True):
-                button.set_label("" if narrow else tr(text), icon=icon if narrow else "")
-                button.setAccessibleName(tr(text))
-                button.set_key_shown(not narrow)
+        for button, (_, icon, text) in zip(self._edits, _EDITS, strict=True):
+            button.set_label("" if narrow else tr(text), icon=icon if narrow else "")
+            button.setAccessibleName(tr(text))
+            button.set_key_shown(not narrow)
         words_px = min(_MOST_WORDS_PX, self._words.sizeHint().width() + 2)
         least_words_px = min(words_px, _LEAST_WORDS_PX) if self._present else words_px
         self._words.setMaximumWidth(words_px)
         self._words.setMinimumWidth(min(least_words_px, max(0, self.width() - 2 * _SIDE_PX)) if narrow else 0)
         taken = [self._words.minimumWidth() if narrow else words_px]
-        taken += [button.sizeHint().width() for button in self._acts if not button.isHidden()]
-        if not self._add.isHidden():
-            taken.append(self._add.sizeHint().width())
+        taken += [button.sizeHint().width() for button in (self._add, *self._edits) if not button.isHidden()]
         room_px = self.width() - 2 * _SIDE_PX - sum(taken) - _GAP_PX * (len(taken) + 1)
         each = [min(button.sizeHint().width(), _LABEL_PX) + _GAP_PX for button in self._labels[: self._present]]
         count = self._present
@@ -541,15 +471,9 @@ class CodingStrip(QWidget):
     def _open_more(self) -> None:
         menu = QMenu(self)
         menu.setObjectName("more_codes_menu")
-        for number, button in enumerate(self._labels[: self._present]):
+        for button in self._labels[: self._present]:
             if button.isHidden():
-                text = in_menu(f"{button.key}  {button.text()}")
-                menu.addAction(text, self._runner(number + 1))
+                action = menu.addAction(in_menu(f"{button.key}  {button.text()}"))
+                action.triggered.connect(lambda _on, button=button: self._actions.run(button.objectName()))
         menu.aboutToHide.connect(menu.deleteLater)
         menu.popup(self._more.mapToGlobal(QPoint(0, -menu.sizeHint().height())))
-
-    def _runner(self, number: int) -> Callable[[], object]:
-        return lambda: self._actions.run(f"code_{number}")
-
-    def _style(self) -> None:
-        self._theme.style_text(self._words, "dim", tokens.STATUS_PX)

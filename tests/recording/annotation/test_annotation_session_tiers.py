@@ -53,7 +53,7 @@ from caris_desktop.recording.exporters.eaf import write_eaf
 from caris_desktop.recording.measures.session_measures import measure, read_facts
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session_export import ExportContext
-from caris_desktop.ui.replay.timeline_model import all_rows
+from caris_desktop.ui.replay.timeline_items import all_rows
 from tests.recording.told_session import STARTED_NS, at, drive, exchange, heard, said, tell, tour
 
 

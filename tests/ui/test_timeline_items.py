@@ -15,7 +15,7 @@ from caris_desktop.recording.annotation.annotation_model import (
     VocabularyEntry,
 )
 from caris_desktop.recording.annotation.timeline_overview import Waveform
-from caris_desktop.ui.replay.timeline_model import (
+from caris_desktop.ui.replay.timeline_items import (
     SCENARIO_LABELS,
     Row,
     TimeScale,

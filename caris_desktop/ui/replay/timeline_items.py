@@ -1,0 +1,659 @@
+"""Items of the timeline: time scale, rows, annotation tracks, sampled signals and thumbnails, and their painting."""
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QObject, QRect, QRectF, Qt, Signal
+from PySide6.QtGui import QColor, QFontMetricsF, QImage, QPainter, QPixmap
+
+from caris_desktop.domain.sound_values import MICROPHONE, ROBOT_MICROPHONE, ROBOT_VOICE, WIZARD_MICROPHONE
+from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
+from caris_desktop.domain.value_class import Value, dataclass
+from caris_desktop.live.wizard_console import ReplayControls
+from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier, Vocabulary
+from caris_desktop.recording.annotation.timeline_overview import SessionOverview, Waveform
+from caris_desktop.ui import tokens
+from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.theme import Theme
+
+RowKind = Literal["pictures", "sound", "speed", "tier"]
+SHORTEST_MS = 40
+"""Minimum duration of an annotation made by dragging: one video frame."""
+
+_TICK_STEPS_MS = (
+    10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000, 15_000, 30_000, 60_000, 120_000, 300_000, 600_000, 900_000,
+    1_800_000, 3_600_000, 7_200_000,
+)  # fmt: skip
+
+
+class TimeScale(Value):
+    """Mapping of time to pixels: ``start_ms`` at pixel 0, ``px_per_ms`` pixels per millisecond."""
+
+    start_ms: float
+    px_per_ms: float
+
+    def to_px(self, at_ms: float) -> float:
+        return (at_ms - self.start_ms) * self.px_per_ms
+
+    def to_ms(self, x_px: float) -> float:
+        return self.start_ms + x_px / self.px_per_ms
+
+    def zoomed(self, factor: float, around_px: float, *, width_px: float, duration_ms: float) -> "TimeScale":
+        """Zoom around ``around_px``, within the session."""
+        around_ms = self.to_ms(around_px)
+        px_per_ms = _bounded_zoom(self.px_per_ms * factor, width_px, duration_ms)
+        return TimeScale(around_ms - around_px / px_per_ms, px_per_ms).bounded(width_px, duration_ms)
+
+    def bounded(self, width_px: float, duration_ms: float) -> "TimeScale":
+        """Clamp to the session, extended only as needed to fill the width."""
+        px_per_ms = _bounded_zoom(self.px_per_ms, width_px, duration_ms)
+        latest_ms = max(0.0, duration_ms - width_px / px_per_ms)
+        return TimeScale(min(max(0.0, self.start_ms), latest_ms), px_per_ms)
+
+
+MAX_PX_PER_MS = 2.0
+
+
+def whole_session(width_px: float, duration_ms: float) -> TimeScale:
+    return TimeScale(0.0, max(1.0, width_px) / max(1.0, duration_ms))
+
+
+def _bounded_zoom(px_per_ms: float, width_px: float, duration_ms: float) -> float:
+    smallest = whole_session(width_px, duration_ms).px_per_ms
+    return min(max(px_per_ms, smallest), max(MAX_PX_PER_MS, smallest))
+
+
+def tick_step_ms(px_per_ms: float, apart_px: float) -> int:
+    """Smallest round step with ticks at least ``apart_px`` apart."""
+    return next((step for step in _TICK_STEPS_MS if step * px_per_ms >= apart_px), _TICK_STEPS_MS[-1])
+
+
+def picture_step_ms(px_per_ms: float, apart_px: float) -> int:
+    """Thumbnail interval: steps grow by half an octave, so that zooming reuses most thumbnails."""
+    needed_ms = max(250.0, apart_px / px_per_ms)
+    return round(250 * 2 ** (math.ceil(2 * math.log2(needed_ms / 250)) / 2))
+
+
+class RulerTick(Value):
+    at_ms: int
+    label: str  # empty for a minor tick
+
+
+def ruler_ticks(scale: TimeScale, width_px: float) -> list[RulerTick]:
+    """Ticks from the last label before the visible part to its end."""
+    step = tick_step_ms(scale.px_per_ms, 88.0)
+    fine = max(1, step // (4 if step % 4 == 0 and step % 5 else 5))
+    first = int(scale.start_ms // step) * step
+    last_ms = scale.to_ms(width_px)
+    return [
+        RulerTick(at, ruler_text(at, step) if at % step == 0 else "")
+        for at in range(first, math.ceil(last_ms) + 1, fine)
+    ]
+
+
+def ruler_text(at_ms: int, step_ms: int = 1000) -> str:
+    """Ruler label as 2:03, 1:02:03, or 2:03.4 for fine steps."""
+    minutes, rest_ms = divmod(at_ms, 60_000)
+    hours, minutes = divmod(minutes, 60)
+    text = f"{hours}:{minutes:02}:{rest_ms // 1000:02}" if hours else f"{minutes}:{rest_ms // 1000:02}"
+    if step_ms >= 1000:
+        return text
+    return f"{text}.{rest_ms % 1000 // 100}" if step_ms >= 100 else f"{text}.{rest_ms % 1000 // 10:02}"
+
+
+def exact_text(at_ms: float) -> str:
+    """Time as 00:12.340, or 1:02:03.456 from an hour on."""
+    rounded_ms = round(at_ms)
+    sign, rounded_ms = ("-", -rounded_ms) if rounded_ms < 0 else ("", rounded_ms)
+    minutes, rest_ms = divmod(rounded_ms, 60_000)
+    hours, minutes = divmod(minutes, 60)
+    text = f"{hours}:{minutes:02}" if hours else f"{minutes:02}"
+    return f"{sign}{text}:{rest_ms // 1000:02}.{rest_ms % 1000:03}"
+
+
+def length_text(milliseconds: float) -> str:
+    """Duration as 0.48 s, 12.3 s, 2 min 5 s."""
+    seconds = milliseconds / 1000
+    if seconds < 10:
+        return f"{seconds:.2f} s"
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s"
+
+
+class Track:
+    """Annotations of one tier in order, with binary search by time."""
+
+    def __init__(self, annotations: Sequence[Annotation]) -> None:
+        self.annotations = annotations
+        self.starts_ms: NDArray[np.float64] = np.array([item.start_ms for item in annotations], np.float64)
+        self.ends_ms: NDArray[np.float64] = np.array([item.end_ms for item in annotations], np.float64)
+        self._reach_ms = np.maximum.accumulate(self.ends_ms) if len(annotations) else self.ends_ms
+
+    def between(self, first_ms: float, last_ms: float) -> range:
+        """Indices of annotations that overlap the interval. Recorded ones may overlap one another, a
+        coder's may not.
+        """
+        first = int(np.searchsorted(self._reach_ms, first_ms, "right"))
+        last = int(np.searchsorted(self.starts_ms, last_ms, "left"))
+        return range(first, max(first, last))
+
+    def at(self, at_ms: float) -> Annotation | None:
+        """Annotation at a time; of several the one with the latest start."""
+        for index in reversed(self.between(at_ms, math.nextafter(at_ms, math.inf))):
+            if self.annotations[index].start_ms <= at_ms < self.annotations[index].end_ms:
+                return self.annotations[index]
+        return None
+
+    def neighbour(self, at_ms: float, direction: int) -> Annotation | None:
+        """Next annotation that starts after this time, or last one that starts before."""
+        if direction > 0:
+            index = int(np.searchsorted(self.starts_ms, at_ms, "right"))
+        else:
+            index = int(np.searchsorted(self.starts_ms, at_ms, "left")) - 1
+        return self.annotations[index] if 0 <= index < len(self.annotations) else None
+
+
+def tracks_of(document: AnnotationDocument, before: Mapping[str, Track] | None = None) -> dict[str, Track]:
+    """Track of each tier; unchanged ones of ``before`` are reused."""
+    parts: dict[str, list[Annotation]] = {tier.tier_id: [] for tier in document.tiers}
+    for item in document.annotations:
+        parts[item.tier_id].append(item)
+    known = before or {}
+    return {
+        tier_id: known[tier_id] if tier_id in known and known[tier_id].annotations == part else Track(part)
+        for tier_id, part in parts.items()
+    }
+
+
+class Row(Value):
+    """Timeline row. ``key`` identifies it permanently."""
+
+    key: str
+    kind: RowKind
+    name: str
+    source: str = ""  # camera or sound file
+    tier: Tier | None = None
+
+    @property
+    def coder(self) -> str:
+        return "" if self.tier is None else self.tier.coder
+
+    @property
+    def own(self) -> bool:
+        """Whether a coder made it, so that it is editable."""
+        return bool(self.coder)
+
+    @property
+    def height_px(self) -> int:
+        return 48 if self.kind == "pictures" else 24 if self.kind == "tier" and not self.own else 32
+
+
+def all_rows(overview: SessionOverview | None, coding: AnnotationDocument) -> list[Row]:
+    """All rows: coders' tiers; video, sound and speed; recorded events."""
+    rows = [
+        Row(f"tier {tier.tier_id}", "tier", tr_filled(tier.title), tier=tier) for tier in coding.tiers if tier.coder
+    ]
+    if overview is None:
+        return rows
+    several = len(overview.cameras) > 1
+    for camera in overview.cameras:
+        title = tr("Video {camera}").format(camera=camera) if several else tr("Video")
+        rows.append(Row(f"pictures {camera}", "pictures", title, camera))
+    rows += [Row(f"sound {wave.source}", "sound", sound_name(wave.source), wave.source) for wave in overview.waveforms]
+    if len(overview.speed):
+        rows.append(Row("speed", "speed", tr("Speed")))
+    rows += [Row(f"record {tier.tier_id}", "tier", tr(tier.name), tier=tier) for tier in overview.tiers.tiers]
+    return rows
+
+
+_SOUNDS = {
+    MICROPHONE: QT_TR_NOOP("Microphone"),
+    ROBOT_MICROPHONE: QT_TR_NOOP("Robot microphone"),
+    WIZARD_MICROPHONE: QT_TR_NOOP("Wizard microphone"),
+    ROBOT_VOICE: QT_TR_NOOP("Robot voice"),
+}
+
+
+def sound_name(source: str) -> str:
+    """Name of a sound: ``audio-microphone.wav`` and ``microphone`` become Microphone; others keep their file name."""
+    name = source.rsplit("/", 1)[-1].rsplit(".", 1)[0].removeprefix("audio-").replace("_", " ").replace("-", " ")
+    return tr(_SOUNDS[name]) if name in _SOUNDS else name.capitalize() or tr("Sound")
+
+
+def arranged(rows: Iterable[Row], order: Sequence[str], hidden: Collection[str], words: str) -> list[Row]:
+    """Visible rows: in the user's order, without hidden ones, filtered by ``words``.
+
+    A row missing in ``order`` follows its default predecessor.
+    """
+    by_key = {row.key: row for row in rows}
+    keys = [key for key in order if key in by_key]
+    before = ""
+    for key in by_key:
+        if key not in keys:
+            keys.insert(keys.index(before) + 1 if before in keys else 0, key)
+        before = key
+    query_words = words.casefold().split()
+    return [
+        row
+        for row in (by_key[key] for key in keys)
+        if row.key not in hidden and all(word in f"{row.name} {row.coder}".casefold() for word in query_words)
+    ]
+
+
+def moved_key(keys: Sequence[str], key: str, position: int) -> list[str]:
+    """Keys with one of them moved to index ``position`` among the others."""
+    others = [other for other in keys if other != key]
+    others.insert(min(max(0, position), len(others)), key)
+    return others
+
+
+def _reduced(
+    values: NDArray[np.float32], lows: NDArray[np.int64], highs: NDArray[np.int64], reduce: np.ufunc
+) -> NDArray[np.float32]:
+    """``reduce`` of each ``values[low:high]``."""
+    # reduceat needs pairs of edges; results between two pairs are discarded.
+    pairs = np.empty(2 * len(lows), np.int64)
+    pairs[0::2], pairs[1::2] = lows, np.minimum(highs, len(values) - 1)
+    reduced: NDArray[np.float32] = reduce.reduceat(values, pairs, axis=0)[0::2]
+    return reduced
+
+
+def wave_columns(wave: Waveform, *, first_ns: int, ns_per_px: float, width_px: int) -> NDArray[np.float32]:
+    """Minimum and maximum per pixel column from ``first_ns`` on, shape (width, 2); NaN without sound."""
+    columns = np.full((width_px, 2), np.nan, np.float32)
+    edges = (first_ns + np.arange(width_px + 1) * ns_per_px - wave.first_ns) / wave.bucket_ns
+    lows = np.floor(edges[:-1]).astype(np.int64)
+    highs = np.maximum(np.ceil(edges[1:]).astype(np.int64), lows + 1)
+    inside = (highs > 0) & (lows < len(wave.peaks))
+    if inside.any():
+        lows, highs = np.clip(lows[inside], 0, len(wave.peaks) - 1), np.clip(highs[inside], 1, len(wave.peaks))
+        columns[inside, 0] = _reduced(wave.peaks[:, 0], lows, highs, np.minimum)
+        columns[inside, 1] = _reduced(wave.peaks[:, 1], lows, highs, np.maximum)
+    return columns
+
+
+def speed_columns(speed: NDArray[np.float32], scale: TimeScale, width_px: int) -> NDArray[np.float32]:
+    """Maximum speed in m/s and turning speed in rad/s per pixel column, shape (width, 2); NaN without data."""
+    columns = np.full((width_px, 2), np.nan, np.float32)
+    if not len(speed):
+        return columns
+    edges = np.searchsorted(speed[:, 0], (scale.start_ms + np.arange(width_px + 1) / scale.px_per_ms) / 1000.0)
+    values = np.abs(speed[:, 1:])
+    filled = edges[1:] > edges[:-1]
+    if filled.any():
+        columns[filled] = _reduced(values, edges[:-1][filled], edges[1:][filled], np.maximum)
+    # Between close measurements the last one holds.
+    lasting = ~filled & (edges[:-1] > 0) & (edges[:-1] < len(speed))
+    columns[lasting] = values[edges[:-1][lasting] - 1]
+    return columns
+
+
+def snapped(at_ms: float, moments_ms: Iterable[float], *, within_ms: float) -> float:
+    """The nearest time within reach, else the time itself."""
+    nearest = min(moments_ms, key=lambda moment: abs(moment - at_ms), default=None)
+    return nearest if nearest is not None and abs(nearest - at_ms) <= within_ms else at_ms
+
+
+def vocabulary_named(coding: AnnotationDocument, name: str) -> Vocabulary | None:
+    return next((vocabulary for vocabulary in coding.vocabularies if vocabulary.name == name), None)
+
+
+SCENARIO_LABELS = QT_TR_NOOP("Labels of the scenario")
+"""Name of this vocabulary in documents, independent of language."""
+
+
+def vocabulary_title(name: str) -> str:
+    """Translated name of the scenario's vocabulary; a coder's own name unchanged."""
+    return tr(SCENARIO_LABELS) if name == SCENARIO_LABELS else name
+
+
+_KEPT = 400
+_REQUESTED_AT_ONCE = 150
+"""Below the number of requests that a replay holds; older ones are dropped there without an answer."""
+
+PictureKey = tuple[str, int]
+"""Camera and session clock in ns."""
+
+
+class Thumbnails(QObject):
+    """Thumbnail cache; ``made`` reports a new image. The replay makes the newest request first."""
+
+    made = Signal(str, object)  # camera, at_ns
+
+    def __init__(self, replay: ReplayControls, parent: QObject) -> None:
+        super().__init__(parent)
+        self._replay = replay
+        self._cache: OrderedDict[PictureKey, QImage] = OrderedDict()
+        self._requested: set[PictureKey] = set()
+        replay.thumbnail_made.connect(self._on_made)
+
+    def picture(self, camera: str, at_ns: int) -> QImage | None:
+        """The thumbnail if cached, else requested; a null image if there was none."""
+        key = (camera, at_ns)
+        if key in self._cache:
+            self._cache.move_to_end(key)
+        elif key not in self._requested:
+            if len(self._requested) >= _REQUESTED_AT_ONCE:
+                self._requested.clear()
+            self._requested.add(key)
+            self._replay.request_thumbnail(camera, at_ns)
+        return self._cache.get(key)
+
+    def _on_made(self, camera: str, at_ns: int, image_bgr: NDArray[np.uint8] | None) -> None:
+        image = QImage()
+        if image_bgr is not None and image_bgr.size:
+            height, width = image_bgr.shape[:2]
+            # QImage does not copy the array, which may be freed.
+            rows = np.ascontiguousarray(image_bgr)
+            image = QImage(rows.data, width, height, 3 * width, QImage.Format.Format_BGR888).copy()
+        self._requested.discard((camera, int(at_ns)))
+        self._cache[camera, int(at_ns)] = image
+        while len(self._cache) > _KEPT:
+            self._cache.popitem(last=False)
+        self.made.emit(camera, at_ns)
+
+
+def initials(coder: str) -> str:
+    """One or two letters for the coder's badge."""
+    parts = coder.split()
+    return "".join(part[0] for part in parts[:2]).upper() if len(parts) > 1 else coder[:1].upper()
+
+
+NAMES_PX = 208
+RULER_PX = 28
+MENU_PX = 28
+PAD_PX = 3
+TEXT_FROM_PX = 22.0
+LEFT = int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
+CENTER = int(Qt.AlignmentFlag.AlignCenter)
+_LABEL_FROM_PX = 34
+_NARROW_PX = 3
+_ROOMY_PX = 90
+_BESIDE_PX = 240
+_PICTURE_SHAPE = 16 / 9
+_EMPTY_TRACK = Track(())
+_ICONS = {"pictures": "film-strip", "sound": "speaker-high", "speed": "gauge"}
+_RECORD_ICONS = (
+    ("speech", "chat-text"), ("motion", "navigation-arrow"), ("driv", "game-controller"), ("goal", "flag"),
+    ("people", "users"), ("person", "user"), ("error", "warning"), ("mark", "bookmark-simple"), ("note", "note"),
+    ("problem", "warning"), ("trouble", "wifi-slash"), ("gap", "warning"), ("emergency", "hand-palm"),
+    ("guard", "shield-check"), ("pause", "pause"), ("llm", "sparkle"), ("scenario", "map-trifold"),
+    ("layout", "layout"), ("robot", "robot"), ("participant", "user"),
+)  # fmt: skip
+
+
+@dataclass(slots=True)
+class TimelineState:
+    """Timeline state: rows with scroll offsets, ruler scale and playhead."""
+
+    rows: list[Row] = field(default_factory=list)
+    tops: list[int] = field(default_factory=lambda: [0])
+    tracks: Mapping[str, Track] = field(default_factory=dict)
+    coders: Sequence[str] = ()
+    overview: SessionOverview | None = None
+    loudest: dict[str, float] = field(default_factory=dict)
+    fastest_mps: float = 0.1
+    started_ns: int = 0
+    duration_ms: float = 1.0
+    scale: TimeScale = field(default_factory=lambda: TimeScale(0.0, 0.01))
+    scroll_y: int = 0
+    position_ms: float = 0.0
+    active: str = ""
+    words: str = ""
+    width_px: int = NAMES_PX + 1
+    height_px: int = RULER_PX + 1
+
+    @property
+    def room_px(self) -> int:
+        """Width of the part below the ruler."""
+        return max(1, self.width_px - NAMES_PX)
+
+    def show_overview(self, overview: SessionOverview | None) -> None:
+        self.overview = overview
+        waves = () if overview is None else overview.waveforms
+        self.loudest = {wave.source: max(0.1, float(np.abs(wave.peaks).max(initial=0.0))) for wave in waves}
+        speed = np.zeros(0) if overview is None else np.abs(overview.speed[:, 1])
+        self.fastest_mps = max(0.1, float(speed.max(initial=0.0)))
+
+    def row_top(self, index: int) -> int:
+        """Top of the row in the widget."""
+        return RULER_PX + self.tops[index] - self.scroll_y
+
+    def visible_rows(self) -> Iterator[int]:
+        for index, row in enumerate(self.rows):
+            top = self.row_top(index)
+            if top + row.height_px > RULER_PX and top < self.height_px:
+                yield index
+
+    def track_of(self, row: Row) -> Track:
+        return self.tracks.get(row.key, _EMPTY_TRACK)
+
+
+class TimelinePainter:
+    """Paints the static content, row names and rows, each into a layer.
+
+    ``named`` replaces recorded ids in a label by names.
+    """
+
+    def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
+        self._theme = theme
+        self._thumbnails = thumbnails
+        self._named = named
+
+    def color_of(self, state: TimelineState, coder: str) -> QColor:
+        colors = self._theme.colors.coders
+        return QColor(colors[state.coders.index(coder) % len(colors)] if coder in state.coders else colors[0])
+
+    def _empty(self, width_px: int, height_px: int, ratio: float, ground: str) -> QPixmap:
+        layer = QPixmap(max(1, round(width_px * ratio)), max(1, round(height_px * ratio)))
+        layer.setDevicePixelRatio(ratio)
+        layer.fill(self._theme.color(ground))
+        return layer
+
+    # ---- row names
+
+    def names(self, state: TimelineState, ratio: float) -> QPixmap:
+        """Layer of row names, including the corner above."""
+        layer = self._empty(NAMES_PX, state.height_px, ratio, "panel")
+        painter = QPainter(layer)
+        painter.setClipRect(0, RULER_PX, NAMES_PX, state.height_px - RULER_PX)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        for index in state.visible_rows():
+            self._draw_name(painter, state, state.rows[index], state.row_top(index))
+        painter.setClipping(False)
+        line = self._theme.color("line")
+        painter.fillRect(NAMES_PX - 1, 0, 1, state.height_px, line)
+        painter.fillRect(0, RULER_PX - 1, NAMES_PX, 1, line)
+        painter.end()
+        return layer
+
+    def _draw_name(self, painter: QPainter, state: TimelineState, row: Row, top: int) -> None:
+        theme = self._theme
+        rect = QRectF(0, top, NAMES_PX - 1, row.height_px)
+        if row.key == state.active:
+            painter.fillRect(rect, theme.color("blue_soft"))
+            painter.fillRect(QRectF(0, top, 3, row.height_px), theme.color("blue"))
+        painter.fillRect(QRectF(0, rect.bottom() - 1, NAMES_PX, 1), theme.color("line"))
+        chip = QRectF(12, rect.center().y() - 9, 18, 18)
+        if row.own:
+            letters = initials(row.coder)
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(self.color_of(state, row.coder))
+            painter.drawEllipse(chip)
+            painter.setPen(theme.color("panel"))
+            painter.setFont(theme.font(9 if len(letters) > 1 else 11, tokens.WEIGHT_SEMIBOLD))
+            painter.drawText(chip, CENTER, letters)
+        else:
+            draw_icon(painter, chip.adjusted(2, 2, -2, -2), _row_icon(row), theme.color("dim"))
+        place = QRectF(38, top, NAMES_PX - 38 - MENU_PX, row.height_px)
+        painter.setFont(theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM if row.own else tokens.WEIGHT_NORMAL))
+        painter.setPen(theme.color("text" if row.own else "dim"))
+        place.setLeft(place.left() + _draw_elided(painter, place, row.name) + 8)
+        if place.width() > TEXT_FROM_PX:
+            painter.setFont(theme.font(tokens.KEY_CAP_PX))
+            painter.setPen(theme.color("dim"))
+            _draw_elided(painter, place, _detail_of(state, row))
+
+    # ---- rows
+
+    def rows(self, state: TimelineState, ratio: float) -> QPixmap:
+        """Layer of ruler and rows, without row names."""
+        theme, room = self._theme, state.room_px
+        layer = self._empty(room, state.height_px, ratio, "window")
+        painter = QPainter(layer)
+        ticks = [(round(state.scale.to_px(tick.at_ms)), tick.label) for tick in ruler_ticks(state.scale, room)]
+        for x, label in ticks:
+            if label:
+                painter.fillRect(x, RULER_PX, 1, state.height_px - RULER_PX, theme.color("line"))
+        for index in state.visible_rows():
+            row, top = state.rows[index], state.row_top(index)
+            if row.key == state.active:
+                painter.fillRect(0, top, room, row.height_px, theme.color("panel"))
+            painter.fillRect(0, top + row.height_px - 1, room, 1, theme.color("line"))
+            match row.kind:
+                case "pictures":
+                    self._draw_pictures(painter, state, row, top)
+                case "sound":
+                    self._draw_sound(painter, state, row, top)
+                case "speed":
+                    self._draw_speed(painter, state, row, top)
+                case _:
+                    self._draw_annotations(painter, state, row, top)
+        if not state.rows and state.words:
+            painter.setFont(theme.font())
+            painter.setPen(theme.color("dim"))
+            painter.drawText(QRect(0, RULER_PX, room, state.height_px - RULER_PX), CENTER, state.words)
+        painter.fillRect(0, 0, room, RULER_PX, theme.color("panel"))
+        painter.setFont(theme.font(tokens.KEY_CAP_PX))
+        painter.setPen(theme.color("dim"))
+        for x, label in ticks:
+            high_px = 10 if label else 5
+            painter.fillRect(x, RULER_PX - high_px, 1, high_px - 1, theme.color("line_strong"))
+            painter.drawText(x + 5, RULER_PX - 9, label)
+        painter.fillRect(0, RULER_PX - 1, room, 1, theme.color("line"))
+        painter.end()
+        return layer
+
+    def _draw_pictures(self, painter: QPainter, state: TimelineState, row: Row, top: int) -> None:
+        height = row.height_px - 5
+        width = height * _PICTURE_SHAPE
+        step_ms = picture_step_ms(state.scale.px_per_ms, width + 2)
+        first = int(state.scale.start_ms // step_ms) * step_ms
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        visible = range(first, int(min(state.scale.to_ms(state.room_px), state.duration_ms)) + 1, step_ms)
+        for at_ms in reversed(visible):  # the newest request is answered first
+            middle_ms = min(at_ms + step_ms // 2, int(state.duration_ms))
+            place = QRectF(state.scale.to_px(at_ms), top + 2, width, height)
+            picture = self._thumbnails.picture(row.source, state.started_ns + middle_ms * 1_000_000)
+            if picture is None or picture.isNull():
+                painter.fillRect(place, self._theme.color("raised"))
+            else:
+                size = picture.size().toSizeF().scaled(place.size(), Qt.AspectRatioMode.KeepAspectRatio)
+                painter.drawImage(QRectF(place.topLeft(), size), picture)
+
+    def _draw_sound(self, painter: QPainter, state: TimelineState, row: Row, top: int) -> None:
+        for wave in () if state.overview is None else state.overview.waveforms:
+            if wave.source == row.source:
+                columns = wave_columns(
+                    wave,
+                    first_ns=state.started_ns + round(state.scale.start_ms * 1e6),
+                    ns_per_px=1e6 / state.scale.px_per_ms,
+                    width_px=state.room_px,
+                )
+                half = (row.height_px - 7) / 2
+                tops, bottoms = (half + 3 - columns[:, side] / state.loudest[row.source] * half for side in (1, 0))
+                _draw_strokes(painter, top, tops, np.maximum(bottoms, tops + 1), self._theme.color("green"))
+
+    def _draw_speed(self, painter: QPainter, state: TimelineState, row: Row, top: int) -> None:
+        if state.overview is None:
+            return
+        columns = speed_columns(state.overview.speed, state.scale, state.room_px)
+        height = row.height_px - 1
+        tops = height - columns[:, 0] / state.fastest_mps * (height - 4)
+        ground = self._theme.color("blue")
+        ground.setAlpha(120)
+        _draw_strokes(painter, top, tops, np.full_like(tops, height), ground)
+        _draw_strokes(painter, top, tops - 1, np.minimum(tops + 0.6, height), self._theme.color("blue"))
+
+    def _draw_annotations(self, painter: QPainter, state: TimelineState, row: Row, top: int) -> None:
+        track, scale, room = state.track_of(row), state.scale, state.room_px
+        found = track.between(scale.start_ms, scale.to_ms(room))
+        if not found:
+            return
+        theme, part = self._theme, slice(found.start, found.stop)
+        lefts = ((track.starts_ms[part] - scale.start_ms) * scale.px_per_ms).astype(np.int64)
+        # A pixel of space separates adjacent boxes.
+        rights = np.maximum(((track.ends_ms[part] - scale.start_ms) * scale.px_per_ms).astype(np.int64) - 1, lefts + 1)
+        widths = rights - lefts
+        line = self.color_of(state, row.coder) if row.own else theme.color("line_strong")
+        ground = QColor(line) if row.own else theme.color("line")
+        if row.own:
+            ground.setAlpha(70)
+        y, height = top + PAD_PX, row.height_px - 2 * PAD_PX
+        # Of thousands of annotations in view most share a pixel with others: as many rectangles as pixels are enough.
+        narrow = widths <= _NARROW_PX
+        painter.setPen(line)
+        painter.setBrush(ground)
+        boxes = zip(lefts[~narrow].tolist(), widths[~narrow].tolist(), strict=True)
+        painter.drawRects([QRect(left, y, width - 1, height - 1) for left, width in boxes])
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(line if row.own else theme.color("dim"))
+        strokes = zip(lefts[narrow].tolist(), rights[narrow].tolist(), strict=True)
+        columns = {x for left, right in strokes for x in range(left, right)}
+        painter.drawRects([QRect(x, y, 1, height) for x in columns])
+        painter.setFont(theme.font(tokens.STATUS_PX if row.own else tokens.KEY_CAP_PX))
+        painter.setPen(theme.color("text"))
+        # A long interval that starts before the visible part still shows its label; a short one may use the space up to
+        # the next.
+        following = np.append(lefts[1:], room)
+        cut_short = (widths < _ROOMY_PX) & (following - rights > 2 * widths) & (not row.own)
+        beside = (widths < _LABEL_FROM_PX) | cut_short
+        starts = np.where(beside, rights + 4, np.maximum(lefts, 0) + 6)
+        ends = np.where(beside, np.minimum(following - 2, starts + _BESIDE_PX), rights - 3)
+        for number in np.flatnonzero(ends - starts >= TEXT_FROM_PX).tolist():
+            value = tr_filled(track.annotations[found.start + number].value)
+            place = QRectF(float(starts[number]), top, float(ends[number] - starts[number]), row.height_px)
+            _draw_elided(painter, place, " ".join(self._named(value[:400]).split()))
+
+
+def _draw_elided(painter: QPainter, place: QRectF, text: str) -> float:
+    """Draw a line of text; returns its width."""
+    metrics = QFontMetricsF(painter.font())
+    elided = metrics.elidedText(text, Qt.TextElideMode.ElideRight, place.width())
+    painter.drawText(place, LEFT, elided)
+    return metrics.horizontalAdvance(elided)
+
+
+def _draw_strokes(
+    painter: QPainter, y: int, tops: NDArray[np.floating], bottoms: NDArray[np.floating], color: QColor
+) -> None:
+    """One vertical stroke per pixel column, from ``tops`` to ``bottoms`` in px below ``y``; none where NaN."""
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(color)
+    columns = np.flatnonzero(np.isfinite(tops))
+    firsts = np.floor(tops[columns]).astype(int)
+    heights = np.ceil(bottoms[columns]).astype(int) - firsts
+    painter.drawRects([
+        QRect(x, y + first, 1, height)
+        for x, first, height in zip(columns.tolist(), firsts.tolist(), heights.tolist(), strict=True)
+    ])  # fmt: skip
+
+
+def _detail_of(state: TimelineState, row: Row) -> str:
+    """Detail shown next to a row's name."""
+    if row.tier is not None and row.own:
+        same = row.tier.vocabulary.casefold() in ("", row.tier.name.casefold())
+        return row.coder if same else f"{row.coder} · {vocabulary_title(row.tier.vocabulary)}"
+    return tr("up to {speed} m/s").format(speed=f"{state.fastest_mps:.1f}") if row.kind == "speed" else ""
+
+
+def _row_icon(row: Row) -> str:
+    name = (row.name if row.tier is None else row.tier.name).casefold()  # untranslated, as recorded
+    return _ICONS.get(row.kind) or next((icon for word, icon in _RECORD_ICONS if word in name), "rows")
