@@ -62,7 +62,7 @@ class Coder:
     def y_of(self, tier_id: str) -> int:
         index = self.canvas.index_of(f"tier {tier_id}")
         assert index is not None, f"{tier_id} is not on show"
-        return self.canvas.state.row_top(index) + self.canvas.rows[index].height_px // 2
+        return self.canvas.row_top(index) + self.canvas.rows[index].height_px // 2
 
     def point(self, tier_id: str, at_ms: float) -> QPoint:
         return QPoint(NAMES_PX + round(self.canvas.scale.to_px(at_ms)), self.y_of(tier_id))
@@ -213,9 +213,9 @@ def test_the_record_can_be_looked_at_but_not_changed(qtbot: QtBot, coder: Coder)
     row = next(row for row in coder.canvas.rows if row.name == "Robot speech")
     index = coder.canvas.index_of(row.key)
     assert index is not None
-    item = coder.canvas.state.track_of(row).annotations[3]
+    item = coder.canvas.track_of(row).annotations[3]
     x = NAMES_PX + round(coder.canvas.scale.to_px((item.start_ms + item.end_ms) / 2))
-    at = QPoint(x, coder.canvas.state.row_top(index) + 12)
+    at = QPoint(x, coder.canvas.row_top(index) + 12)
     before = coder.document
     coder.drag(at, at + QPoint(80, 0))
     qtbot.waitUntil(lambda: coder.replay.position_ms == item.start_ms)
@@ -642,7 +642,7 @@ def test_thirty_tiers_scroll(qtbot: QtBot, theme: Theme) -> None:
     canvas.show_row("record record-29")
     index = canvas.index_of("record record-29")
     assert index is not None
-    assert canvas.state.row_top(index) + canvas.rows[index].height_px <= canvas.height()
+    assert canvas.row_top(index) + canvas.rows[index].height_px <= canvas.height()
     assert scene.timeline._down.value() == canvas.scroll_y > 0
 
 

@@ -3,13 +3,12 @@
 Static content is painted once into layers; a moving playhead repaints a narrow strip.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from PySide6.QtCore import QEvent, QPoint, QPointF, QRect, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QPoint, QPointF, QRect, QRectF, Qt, Signal
 from PySide6.QtGui import (
     QAccessible,
     QColor,
@@ -21,17 +20,14 @@ from PySide6.QtGui import (
     QPainter,
     QPaintEvent,
     QPen,
-    QPixmap,
     QPolygonF,
-    QResizeEvent,
     QWheelEvent,
 )
-from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
+from PySide6.QtWidgets import QSizePolicy, QToolTip
 
 from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.annotation.annotation_model import Annotation
-from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.replay.timeline_items import (
@@ -45,15 +41,12 @@ from caris_desktop.ui.replay.timeline_items import (
     TEXT_FROM_PX,
     Row,
     Thumbnails,
-    TimelinePainter,
-    TimelineState,
-    TimeScale,
+    TimelineItems,
     Track,
     exact_text,
     length_text,
     snapped,
     vocabulary_title,
-    whole_session,
 )
 from caris_desktop.ui.theme import Theme
 
@@ -102,8 +95,8 @@ class OpenInterval(Value):
     start_ms: int
 
 
-class TimelineCanvas(QWidget):
-    """Paints rows and emits requests; does not store or change annotations."""
+class TimelineCanvas(TimelineItems):
+    """Timeline with input: emits requests and changes nothing itself."""
 
     accessible_role = QAccessible.Role.Chart
 
@@ -115,64 +108,32 @@ class TimelineCanvas(QWidget):
     row_opened = Signal(str)
     row_moved = Signal(str, int)  # row, new index among visible rows
     selection_changed = Signal()
-    view_changed = Signal()  # zoom or scroll
 
     def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
-        super().__init__()
+        super().__init__(theme, thumbnails, named)
         self.setObjectName("timeline_canvas")
         self.setAccessibleName(tr("Timeline"))
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self.state = TimelineState()
         self.selected: Annotation | None = None
-        self._theme = theme
-        self._items = TimelinePainter(theme, thumbnails, named)
         self._open: OpenInterval | None = None
         self._drag: _Drag | None = None
         self._hover: Hit | None = None
-        self._fits = True
-        self._layer: QPixmap | None = None
-        self._names: QPixmap | None = None
-        thumbnails.made.connect(self._on_picture_made)
-        theme.changed.connect(self._repaint_all)
-
-    def sizeHint(self) -> QSize:
-        return QSize(900, 240)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(NAMES_PX + 160, RULER_PX + 32)
 
     # ---- display
 
-    def show_session(self, started_ns: int, duration_ms: float) -> None:
-        self.state.started_ns, self.state.duration_ms = started_ns, max(1.0, duration_ms)
-        self._refit()
-
-    def show_rows(self, rows: Sequence[Row], coders: Sequence[str], *, words: str = "") -> None:
-        """Set the rows, in order; ``words``: text shown if there are none."""
-        self.state.rows, self.state.coders, self.state.words = list(rows), coders, words
-        self.state.tops = [0]
-        for row in self.rows:
-            self.state.tops.append(self.state.tops[-1] + row.height_px)
-        self.scroll_to(self.scroll_y)
-        self._repaint_all()
-
     def show_tracks(self, tracks: Mapping[str, Track]) -> None:
         """Set the annotations of each tier, by row key."""
-        self.state.tracks = tracks
+        self.tracks = tracks
         if self.selected is not None:
             self.selected = self._find(self.selected.annotation_id)
             self.selection_changed.emit()
-        self._repaint_rows()
-
-    def show_overview(self, overview: SessionOverview | None) -> None:
-        self.state.show_overview(overview)
-        self._repaint_all()
+        self._repaint()
 
     def show_position(self, position_ms: float, *, playing: bool) -> None:
         """Move the playhead. The view scrolls when the playhead leaves it, also after a jump."""
-        before, self.state.position_ms = self.state.position_ms, position_ms
+        before, self.position_ms = self.position_ms, position_ms
         was_visible = 0 <= self.scale.to_px(before) <= self.room_px
         if not 0 <= self.scale.to_px(position_ms) <= self.room_px and self._drag is None:
             jumped = abs(position_ms - before) > 1500
@@ -190,83 +151,6 @@ class TimelineCanvas(QWidget):
         self._open = interval
         self.update()
 
-    def _repaint_rows(self) -> None:
-        self._layer = None
-        self.update()
-
-    def _repaint_all(self) -> None:
-        self._names = None
-        self._repaint_rows()
-
-    @property
-    def rows(self) -> Sequence[Row]:
-        return self.state.rows
-
-    @property
-    def scale(self) -> TimeScale:
-        return self.state.scale
-
-    @property
-    def room_px(self) -> int:
-        """Width of the part below the ruler."""
-        return self.state.room_px
-
-    @property
-    def rows_height_px(self) -> int:
-        return self.state.tops[-1]
-
-    @property
-    def scroll_y(self) -> int:
-        return self.state.scroll_y
-
-    def set_scale(self, scale: TimeScale) -> None:
-        scale = scale.bounded(self.room_px, self.state.duration_ms)
-        self._fits = scale.px_per_ms <= whole_session(self.room_px, self.state.duration_ms).px_per_ms * 1.0001
-        if scale != self.scale:
-            self.state.scale = scale
-            self._repaint_rows()
-        self.view_changed.emit()
-
-    def zoom(self, factor: float, around_px: float | None = None) -> None:
-        """Zoom around a pixel of the rows; without one around the playhead, if visible."""
-        if around_px is None:
-            playhead = self.scale.to_px(self.state.position_ms)
-            around_px = playhead if 0 <= playhead <= self.room_px else self.room_px / 2
-        self.set_scale(self.scale.zoomed(factor, around_px, width_px=self.room_px, duration_ms=self.state.duration_ms))
-
-    def fit(self) -> None:
-        self.set_scale(whole_session(self.room_px, self.state.duration_ms))
-
-    def _refit(self) -> None:
-        self.set_scale(whole_session(self.room_px, self.state.duration_ms) if self._fits else self.scale)
-
-    def scroll_across_to(self, start_ms: float) -> None:
-        """Set the start of the visible part."""
-        self.set_scale(replace(self.scale, start_ms=start_ms))
-
-    def scroll_to(self, y: int) -> None:
-        y = min(max(0, y), max(0, self.rows_height_px - (self.height() - RULER_PX)))
-        if y != self.scroll_y:
-            self.state.scroll_y = y
-            self._repaint_all()
-        self.view_changed.emit()
-
-    def show_row(self, key: str) -> None:
-        """Scroll to the row."""
-        index = self.index_of(key)
-        if index is None:
-            return
-        top, bottom, room = self.state.tops[index], self.state.tops[index + 1], self.height() - RULER_PX
-        if top < self.scroll_y:
-            self.scroll_to(top)
-        elif bottom > self.scroll_y + room:
-            self.scroll_to(bottom - room)
-
-    def show_interval(self, start_ms: float, end_ms: float) -> None:
-        """Scroll to the interval."""
-        if not 0 <= self.scale.to_px(start_ms) <= self.room_px - 40 or self.scale.to_px(end_ms) > self.room_px:
-            self.scroll_across_to(start_ms - 0.2 * self.room_px / self.scale.px_per_ms)
-
     # ---- selection
 
     def select(self, annotation_id: str) -> None:
@@ -278,22 +162,19 @@ class TimelineCanvas(QWidget):
     @property
     def active(self) -> Row | None:
         """The coder's active tier."""
-        index = self.index_of(self.state.active)
+        index = self.index_of(self._active)
         return None if index is None else self.rows[index]
 
     def activate(self, key: str) -> None:
-        if key != self.state.active:
-            self.state.active = key
-            self._repaint_all()
+        if key != self._active:
+            self._active = key
+            self._repaint()
             self.selection_changed.emit()
 
     # ---- geometry
 
-    def index_of(self, key: str) -> int | None:
-        return next((number for number, row in enumerate(self.rows) if row.key == key), None)
-
     def _find(self, annotation_id: str) -> Annotation | None:
-        found = (item for track in self.state.tracks.values() for item in track.annotations)
+        found = (item for track in self.tracks.values() for item in track.annotations)
         return next((item for item in found if item.annotation_id == annotation_id), None) if annotation_id else None
 
     def _row_of(self, annotation: Annotation) -> int | None:
@@ -307,7 +188,7 @@ class TimelineCanvas(QWidget):
 
     def _interval_rect(self, index: int, start_ms: float, end_ms: float) -> QRectF:
         left, right = self.scale.to_px(start_ms), self.scale.to_px(end_ms)
-        top = self.state.row_top(index) + PAD_PX
+        top = self.row_top(index) + PAD_PX
         return QRectF(NAMES_PX + left, top, max(2.0, right - left), self.rows[index].height_px - 2 * PAD_PX)
 
     def hit(self, point: QPointF) -> Hit:
@@ -315,13 +196,13 @@ class TimelineCanvas(QWidget):
         x = point.x() - NAMES_PX
         if point.y() < RULER_PX:
             return Hit("ruler" if x >= 0 else "corner")
-        index = int(np.searchsorted(self.state.tops, point.y() - RULER_PX + self.scroll_y, "right")) - 1
+        index = int(np.searchsorted(self._tops, point.y() - RULER_PX + self.scroll_y, "right")) - 1
         if not 0 <= index < len(self.rows):
             return Hit("below")
         if x < 0:
             return Hit("menu" if x >= -MENU_PX else "name", index)
         row, at_ms, near_ms = self.rows[index], self.scale.to_ms(x), 3 / self.scale.px_per_ms
-        track = self.state.track_of(row)
+        track = self.track_of(row)
         found = track.at(at_ms) or track.at(at_ms - near_ms) or track.at(at_ms + near_ms)
         if found is None:
             return Hit("row", index)
@@ -351,28 +232,28 @@ class TimelineCanvas(QWidget):
         return self.scale.to_ms(point.x() - NAMES_PX)
 
     def _bounded(self, at_ms: float) -> float:
-        return min(max(0.0, at_ms), self.state.duration_ms)
+        return min(max(0.0, at_ms), self._duration_ms)
 
     def _snap(self, at_ms: float, row: int, *, without: Annotation | None = None) -> float:
         """Snap to the playhead or to the edges of annotations in the row."""
         reach_ms = _SNAP_PX / self.scale.px_per_ms
-        moments = [self.state.position_ms]
+        moments = [self.position_ms]
         for item in self._others(row, at_ms - reach_ms - 1, at_ms + reach_ms + 1, without):
             moments += [item.start_ms, item.end_ms]
         return snapped(at_ms, moments, within_ms=reach_ms)
 
     def _others(self, row: int, first_ms: float, last_ms: float, without: Annotation | None) -> list[Annotation]:
         """Annotations of the row in an interval, without one of them."""
-        track = self.state.track_of(self.rows[row])
+        track = self.track_of(self.rows[row])
         found = (track.annotations[index] for index in track.between(first_ms, last_ms))
         return [item for item in found if without is None or item.annotation_id != without.annotation_id]
 
     def _free_around(self, row: int, at_ms: float, without: Annotation | None = None) -> tuple[float, float]:
         """Free interval around a time."""
-        others = self._others(row, -1, self.state.duration_ms + 1, without)
+        others = self._others(row, -1, self._duration_ms + 1, without)
         ends = [float(item.end_ms) for item in others if item.start_ms < at_ms]
         starts = [float(item.start_ms) for item in others if item.start_ms >= at_ms]
-        return ends[-1] if ends else 0.0, starts[0] if starts else self.state.duration_ms
+        return ends[-1] if ends else 0.0, starts[0] if starts else self._duration_ms
 
     # ---- mouse
 
@@ -423,7 +304,7 @@ class TimelineCanvas(QWidget):
             case "pan":
                 self.scroll_across_to(drag.start_ms - (point.x() - drag.origin.x()) / self.scale.px_per_ms)
             case "name":
-                inside, tops = point.y() - RULER_PX + self.scroll_y, self.state.tops
+                inside, tops = point.y() - RULER_PX + self.scroll_y, self._tops
                 drag.target = sum(inside > (top + below) / 2 for top, below in pairwise(tops))
             case "create":
                 self._drag_free(drag, self._ms_at(point))
@@ -452,7 +333,7 @@ class TimelineCanvas(QWidget):
             start_ms = self._snap(item.start_ms + moved_ms, drag.row, without=item)
             if start_ms == item.start_ms + moved_ms:
                 start_ms = self._snap(item.end_ms + moved_ms, drag.row, without=item) - length
-            drag.start_ms = min(max(0.0, start_ms), self.state.duration_ms - length)
+            drag.start_ms = min(max(0.0, start_ms), self._duration_ms - length)
             drag.end_ms = drag.start_ms + length
             # To another tier of the same coder only.
             under = self.hit(point).row
@@ -511,9 +392,9 @@ class TimelineCanvas(QWidget):
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
         if event.reason() == QContextMenuEvent.Reason.Keyboard:
-            row, index = self.active, self.index_of(self.state.active)
+            row, index = self.active, self.index_of(self._active)
             if row is not None and index is not None:
-                below = QPoint(NAMES_PX - MENU_PX, self.state.row_top(index) + row.height_px)
+                below = QPoint(NAMES_PX - MENU_PX, self.row_top(index) + row.height_px)
                 self.row_menu_requested.emit(row.key, self.mapToGlobal(below))
             return
         hit = self.hit(QPointF(event.pos()))
@@ -568,26 +449,9 @@ class TimelineCanvas(QWidget):
 
     # ---- painting
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self.state.width_px, self.state.height_px = self.width(), self.height()
-        self._repaint_all()
-        self._refit()
-        self.scroll_to(self.scroll_y)
-
-    def _on_picture_made(self, _camera: str, _at_ns: object) -> None:
-        if any(row.kind == "pictures" for row in self.rows):
-            self._repaint_rows()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        ratio = self.devicePixelRatioF()
-        if self._layer is None:
-            self._layer = self._items.rows(self.state, ratio)
-        if self._names is None:
-            self._names = self._items.names(self.state, ratio)
+    def paintEvent(self, event: QPaintEvent) -> None:
+        super().paintEvent(event)
         painter = QPainter(self)
-        painter.drawPixmap(NAMES_PX, 0, self._layer)
-        painter.drawPixmap(0, 0, self._names)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.setClipRect(QRect(NAMES_PX, RULER_PX, self.room_px, self.height() - RULER_PX))
         self._paint_selection(painter)
@@ -615,12 +479,9 @@ class TimelineCanvas(QWidget):
     def _paint_open(self, painter: QPainter) -> None:
         index = None if self._open is None else self.index_of(f"tier {self._open.tier_id}")
         if self._open is not None and index is not None:
-            end_ms = max(self.state.position_ms, self._open.start_ms + 2 / self.scale.px_per_ms)
+            end_ms = max(self.position_ms, self._open.start_ms + 2 / self.scale.px_per_ms)
             rect = self._interval_rect(index, self._open.start_ms, end_ms)
-            self._paint_ghost(painter, rect, self._color_of(index), self._open.value)
-
-    def _color_of(self, index: int) -> QColor:
-        return self._items.color_of(self.state, self.rows[index].coder)
+            self._paint_ghost(painter, rect, self._color_of(self.rows[index].coder), self._open.value)
 
     def _paint_drag(self, painter: QPainter) -> None:
         drag = self._drag
@@ -633,7 +494,7 @@ class TimelineCanvas(QWidget):
             ground = self._theme.color("window")
             ground.setAlpha(150)
             painter.fillRect(before, ground)
-        color = self._theme.color("amber") if drag.refused else self._color_of(index)
+        color = self._theme.color("amber") if drag.refused else self._color_of(self.rows[index].coder)
         self._paint_ghost(painter, rect, color, "" if drag.annotation is None else drag.annotation.value)
         text = f"{exact_text(drag.start_ms)} – {exact_text(drag.end_ms)} · {length_text(drag.end_ms - drag.start_ms)}"
         if drag.refused:
@@ -664,19 +525,19 @@ class TimelineCanvas(QWidget):
         """Menu of the row under the pointer, place of a dragged row, and the playhead's time to the millisecond."""
         hover, drag = self._hover, self._drag
         if hover is not None and hover.part in ("name", "menu") and hover.row < len(self.rows):
-            middle = self.state.row_top(hover.row) + self.rows[hover.row].height_px / 2
+            middle = self.row_top(hover.row) + self.rows[hover.row].height_px / 2
             if middle >= RULER_PX:
                 rect = QRectF(NAMES_PX - MENU_PX, middle - 8, 16, 16)
                 draw_icon(painter, rect, "dots-three", self._theme.color("text"))
         if drag is not None and drag.kind == "name" and drag.moving:
-            y = RULER_PX + self.state.tops[min(drag.target, len(self.rows))] - self.scroll_y
+            y = RULER_PX + self._tops[min(drag.target, len(self.rows))] - self.scroll_y
             painter.fillRect(QRectF(0, y - 1.5, self.width(), 3), self._theme.color("blue"))
         painter.setFont(self._theme.font(tokens.STATUS_PX))
         painter.setPen(self._theme.color("dim"))
-        painter.drawText(QRectF(14, 0, NAMES_PX - 28, RULER_PX - 1), LEFT, exact_text(self.state.position_ms))
+        painter.drawText(QRectF(14, 0, NAMES_PX - 28, RULER_PX - 1), LEFT, exact_text(self.position_ms))
 
     def _paint_playhead(self, painter: QPainter) -> None:
-        x = self.scale.to_px(self.state.position_ms)
+        x = self.scale.to_px(self.position_ms)
         if -6 <= x <= self.room_px + 6:
             painter.setClipRect(NAMES_PX - 6, 0, self.room_px + 6, self.height())
             painter.setPen(Qt.PenStyle.NoPen)

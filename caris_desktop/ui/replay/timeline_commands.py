@@ -140,7 +140,7 @@ class TimelineCommands(QObject):
         if active is None:
             return
         from_ms = self.position_ms if selected is None else selected.start_ms
-        found = self._canvas.state.track_of(active).neighbour(from_ms, direction)
+        found = self._canvas.track_of(active).neighbour(from_ms, direction)
         if found is None:
             none = tr("No later annotation on {tier}.") if direction > 0 else tr("No earlier annotation on {tier}.")
             self.say(none.format(tier=active.name))
@@ -180,7 +180,7 @@ class TimelineCommands(QObject):
         """End the open label at the playhead, or at the next annotation."""
         self.set_open(None)
         end_ms = self.position_ms
-        track = self._canvas.state.tracks.get(f"tier {interval.tier_id}", Track(()))
+        track = self._canvas.tracks.get(f"tier {interval.tier_id}", Track(()))
         following = track.neighbour(interval.start_ms, 1)
         if following is not None:
             end_ms = min(end_ms, following.start_ms)
@@ -273,7 +273,7 @@ class TimelineCommands(QObject):
         place = None if near is None else canvas.rect_of(near)
         if place is None:
             index = None if active is None else canvas.index_of(active.key)
-            top = RULER_PX if index is None else canvas.state.row_top(index)
+            top = RULER_PX if index is None else canvas.row_top(index)
             x = NAMES_PX + min(max(0.0, canvas.scale.to_px(self.position_ms)), canvas.room_px)
             place = QRectF(x, top, 2, 0 if active is None else active.height_px)
         label.setText(words)
@@ -532,7 +532,7 @@ class TimelineRows(QObject):
         down.setEnabled(index < len(self._canvas.rows) - 1)
         menu.addAction(tr("Hide"), lambda: self.set_row_shown(key, shown=False))
         if tier is not None:
-            count = len(self._canvas.state.track_of(row).annotations)
+            count = len(self._canvas.track_of(row).annotations)
             menu.addSeparator()
             words = tr("Remove the tier with its %n annotations", "", count) if count else tr("Remove the tier")
             menu.addAction(words, lambda: self._remove_tier(tier.tier_id))

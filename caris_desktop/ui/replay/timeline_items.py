@@ -3,17 +3,19 @@
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import replace
+from itertools import accumulate
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QObject, QRect, QRectF, Qt, Signal
-from PySide6.QtGui import QColor, QFontMetricsF, QImage, QPainter, QPixmap
+from PySide6.QtCore import QObject, QRect, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QFontMetricsF, QImage, QPainter, QPaintEvent, QPixmap, QResizeEvent
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.sound_values import MICROPHONE, ROBOT_MICROPHONE, ROBOT_VOICE, WIZARD_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
-from caris_desktop.domain.value_class import Value, dataclass
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier, Vocabulary
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview, Waveform
@@ -389,95 +391,187 @@ _RECORD_ICONS = (
 )  # fmt: skip
 
 
-@dataclass(slots=True)
-class TimelineState:
-    """Timeline state: rows with scroll offsets, ruler scale and playhead."""
+class TimelineItems(QWidget):
+    """Timeline without input: rows with their names below a ruler, zoomed and scrolled. Does not store annotations.
 
-    rows: list[Row] = field(default_factory=list)
-    tops: list[int] = field(default_factory=lambda: [0])
-    tracks: Mapping[str, Track] = field(default_factory=dict)
-    coders: Sequence[str] = ()
-    overview: SessionOverview | None = None
-    loudest: dict[str, float] = field(default_factory=dict)
-    fastest_mps: float = 0.1
-    started_ns: int = 0
-    duration_ms: float = 1.0
-    scale: TimeScale = field(default_factory=lambda: TimeScale(0.0, 0.01))
-    scroll_y: int = 0
-    position_ms: float = 0.0
-    active: str = ""
-    words: str = ""
-    width_px: int = NAMES_PX + 1
-    height_px: int = RULER_PX + 1
+    The content is painted once into a layer, which a moving playhead does not change. ``named`` replaces recorded ids
+    in a label by names.
+    """
 
-    @property
-    def room_px(self) -> int:
-        """Width of the part below the ruler."""
-        return max(1, self.width_px - NAMES_PX)
+    view_changed = Signal()  # zoom or scroll
+
+    def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
+        super().__init__()
+        self._theme = theme
+        self._thumbnails = thumbnails
+        self._named = named
+        self.rows: Sequence[Row] = ()
+        self.tracks: Mapping[str, Track] = {}
+        self.scale = TimeScale(0.0, 0.01)
+        self.scroll_y = 0
+        self.position_ms = 0.0
+        self._tops = [0]
+        self._coders: Sequence[str] = ()
+        self._words = ""
+        self._active = ""
+        self._overview: SessionOverview | None = None
+        self._loudest: dict[str, float] = {}
+        self._fastest_mps = 0.1
+        self._started_ns = 0
+        self._duration_ms = 1.0
+        self._fits = True
+        self._layer: QPixmap | None = None
+        thumbnails.made.connect(self._on_picture_made)
+        theme.changed.connect(self._repaint)
+
+    def sizeHint(self) -> QSize:
+        return QSize(900, 240)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(NAMES_PX + 160, RULER_PX + 32)
+
+    # ---- content
+
+    def show_session(self, started_ns: int, duration_ms: float) -> None:
+        self._started_ns, self._duration_ms = started_ns, max(1.0, duration_ms)
+        self._refit()
+
+    def show_rows(self, rows: Sequence[Row], coders: Sequence[str], *, words: str = "") -> None:
+        """Set the rows, in order; ``words``: text shown if there are none."""
+        self.rows, self._coders, self._words = rows, coders, words
+        self._tops = [0, *accumulate(row.height_px for row in rows)]
+        self.scroll_to(self.scroll_y)
+        self._repaint()
 
     def show_overview(self, overview: SessionOverview | None) -> None:
-        self.overview = overview
+        self._overview = overview
         waves = () if overview is None else overview.waveforms
-        self.loudest = {wave.source: max(0.1, float(np.abs(wave.peaks).max(initial=0.0))) for wave in waves}
+        self._loudest = {wave.source: max(0.1, float(np.abs(wave.peaks).max(initial=0.0))) for wave in waves}
         speed = np.zeros(0) if overview is None else np.abs(overview.speed[:, 1])
-        self.fastest_mps = max(0.1, float(speed.max(initial=0.0)))
+        self._fastest_mps = max(0.1, float(speed.max(initial=0.0)))
+        self._repaint()
 
-    def row_top(self, index: int) -> int:
-        """Top of the row in the widget."""
-        return RULER_PX + self.tops[index] - self.scroll_y
+    def _on_picture_made(self, _camera: str, _at_ns: object) -> None:
+        if any(row.kind == "pictures" for row in self.rows):
+            self._repaint()
 
-    def visible_rows(self) -> Iterator[int]:
-        for index, row in enumerate(self.rows):
-            top = self.row_top(index)
-            if top + row.height_px > RULER_PX and top < self.height_px:
-                yield index
+    def _repaint(self) -> None:
+        self._layer = None
+        self.update()
 
     def track_of(self, row: Row) -> Track:
         return self.tracks.get(row.key, _EMPTY_TRACK)
 
+    def index_of(self, key: str) -> int | None:
+        return next((number for number, row in enumerate(self.rows) if row.key == key), None)
 
-class TimelinePainter:
-    """Paints the static content, row names and rows, each into a layer.
+    # ---- zoom and scroll
 
-    ``named`` replaces recorded ids in a label by names.
-    """
+    @property
+    def room_px(self) -> int:
+        """Width of the part below the ruler."""
+        return max(1, self.width() - NAMES_PX)
 
-    def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
-        self._theme = theme
-        self._thumbnails = thumbnails
-        self._named = named
+    @property
+    def rows_height_px(self) -> int:
+        return self._tops[-1]
 
-    def color_of(self, state: TimelineState, coder: str) -> QColor:
+    def row_top(self, index: int) -> int:
+        """Top of the row in the widget."""
+        return RULER_PX + self._tops[index] - self.scroll_y
+
+    def set_scale(self, scale: TimeScale) -> None:
+        scale = scale.bounded(self.room_px, self._duration_ms)
+        self._fits = scale.px_per_ms <= whole_session(self.room_px, self._duration_ms).px_per_ms * 1.0001
+        if scale != self.scale:
+            self.scale = scale
+            self._repaint()
+        self.view_changed.emit()
+
+    def zoom(self, factor: float, around_px: float | None = None) -> None:
+        """Zoom around a pixel of the rows; without one around the playhead, if visible."""
+        if around_px is None:
+            playhead = self.scale.to_px(self.position_ms)
+            around_px = playhead if 0 <= playhead <= self.room_px else self.room_px / 2
+        self.set_scale(self.scale.zoomed(factor, around_px, width_px=self.room_px, duration_ms=self._duration_ms))
+
+    def fit(self) -> None:
+        self.set_scale(whole_session(self.room_px, self._duration_ms))
+
+    def _refit(self) -> None:
+        self.set_scale(whole_session(self.room_px, self._duration_ms) if self._fits else self.scale)
+
+    def scroll_across_to(self, start_ms: float) -> None:
+        """Set the start of the visible part."""
+        self.set_scale(replace(self.scale, start_ms=start_ms))
+
+    def scroll_to(self, y: int) -> None:
+        y = min(max(0, y), max(0, self.rows_height_px - (self.height() - RULER_PX)))
+        if y != self.scroll_y:
+            self.scroll_y = y
+            self._repaint()
+        self.view_changed.emit()
+
+    def show_row(self, key: str) -> None:
+        """Scroll to the row."""
+        index = self.index_of(key)
+        if index is not None:
+            hidden_px = self._tops[index + 1] - (self.height() - RULER_PX)
+            self.scroll_to(min(self._tops[index], max(self.scroll_y, hidden_px)))
+
+    def show_interval(self, start_ms: float, end_ms: float) -> None:
+        """Scroll to the interval."""
+        if not 0 <= self.scale.to_px(start_ms) <= self.room_px - 40 or self.scale.to_px(end_ms) > self.room_px:
+            self.scroll_across_to(start_ms - 0.2 * self.room_px / self.scale.px_per_ms)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._repaint()
+        self._refit()
+        self.scroll_to(self.scroll_y)
+
+    # ---- painting
+
+    def _color_of(self, coder: str) -> QColor:
         colors = self._theme.colors.coders
-        return QColor(colors[state.coders.index(coder) % len(colors)] if coder in state.coders else colors[0])
+        return QColor(colors[self._coders.index(coder) % len(colors)] if coder in self._coders else colors[0])
 
-    def _empty(self, width_px: int, height_px: int, ratio: float, ground: str) -> QPixmap:
-        layer = QPixmap(max(1, round(width_px * ratio)), max(1, round(height_px * ratio)))
-        layer.setDevicePixelRatio(ratio)
-        layer.fill(self._theme.color(ground))
-        return layer
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        ratio = self.devicePixelRatioF()
+        if self._layer is None:
+            self._layer = QPixmap(max(1, round(self.width() * ratio)), max(1, round(self.height() * ratio)))
+            self._layer.setDevicePixelRatio(ratio)
+            self._layer.fill(self._theme.color("window"))
+            painter = QPainter(self._layer)
+            painter.translate(NAMES_PX, 0)
+            self._draw_rows(painter)
+            painter.resetTransform()
+            self._draw_names(painter)
+            painter.end()
+        QPainter(self).drawPixmap(0, 0, self._layer)
 
-    # ---- row names
+    def _visible_rows(self) -> Iterator[tuple[Row, int]]:
+        """Visible rows with their tops."""
+        for index, row in enumerate(self.rows):
+            top = self.row_top(index)
+            if top + row.height_px > RULER_PX and top < self.height():
+                yield row, top
 
-    def names(self, state: TimelineState, ratio: float) -> QPixmap:
-        """Layer of row names, including the corner above."""
-        layer = self._empty(NAMES_PX, state.height_px, ratio, "panel")
-        painter = QPainter(layer)
-        painter.setClipRect(0, RULER_PX, NAMES_PX, state.height_px - RULER_PX)
+    def _draw_names(self, painter: QPainter) -> None:
+        painter.fillRect(0, 0, NAMES_PX, self.height(), self._theme.color("panel"))
+        painter.setClipRect(0, RULER_PX, NAMES_PX, self.height() - RULER_PX)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        for index in state.visible_rows():
-            self._draw_name(painter, state, state.rows[index], state.row_top(index))
+        for row, top in self._visible_rows():
+            self._draw_name(painter, row, top)
         painter.setClipping(False)
         line = self._theme.color("line")
-        painter.fillRect(NAMES_PX - 1, 0, 1, state.height_px, line)
+        painter.fillRect(NAMES_PX - 1, 0, 1, self.height(), line)
         painter.fillRect(0, RULER_PX - 1, NAMES_PX, 1, line)
-        painter.end()
-        return layer
 
-    def _draw_name(self, painter: QPainter, state: TimelineState, row: Row, top: int) -> None:
+    def _draw_name(self, painter: QPainter, row: Row, top: int) -> None:
         theme = self._theme
         rect = QRectF(0, top, NAMES_PX - 1, row.height_px)
-        if row.key == state.active:
+        if row.key == self._active:
             painter.fillRect(rect, theme.color("blue_soft"))
             painter.fillRect(QRectF(0, top, 3, row.height_px), theme.color("blue"))
         painter.fillRect(QRectF(0, rect.bottom() - 1, NAMES_PX, 1), theme.color("line"))
@@ -485,7 +579,7 @@ class TimelinePainter:
         if row.own:
             letters = initials(row.coder)
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(self.color_of(state, row.coder))
+            painter.setBrush(self._color_of(row.coder))
             painter.drawEllipse(chip)
             painter.setPen(theme.color("panel"))
             painter.setFont(theme.font(9 if len(letters) > 1 else 11, tokens.WEIGHT_SEMIBOLD))
@@ -499,37 +593,31 @@ class TimelinePainter:
         if place.width() > TEXT_FROM_PX:
             painter.setFont(theme.font(tokens.KEY_CAP_PX))
             painter.setPen(theme.color("dim"))
-            _draw_elided(painter, place, _detail_of(state, row))
+            _draw_elided(painter, place, self._detail_of(row))
 
-    # ---- rows
+    def _detail_of(self, row: Row) -> str:
+        """Detail shown next to a row's name."""
+        if row.tier is not None and row.own:
+            same = row.tier.vocabulary.casefold() in ("", row.tier.name.casefold())
+            return row.coder if same else f"{row.coder} · {vocabulary_title(row.tier.vocabulary)}"
+        return tr("up to {speed} m/s").format(speed=f"{self._fastest_mps:.1f}") if row.kind == "speed" else ""
 
-    def rows(self, state: TimelineState, ratio: float) -> QPixmap:
-        """Layer of ruler and rows, without row names."""
-        theme, room = self._theme, state.room_px
-        layer = self._empty(room, state.height_px, ratio, "window")
-        painter = QPainter(layer)
-        ticks = [(round(state.scale.to_px(tick.at_ms)), tick.label) for tick in ruler_ticks(state.scale, room)]
+    def _draw_rows(self, painter: QPainter) -> None:
+        theme, room = self._theme, self.room_px
+        ticks = [(round(self.scale.to_px(tick.at_ms)), tick.label) for tick in ruler_ticks(self.scale, room)]
         for x, label in ticks:
             if label:
-                painter.fillRect(x, RULER_PX, 1, state.height_px - RULER_PX, theme.color("line"))
-        for index in state.visible_rows():
-            row, top = state.rows[index], state.row_top(index)
-            if row.key == state.active:
+                painter.fillRect(x, RULER_PX, 1, self.height() - RULER_PX, theme.color("line"))
+        draw = {"pictures": self._draw_pictures, "sound": self._draw_sound, "speed": self._draw_speed}
+        for row, top in self._visible_rows():
+            if row.key == self._active:
                 painter.fillRect(0, top, room, row.height_px, theme.color("panel"))
             painter.fillRect(0, top + row.height_px - 1, room, 1, theme.color("line"))
-            match row.kind:
-                case "pictures":
-                    self._draw_pictures(painter, state, row, top)
-                case "sound":
-                    self._draw_sound(painter, state, row, top)
-                case "speed":
-                    self._draw_speed(painter, state, row, top)
-                case _:
-                    self._draw_annotations(painter, state, row, top)
-        if not state.rows and state.words:
+            draw.get(row.kind, self._draw_annotations)(painter, row, top)
+        if not self.rows and self._words:
             painter.setFont(theme.font())
             painter.setPen(theme.color("dim"))
-            painter.drawText(QRect(0, RULER_PX, room, state.height_px - RULER_PX), CENTER, state.words)
+            painter.drawText(QRect(0, RULER_PX, room, self.height() - RULER_PX), CENTER, self._words)
         painter.fillRect(0, 0, room, RULER_PX, theme.color("panel"))
         painter.setFont(theme.font(tokens.KEY_CAP_PX))
         painter.setPen(theme.color("dim"))
@@ -538,52 +626,50 @@ class TimelinePainter:
             painter.fillRect(x, RULER_PX - high_px, 1, high_px - 1, theme.color("line_strong"))
             painter.drawText(x + 5, RULER_PX - 9, label)
         painter.fillRect(0, RULER_PX - 1, room, 1, theme.color("line"))
-        painter.end()
-        return layer
 
-    def _draw_pictures(self, painter: QPainter, state: TimelineState, row: Row, top: int) -> None:
+    def _draw_pictures(self, painter: QPainter, row: Row, top: int) -> None:
         height = row.height_px - 5
         width = height * _PICTURE_SHAPE
-        step_ms = picture_step_ms(state.scale.px_per_ms, width + 2)
-        first = int(state.scale.start_ms // step_ms) * step_ms
+        step_ms = picture_step_ms(self.scale.px_per_ms, width + 2)
+        first = int(self.scale.start_ms // step_ms) * step_ms
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
-        visible = range(first, int(min(state.scale.to_ms(state.room_px), state.duration_ms)) + 1, step_ms)
+        visible = range(first, int(min(self.scale.to_ms(self.room_px), self._duration_ms)) + 1, step_ms)
         for at_ms in reversed(visible):  # the newest request is answered first
-            middle_ms = min(at_ms + step_ms // 2, int(state.duration_ms))
-            place = QRectF(state.scale.to_px(at_ms), top + 2, width, height)
-            picture = self._thumbnails.picture(row.source, state.started_ns + middle_ms * 1_000_000)
+            middle_ms = min(at_ms + step_ms // 2, int(self._duration_ms))
+            place = QRectF(self.scale.to_px(at_ms), top + 2, width, height)
+            picture = self._thumbnails.picture(row.source, self._started_ns + middle_ms * 1_000_000)
             if picture is None or picture.isNull():
                 painter.fillRect(place, self._theme.color("raised"))
             else:
                 size = picture.size().toSizeF().scaled(place.size(), Qt.AspectRatioMode.KeepAspectRatio)
                 painter.drawImage(QRectF(place.topLeft(), size), picture)
 
-    def _draw_sound(self, painter: QPainter, state: TimelineState, row: Row, top: int) -> None:
-        for wave in () if state.overview is None else state.overview.waveforms:
+    def _draw_sound(self, painter: QPainter, row: Row, top: int) -> None:
+        for wave in () if self._overview is None else self._overview.waveforms:
             if wave.source == row.source:
                 columns = wave_columns(
                     wave,
-                    first_ns=state.started_ns + round(state.scale.start_ms * 1e6),
-                    ns_per_px=1e6 / state.scale.px_per_ms,
-                    width_px=state.room_px,
+                    first_ns=self._started_ns + round(self.scale.start_ms * 1e6),
+                    ns_per_px=1e6 / self.scale.px_per_ms,
+                    width_px=self.room_px,
                 )
                 half = (row.height_px - 7) / 2
-                tops, bottoms = (half + 3 - columns[:, side] / state.loudest[row.source] * half for side in (1, 0))
+                tops, bottoms = (half + 3 - columns[:, side] / self._loudest[row.source] * half for side in (1, 0))
                 _draw_strokes(painter, top, tops, np.maximum(bottoms, tops + 1), self._theme.color("green"))
 
-    def _draw_speed(self, painter: QPainter, state: TimelineState, row: Row, top: int) -> None:
-        if state.overview is None:
+    def _draw_speed(self, painter: QPainter, row: Row, top: int) -> None:
+        if self._overview is None:
             return
-        columns = speed_columns(state.overview.speed, state.scale, state.room_px)
+        columns = speed_columns(self._overview.speed, self.scale, self.room_px)
         height = row.height_px - 1
-        tops = height - columns[:, 0] / state.fastest_mps * (height - 4)
+        tops = height - columns[:, 0] / self._fastest_mps * (height - 4)
         ground = self._theme.color("blue")
         ground.setAlpha(120)
         _draw_strokes(painter, top, tops, np.full_like(tops, height), ground)
         _draw_strokes(painter, top, tops - 1, np.minimum(tops + 0.6, height), self._theme.color("blue"))
 
-    def _draw_annotations(self, painter: QPainter, state: TimelineState, row: Row, top: int) -> None:
-        track, scale, room = state.track_of(row), state.scale, state.room_px
+    def _draw_annotations(self, painter: QPainter, row: Row, top: int) -> None:
+        track, scale, room = self.track_of(row), self.scale, self.room_px
         found = track.between(scale.start_ms, scale.to_ms(room))
         if not found:
             return
@@ -592,7 +678,7 @@ class TimelinePainter:
         # A pixel of space separates adjacent boxes.
         rights = np.maximum(((track.ends_ms[part] - scale.start_ms) * scale.px_per_ms).astype(np.int64) - 1, lefts + 1)
         widths = rights - lefts
-        line = self.color_of(state, row.coder) if row.own else theme.color("line_strong")
+        line = self._color_of(row.coder) if row.own else theme.color("line_strong")
         ground = QColor(line) if row.own else theme.color("line")
         if row.own:
             ground.setAlpha(70)
@@ -644,14 +730,6 @@ def _draw_strokes(
         QRect(x, y + first, 1, height)
         for x, first, height in zip(columns.tolist(), firsts.tolist(), heights.tolist(), strict=True)
     ])  # fmt: skip
-
-
-def _detail_of(state: TimelineState, row: Row) -> str:
-    """Detail shown next to a row's name."""
-    if row.tier is not None and row.own:
-        same = row.tier.vocabulary.casefold() in ("", row.tier.name.casefold())
-        return row.coder if same else f"{row.coder} · {vocabulary_title(row.tier.vocabulary)}"
-    return tr("up to {speed} m/s").format(speed=f"{state.fastest_mps:.1f}") if row.kind == "speed" else ""
 
 
 def _row_icon(row: Row) -> str:

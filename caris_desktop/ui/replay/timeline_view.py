@@ -261,9 +261,7 @@ class TimelineView(QWidget):
         total_ms = self.acts.duration_ms()
         end_ms = min(total_ms, scale.to_ms(self.canvas.room_px))
         sentences = [
-            tr("At {now} of {total}.").format(
-                now=exact_text(self.canvas.state.position_ms), total=exact_text(total_ms)
-            ),
+            tr("At {now} of {total}.").format(now=exact_text(self.canvas.position_ms), total=exact_text(total_ms)),
             tr("Shown from {start} to {end}.").format(
                 start=exact_text(max(0.0, scale.start_ms)), end=exact_text(end_ms)
             ),
