@@ -61,7 +61,7 @@ def coding(scene: ReplayScene, out: Path, choice: str) -> None:
     canvas, timeline = scene.timeline.canvas, scene.timeline
     canvas.setFocus()
     canvas.zoom(4.0)
-    first = scene.timeline.document.annotations[5]
+    first = scene.timeline.acts.document.annotations[5]
     rect = canvas.rect_of(first)
     assert rect is not None
     QTest.mouseClick(canvas, Qt.MouseButton.LeftButton, pos=rect.center().toPoint())

@@ -54,7 +54,7 @@ class Coder:
 
     @property
     def document(self) -> AnnotationDocument:
-        return self.timeline.document
+        return self.timeline.acts.document
 
     def values(self, tier_id: str) -> list[tuple[int, int, str]]:
         return [(item.start_ms, item.end_ms, item.value) for item in self.document.of_tier(tier_id)]
@@ -200,13 +200,13 @@ def test_an_overlap_is_refused_in_words_next_to_it(coder: Coder) -> None:
     middle = coder.point(ANA, (first[0] + first[1]) / 2)
     coder.drag(middle, middle + QPoint(40, 0))
     assert coder.document == before
-    assert "is already on the tier" in coder.timeline.words
+    assert "is already on the tier" in coder.timeline.acts.words
     bubble = find(coder.canvas, "words_bubble")
     rect = coder.canvas.rect_of(coder.document.of_tier(ANA)[0])
     assert rect is not None
     assert abs(bubble.geometry().top() - rect.bottom()) < 60
     coder.timeline.acts.give_up()
-    assert coder.timeline.words == ""
+    assert coder.timeline.acts.words == ""
 
 
 def test_the_record_can_be_looked_at_but_not_changed(qtbot: QtBot, coder: Coder) -> None:
@@ -225,7 +225,7 @@ def test_the_record_can_be_looked_at_but_not_changed(qtbot: QtBot, coder: Coder)
     assert active.own, "the tier to code on stays chosen"
     QTest.mouseDClick(coder.canvas, LEFT, pos=at)
     coder.key(Qt.Key.Key_Delete)
-    assert "from the record" in coder.timeline.words
+    assert "from the record" in coder.timeline.acts.words
     assert coder.document == before
 
 
@@ -286,7 +286,7 @@ def test_splitting_removing_undoing(coder: Coder) -> None:
     coder.key(Qt.Key.Key_Y, CTRL)
     assert coder.values(ANA)[1][0] != at_ms
     coder.key(Qt.Key.Key_Y, CTRL)
-    assert coder.timeline.words == "There is nothing to redo."
+    assert coder.timeline.acts.words == "There is nothing to redo."
 
 
 def test_label_keys_start_and_end_while_it_plays(coder: Coder) -> None:
@@ -318,7 +318,7 @@ def test_a_label_that_continues_ends_before_what_is_there_already(coder: Coder) 
     assert coder.values(ANA)[1] == (free_ms + 100, second[0], "confused")
     coder.replay.at_ms(second[0] + 100)
     coder.key(Qt.Key.Key_1)
-    assert f"“{second[2]}” is already here" in coder.timeline.words
+    assert f"“{second[2]}” is already here" in coder.timeline.acts.words
 
 
 def test_label_keys_name_what_is_selected_while_it_stands_still(coder: Coder) -> None:
@@ -392,11 +392,11 @@ def test_keys_go_through_tiers_and_annotations(coder: Coder) -> None:
     coder.key(Qt.Key.Key_PageDown)
     assert coder.replay.position_ms == 42_000
     coder.key(Qt.Key.Key_PageDown)
-    assert coder.timeline.words == "No later annotation on Remarks."
+    assert coder.timeline.acts.words == "No later annotation on Remarks."
     coder.key(Qt.Key.Key_Left)
     assert coder.replay.position_ms == 41_000
     coder.key(Qt.Key.Key_2)
-    assert "free text" in coder.timeline.words
+    assert "free text" in coder.timeline.acts.words
     QTest.keyClick(coder.canvas, Qt.Key.Key_Tab)
     assert not coder.canvas.hasFocus(), "the focus is never trapped"
 
@@ -624,7 +624,7 @@ def test_an_uncoded_session_requests_a_tier(qtbot: QtBot, theme: Theme) -> None:
     assert dialog is not None
     dialog.reject()
     scene.timeline.acts.code(1)
-    assert scene.timeline.words == "Add a tier for coding first."
+    assert scene.timeline.acts.words == "Add a tier for coding first."
 
 
 def test_before_the_session_was_searched_it_can_be_coded(qtbot: QtBot, theme: Theme) -> None:
@@ -818,7 +818,7 @@ def test_a_scripted_coder_codes_many_labels_in_the_real_window(
     scripts[0].undo(steps)
     assert coder.document.annotations == ()
     scripts[0].undo(1)
-    assert timeline.words == "There is nothing to undo."
+    assert timeline.acts.words == "There is nothing to undo."
     for _ in range(steps - 20):
         assert replay.redo()  # seven hundred key presses would be slow
     scripts[0].redo(20)

@@ -205,8 +205,8 @@ def test_a_replay_and_its_dialogs_bear_them_too(theme: Theme) -> None:
     try:
         scene.show()
         found = []
-        first = scene.timeline.document.annotations[5]
-        tier = scene.timeline.document.tiers[0]
+        first = scene.timeline.acts.document.annotations[5]
+        tier = scene.timeline.acts.document.tiers[0]
         dialogs = {"tier_dialog", "import_dialog", "agreement_dialog"}
         for opener in (
             lambda: None, lambda: scene.timeline.canvas.select(first.annotation_id),
@@ -241,7 +241,7 @@ def test_the_lines_of_every_menu_of_a_replay_bear_them_too(theme: Theme) -> None
     try:
         scene.resize(700, 620)  # too narrow for all codes of the selected row
         scene.show()
-        first = scene.timeline.document.annotations[5]
+        first = scene.timeline.acts.document.annotations[5]
         scene.timeline.canvas.activate(f"tier {first.tier_id}")
         scene.timeline.canvas.select(first.annotation_id)
         QApplication.processEvents()

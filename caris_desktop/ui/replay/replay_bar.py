@@ -63,7 +63,7 @@ class ReplayBar(QWidget):
         self.setObjectName("replay_bar")
         self.setAccessibleName(tr("Replay"))
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
-        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+        self.setMinimumWidth(_NARROWEST_PX)  # parts that can be hidden must not set it
         self._replay = replay
         actions.add_rows(REPLAY_ACTIONS, self)
         self.scrubber = Scrubber(theme, Thumbnails(replay, self), replay.with_names)
@@ -118,18 +118,6 @@ class ReplayBar(QWidget):
         replay.overview.changed.connect(self._on_overview_changed)
         self._on_playback_changed(replay.playback.value)
         self._on_overview_changed(replay.overview.value)
-
-    def sizeHint(self) -> QSize:
-        return QSize(900, self._height_px())
-
-    def minimumSizeHint(self) -> QSize:
-        # Parts that can be hidden must not set the window's minimum width.
-        return QSize(_NARROWEST_PX, self._height_px())
-
-    def _height_px(self) -> int:
-        if not self._one_line:
-            return 84
-        return 48 + (_HINT_PX if self._hint.text() else 0)
 
     def set_one_line(self, one_line: bool) -> None:
         """Use a single line with keys in tooltips; in a small window the video needs the space."""
@@ -204,7 +192,7 @@ class ReplayBar(QWidget):
         self._hint.setText(text)
         self._hint.setToolTip(text)
         self._hint.setVisible(bool(text) or not self._one_line)
-        self.updateGeometry()
+        self.setFixedHeight(48 + _HINT_PX * bool(text) if self._one_line else 84)
 
     def _time_words(self, at_ns: int) -> str:
         """Session time and wall-clock time, as 12:34.5 · 10:26:36."""
@@ -257,7 +245,7 @@ class ReplayTimes(QWidget):
         has_role(self, QAccessible.Role.StaticText)
         row = layouts.hbox(self, margins_px=0, spacing_px=8)
         self.now, self.total, self.wall = QLabel(), QLabel(), QLabel()
-        self.now.setAlignment(Qt.AlignmentFlag.AlignRight)
+        self.now.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         for label, role in ((self.now, "time"), (self.total, "note"), (self.wall, "note")):
             label.setProperty("role", role)
             row.addWidget(label)

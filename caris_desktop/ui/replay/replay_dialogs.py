@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import shiboken6
 from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QSize, Qt
 from PySide6.QtGui import QBrush, QKeyEvent, QPainter
 from PySide6.QtWidgets import (
@@ -67,19 +68,23 @@ class _Dialog(VisualTabOrderMixin, QDialog):
         self.column.addWidget(label)
         return label
 
-    def add_form(self) -> QFormLayout:
+    def add_form(self, *rows: tuple[str, QWidget]) -> QFormLayout:
         form = QFormLayout(horizontalSpacing=16, verticalSpacing=8)
         form.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        for text, field in rows:
+            field.setMinimumHeight(36)
+            form.addRow(text, field)
         self.column.addLayout(form)
         return form
 
     def coder_field(self, coders: Sequence[str], coder: str, hint: str) -> DropDown:
         """Field for a coder's name that offers the known ones."""
         field = DropDown(self._theme, f"{self._name}_coder", tr("Coder"))
-        line = QLineEdit(maxLength=LONGEST_NAME, placeholderText=hint)
         field.setEditable(True)
-        field.setLineEdit(line)
-        line.setAccessibleName(field.accessibleName())
+        line = field.lineEdit()
+        if line is not None:
+            line.setPlaceholderText(hint)
+            line.setMaxLength(LONGEST_NAME)
         field.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         field.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
         field.addItems(coders)
@@ -87,7 +92,9 @@ class _Dialog(VisualTabOrderMixin, QDialog):
         return field
 
     def add_buttons(self, leave: str, button: ActionButton, run: Callable[[], object]) -> None:
-        """Add ``button``, which runs the dialog, and one that leaves it."""
+        """Add the refusal, ``button``, which runs the dialog, and one that leaves it."""
+        self._refusal = self.labelled("", "refusal", "warning")
+        self._refusal.hide()
         cancel = ActionButton(self._theme, leave, role="ghost", height_px=40)
         cancel.setObjectName(f"{self._name}_cancel")
         cancel.clicked.connect(self.reject)
@@ -97,6 +104,13 @@ class _Dialog(VisualTabOrderMixin, QDialog):
         buttons.addStretch(1)
         buttons.addWidget(button)
         self.column.addLayout(buttons)
+
+    def refuse(self, refusal: str) -> None:
+        """Show the reason why the dialog stays open; close it if there is none."""
+        self._refusal.setText(refusal)
+        self._refusal.setVisible(bool(refusal))
+        if not refusal:
+            self.accept()
 
 
 class TierRequest(Value):
@@ -196,19 +210,15 @@ class TierDialog(_Dialog):
         self._list.setPlaceholderText(
             tr("One label per line, with its meaning after a colon:\ncurious: leans in, asks")
         )
+        fields = (
+            (tr("Coder"), self._coder),
+            (tr("Tier"), self._name_field),
+            (tr("Labels"), self._labels),
+            ("", self._list),
+        )
+        form = self.add_form(*fields)
+        form.setRowVisible(self._coder, tier is None)
         self._list.setMinimumHeight(120)
-        form = self.add_form()
-        if tier is None:
-            form.addRow(tr("Coder"), self._coder)
-        else:
-            self._coder.setParent(self)
-            self._coder.hide()
-        form.addRow(tr("Tier"), self._name_field)
-        form.addRow(tr("Labels"), self._labels)
-        form.addRow("", self._list)
-        self._refusal = self.labelled("", "refusal", "warning")
-        self._refusal.hide()
-        self.column.addStretch(1)
         text = tr("Add tier") if tier is None else tr("Change")
         save = ActionButton(theme, text, icon="check", key="Enter", role="primary", height_px=40)
         save.setObjectName("tier_save")
@@ -262,13 +272,9 @@ class TierDialog(_Dialog):
     def _on_save(self) -> None:
         request = self.requested_tier()
         if request.vocabulary is not None and not request.vocabulary.entries:
-            refusal = tr("Write at least one label, or choose free text.")
+            self.refuse(tr("Write at least one label, or choose free text."))
         else:
-            refusal = self._apply(request)
-        self._refusal.setText(refusal)
-        self._refusal.setVisible(bool(refusal))
-        if not refusal:
-            self.accept()
+            self.refuse(self._apply(request))
 
 
 class ImportDialog(_Dialog):
@@ -287,8 +293,6 @@ class ImportDialog(_Dialog):
     ) -> None:
         super().__init__(theme, parent, "import", tr("Import annotations"), QSize(560, 300))
         self._import_file = import_file
-        self._request_number = 0
-        self.finished.connect(self._forget)
         self.labelled(tr("Choose the file and its coder"), "heading", "heading")
         self.labelled(
             tr(
@@ -309,11 +313,7 @@ class ImportDialog(_Dialog):
         path.addWidget(self.path_field, 1)
         path.addWidget(browse)
         self._coder = self.coder_field(coders, "", tr("name or initials; empty: taken from the file"))
-        form = self.add_form()
-        form.addRow(tr("File"), path)
-        form.addRow(tr("Coder"), self._coder)
-        self._refusal = self.labelled("", "refusal", "warning")
-        self._refusal.hide()
+        self.add_form((tr("Coder"), self._coder)).insertRow(0, tr("File"), path)
         self.column.addStretch(1)
         take = ActionButton(theme, tr("Import"), icon="check", key="Enter", role="primary", height_px=40)
         take.setObjectName("import_take")
@@ -331,27 +331,16 @@ class ImportDialog(_Dialog):
     def _on_import(self) -> None:
         text = self.path_field.text().strip()
         if not text:
-            self._say(tr("Choose a file first."))
+            self.refuse(tr("Choose a file first."))
             return
-        self._request_number += 1
-        request_number = self._request_number
-        self._say(tr("Reading the file."))
+        self.refuse(tr("Reading the file."))
 
         def on_imported(refusal: str) -> None:
-            if request_number != self._request_number:
-                return  # cancelled, or another file was chosen meanwhile
-            self._say(refusal)
-            if not refusal:
-                self.accept()
+            # The dialog may have been closed or another file chosen meanwhile.
+            if shiboken6.isValid(self) and self.isVisible() and self.path_field.text().strip() == text:
+                self.refuse(refusal)
 
         self._import_file(Path(text).expanduser(), " ".join(self._coder.currentText().split()), on_imported)
-
-    def _forget(self) -> None:
-        self._request_number = -1
-
-    def _say(self, text: str) -> None:
-        self._refusal.setText(text)
-        self._refusal.setVisible(bool(text))
 
 
 TOLERANCES_MS = (100, 250, 500, 1000, 2000)
@@ -398,7 +387,7 @@ class AgreementDialog(_Dialog):
     def __init__(self, theme: Theme, document: AnnotationDocument, parent: QWidget) -> None:
         super().__init__(theme, parent, "agreement", tr("Agreement between two coders"), QSize(640, 620))
         self._document = document
-        self._result: TierAgreement | None = None
+        self.agreement: TierAgreement | None = None
         tiers = [tier for tier in document.tiers if tier.coder]
         self._first = DropDown(theme, "agreement_first", tr("First tier"))
         self._second = DropDown(theme, "agreement_second", tr("Second tier"))
@@ -413,13 +402,13 @@ class AgreementDialog(_Dialog):
         self._tolerance.setCurrentIndex(TOLERANCES_MS.index(_USUAL_MS))
         content = QWidget()
         outer, self.column = self.column, layouts.vbox(content, margins_px=0, spacing_px=12)
-        form = self.add_form()
-        for words, choice in (
+        choices = (
             (tr("First"), self._first), (tr("Second"), self._second), (tr("Timing tolerance"), self._tolerance),
-        ):  # fmt: skip
+        )  # fmt: skip
+        self.add_form(*choices)
+        for _, choice in choices:
             choice.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             choice.currentIndexChanged.connect(self._compare)
-            form.addRow(words, choice)
         self._kappa = self.labelled("", "kappa")
         self._lines = self.labelled("", "lines")
         self._lines.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
@@ -444,30 +433,25 @@ class AgreementDialog(_Dialog):
         self.add_buttons(tr("Close"), self._copy, self._on_copy)
         self._compare()
 
-    @property
-    def agreement(self) -> TierAgreement | None:
-        """Current comparison."""
-        return self._result
-
     def _compare(self) -> None:
         first, second = self._first.currentData(), self._second.currentData()
-        self._result = None
+        self.agreement = None
         refusal = tr("Choose two different tiers.")
         try:
             if first != second:
-                self._result = compare_tiers(
+                self.agreement = compare_tiers(
                     self._document, first, second, unit_ms=UNIT_MS, tolerance_ms=self._tolerance.currentData()
                 )
         except AnnotationError as error:
             refusal = str(error)
             refusal = tr(refusal)
-        if self._result is None:
+        if self.agreement is None:
             self._lines.setText(refusal)
         else:
-            self._show(self._result)
+            self._show(self.agreement)
         for part in (self._kappa, self._table, self._table_words):
-            part.setVisible(self._result is not None)
-        self._copy.setEnabled(self._result is not None)
+            part.setVisible(self.agreement is not None)
+        self._copy.setEnabled(self.agreement is not None)
 
     def _show(self, result: TierAgreement) -> None:
         self._kappa.setText(f"κ {kappa_words(result.per_unit)}")
@@ -509,8 +493,8 @@ class AgreementDialog(_Dialog):
                 self._table.setItem(row, column, cell)
 
     def _on_copy(self) -> None:
-        if self._result is not None:
-            QApplication.clipboard().setText(report(self._result))
+        if self.agreement is not None:
+            QApplication.clipboard().setText(report(self.agreement))
 
 
 class _TintedCells(QStyledItemDelegate):

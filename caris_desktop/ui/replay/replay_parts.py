@@ -1,6 +1,6 @@
 """Replay mode of the main window: scrolling panels, the timeline below them, and the replay bar."""
 
-from PySide6.QtCore import QEvent, QObject, QSize, Qt
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFrame, QScrollArea, QSplitter, QVBoxLayout, QWidget
 
@@ -84,7 +84,7 @@ class ReplayWidgets(QObject):
         if small != self._small:
             self._small = small
             self._bar.set_one_line(small)
-            self._panels.set_least(_LEAST_PANELS_PX if small else PANELS_LEAST_PX)
+            self._panels.setMinimumHeight(_LEAST_PANELS_PX if small else PANELS_LEAST_PX)
 
     def _use_room(self) -> None:
         if self._middle is None or self._window is None:
@@ -147,20 +147,10 @@ class ReplayPanels(QScrollArea):
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setWidgetResizable(True)
         self.setFrameShape(QFrame.Shape.NoFrame)
-        self._least_px = PANELS_LEAST_PX
         self.setMinimumHeight(PANELS_LEAST_PX)
         self._docks = docks
         self.setWidget(docks)
         docks.layout_changed.connect(self.fit)
-
-    def set_least(self, height_px: int) -> None:
-        """Set the minimum height."""
-        self._least_px = height_px
-        self.setMinimumHeight(height_px)
-        self.updateGeometry()
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(super().minimumSizeHint().width(), self._least_px)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

@@ -155,7 +155,7 @@ class TimelineCommands(QObject):
         if tier is None:
             return
         title = tr_filled(tier.title)
-        vocabulary = vocabulary_named(self.document, tier.vocabulary) if tier.vocabulary else None
+        vocabulary = vocabulary_named(self.document, tier.vocabulary)
         if vocabulary is None:
             words = tr("{tier} holds free text. Choose labels for the tier to code with keys.")
             self.say(words.format(tier=title))
@@ -230,21 +230,19 @@ class TimelineCommands(QObject):
             self.edit(lambda document: annotation_editing.remove_annotation(document, item.annotation_id), item)
 
     def begin_at_playhead(self) -> None:
-        item = self._chosen()
-        if item is not None:
-            self._on_move_requested(item.annotation_id, self.position_ms, item.end_ms, item.tier_id)
+        self._reshape(lambda item: (self.position_ms, item.end_ms))
 
     def end_at_playhead(self) -> None:
-        item = self._chosen()
-        if item is not None:
-            self._on_move_requested(item.annotation_id, item.start_ms, self.position_ms, item.tier_id)
+        self._reshape(lambda item: (item.start_ms, self.position_ms))
 
     def nudge(self, direction: int) -> None:
         """Move the annotation a little later (1) or earlier (-1)."""
+        self._reshape(lambda item: (item.start_ms + direction * NUDGE_MS, item.end_ms + direction * NUDGE_MS))
+
+    def _reshape(self, times: Callable[[Annotation], tuple[int, int]]) -> None:
         item = self._chosen()
         if item is not None:
-            by_ms = direction * NUDGE_MS
-            self._on_move_requested(item.annotation_id, item.start_ms + by_ms, item.end_ms + by_ms, item.tier_id)
+            self._on_move_requested(item.annotation_id, *times(item), item.tier_id)
 
     def give_up(self) -> None:
         """Esc: cancel the current operation. The window connects it to ``escape_pressed``."""
@@ -360,7 +358,7 @@ class TimelineCommands(QObject):
             self._card.chosen.connect(lambda value: self._set_label(self._named, value))
             self._card.closed.connect(lambda: self._canvas.setFocus(Qt.FocusReason.OtherFocusReason))
         self._named = annotation_id
-        vocabulary = vocabulary_named(self.document, tier.vocabulary) if tier.vocabulary else None
+        vocabulary = vocabulary_named(self.document, tier.vocabulary)
         left = min(max(NAMES_PX + 120.0, rect.left() + 120), self._canvas.width() - 20.0)
         at = self._canvas.mapTo(window, QPoint(round(left), round(rect.bottom()) - 12))
         self._card.ask(QPointF(at), item.value, None if vocabulary is None else vocabulary.entries)

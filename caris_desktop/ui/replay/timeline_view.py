@@ -192,16 +192,6 @@ class TimelineView(QWidget):
 
     # ---- display
 
-    @property
-    def document(self) -> AnnotationDocument:
-        """Annotations of all coders."""
-        return self.acts.document
-
-    @property
-    def words(self) -> str:
-        """Refusal on display."""
-        return self.acts.words
-
     def _show_session(self) -> None:
         self._shown_end_ns: int = self._replay.playback.value.end_ns
         self.canvas.show_session(self._replay.session.started_ns, self.acts.duration_ms())
@@ -231,9 +221,9 @@ class TimelineView(QWidget):
         overview: SessionOverview | None = self._replay.overview.value
         rows = self.rows.shown()
         words = tr("Reading the session…") if overview is None else tr("The recording contains nothing to show here.")
-        if not rows and all_rows(overview, self.document):
+        if not rows and all_rows(overview, self.acts.document):
             words = self.rows.words()
-        self.canvas.show_rows(rows, coders_of(self.document), words=words)
+        self.canvas.show_rows(rows, coders_of(self.acts.document), words=words)
         own_rows = [row for row in rows if row.own]
         if self.canvas.active is None and own_rows:
             self.canvas.activate(own_rows[0].key)
@@ -248,9 +238,11 @@ class TimelineView(QWidget):
     def _on_selection_changed(self) -> None:
         active, interval = self.canvas.active, self.acts.open
         tier = None if active is None or not active.own else active.tier
-        vocabulary = None if tier is None or not tier.vocabulary else vocabulary_named(self.document, tier.vocabulary)
+        vocabulary = (
+            None if tier is None or not tier.vocabulary else vocabulary_named(self.acts.document, tier.vocabulary)
+        )
         here = interval if tier is not None and interval is not None and interval.tier_id == tier.tier_id else None
-        self.strip.show_tier(active, vocabulary, here, tiers=sum(bool(tier.coder) for tier in self.document.tiers))
+        self.strip.show_tier(active, vocabulary, here, tiers=sum(bool(tier.coder) for tier in self.acts.document.tiers))
         self._fact.setText(self._fact_text())
         self._description.changed()
         self.update()
@@ -279,7 +271,7 @@ class TimelineView(QWidget):
             return f"{label} · {times} · {length_text(item.end_ms - item.start_ms)}"
         if self._replay.overview.value is None:
             return tr("reading the session…")
-        count, coders = len(self.document.annotations), len(coders_of(self.document))
+        count, coders = len(self.acts.document.annotations), len(coders_of(self.acts.document))
         if not coders:
             return ""
         of_count = tr("1 annotation") if count == 1 else tr("{count} annotations").format(count=f"{count:,}")
@@ -355,7 +347,6 @@ _EDITS = (
     ("annotation_remove", "trash", QT_TR_NOOP("Remove")),
 )
 _NARROW_BELOW_PX = 1000
-_SIDE_PX, _GAP_PX, _LABEL_PX = 16, 8, 112
 _LEAST_WORDS_PX, _MOST_WORDS_PX = 72, 640
 
 
@@ -401,7 +392,7 @@ class CodingStrip(QWidget):
             button.setToolTip(tr(text))
             button.bind(actions, action_id)
             self._edits.append(button)
-        row = layouts.hbox(self, margins_px=(_SIDE_PX, 4, 8, 4), spacing_px=_GAP_PX)
+        self._row = row = layouts.hbox(self, margins_px=(16, 4, 8, 4), spacing_px=8)
         row.addWidget(self._words, 1)
         for button in (self._add, *self._labels, self._more):
             row.addWidget(button)
@@ -451,20 +442,14 @@ class CodingStrip(QWidget):
             button.setAccessibleName(tr(text))
             button.set_key_shown(not narrow)
         words_px = min(_MOST_WORDS_PX, self._words.sizeHint().width() + 2)
-        least_words_px = min(words_px, _LEAST_WORDS_PX) if self._present else words_px
         self._words.setMaximumWidth(words_px)
-        self._words.setMinimumWidth(min(least_words_px, max(0, self.width() - 2 * _SIDE_PX)) if narrow else 0)
-        taken = [self._words.minimumWidth() if narrow else words_px]
-        taken += [button.sizeHint().width() for button in (self._add, *self._edits) if not button.isHidden()]
-        room_px = self.width() - 2 * _SIDE_PX - sum(taken) - _GAP_PX * (len(taken) + 1)
-        each = [min(button.sizeHint().width(), _LABEL_PX) + _GAP_PX for button in self._labels[: self._present]]
-        count = self._present
-        if narrow and sum(each) > room_px:
-            room_px -= self._more.sizeHint().width() + _GAP_PX
-            count = max(1, sum(sum(each[: number + 1]) <= room_px for number in range(self._present)))
-        for number, button in enumerate(self._labels):
-            show_part(button, number < count)
-        show_part(self._more, count < self._present)
+        self._words.setMinimumWidth(min(words_px, _LEAST_WORDS_PX) if self._present else 0)
+        for count in range(self._present, -1, -1):
+            for number, button in enumerate(self._labels):
+                show_part(button, number < count)
+            show_part(self._more, count < self._present)
+            if count <= 1 or self._row.minimumSize().width() <= self.width():
+                break
 
     def _open_more(self) -> None:
         menu = QMenu(self)
