@@ -162,16 +162,16 @@ class Track:
         return self.annotations[index] if 0 <= index < len(self.annotations) else None
 
 
-def tracks_of(document: AnnotationDocument, before: Mapping[str, Track] | None = None) -> dict[str, Track]:
-    """Track of each tier; unchanged ones of ``before`` are reused."""
+def tracks_of(document: AnnotationDocument, kind: str, before: Mapping[str, Track]) -> dict[str, Track]:
+    """Track of each tier by the key of its row, as in "tier ID"; unchanged ones of ``before`` are reused."""
     parts: dict[str, list[Annotation]] = {tier.tier_id: [] for tier in document.tiers}
     for item in document.annotations:
         parts[item.tier_id].append(item)
-    known = before or {}
-    return {
-        tier_id: known[tier_id] if tier_id in known and known[tier_id].annotations == part else Track(part)
-        for tier_id, part in parts.items()
-    }
+    tracks = {}
+    for tier_id, part in parts.items():
+        known = before.get(f"{kind} {tier_id}")
+        tracks[f"{kind} {tier_id}"] = known if known is not None and known.annotations == part else Track(part)
+    return tracks
 
 
 class Row(Value):
@@ -683,17 +683,17 @@ class TimelineItems(QWidget):
         if row.own:
             ground.setAlpha(70)
         y, height = top + PAD_PX, row.height_px - 2 * PAD_PX
-        # Of thousands of annotations in view most share a pixel with others: as many rectangles as pixels are enough.
         narrow = widths <= _NARROW_PX
-        painter.setPen(line)
-        painter.setBrush(ground)
-        boxes = zip(lefts[~narrow].tolist(), widths[~narrow].tolist(), strict=True)
-        painter.drawRects([QRect(left, y, width - 1, height - 1) for left, width in boxes])
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(line if row.own else theme.color("dim"))
-        strokes = zip(lefts[narrow].tolist(), rights[narrow].tolist(), strict=True)
-        columns = {x for left, right in strokes for x in range(left, right)}
-        painter.drawRects([QRect(x, y, 1, height) for x in columns])
+        _draw_rects(painter, lefts[~narrow], y, widths[~narrow] - 1, height - 1, line=line, ground=ground)
+        # Of thousands of annotations in view most share a pixel with others.
+        covered = np.zeros(room + 2, np.int8)
+        for offset in range(_NARROW_PX):
+            columns = lefts[narrow & (offset < widths)] + offset + 1
+            covered[columns[(columns > 0) & (columns <= room)]] = 1
+        edges = np.flatnonzero(np.diff(covered))
+        _draw_rects(
+            painter, edges[0::2], y, edges[1::2] - edges[0::2], height, ground=line if row.own else theme.color("dim")
+        )
         painter.setFont(theme.font(tokens.STATUS_PX if row.own else tokens.KEY_CAP_PX))
         painter.setPen(theme.color("text"))
         # A long interval that starts before the visible part still shows its label; a short one may use the space up to
@@ -717,19 +717,30 @@ def _draw_elided(painter: QPainter, place: QRectF, text: str) -> float:
     return metrics.horizontalAdvance(elided)
 
 
+def _draw_rects(
+    painter: QPainter,
+    lefts: NDArray[np.int64],
+    tops: NDArray[np.int64] | int,
+    widths: NDArray[np.int64] | int,
+    heights: NDArray[np.int64] | int,
+    *,
+    ground: QColor,
+    line: QColor | None = None,
+) -> None:
+    painter.setPen(Qt.PenStyle.NoPen if line is None else line)
+    painter.setBrush(ground)
+    parts = np.broadcast_arrays(lefts, tops, widths, heights)
+    painter.drawRects(list(map(QRect, *(part.tolist() for part in parts))))
+
+
 def _draw_strokes(
     painter: QPainter, y: int, tops: NDArray[np.floating], bottoms: NDArray[np.floating], color: QColor
 ) -> None:
     """One vertical stroke per pixel column, from ``tops`` to ``bottoms`` in px below ``y``; none where NaN."""
-    painter.setPen(Qt.PenStyle.NoPen)
-    painter.setBrush(color)
     columns = np.flatnonzero(np.isfinite(tops))
-    firsts = np.floor(tops[columns]).astype(int)
-    heights = np.ceil(bottoms[columns]).astype(int) - firsts
-    painter.drawRects([
-        QRect(x, y + first, 1, height)
-        for x, first, height in zip(columns.tolist(), firsts.tolist(), heights.tolist(), strict=True)
-    ])  # fmt: skip
+    firsts = np.floor(tops[columns]).astype(np.int64)
+    heights = np.ceil(bottoms[columns]).astype(np.int64) - firsts
+    _draw_rects(painter, columns, firsts + y, 1, heights, ground=color)
 
 
 def _row_icon(row: Row) -> str:

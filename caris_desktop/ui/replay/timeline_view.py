@@ -26,7 +26,6 @@ from caris_desktop.ui.replay.timeline_items import (
     RULER_PX,
     Row,
     Thumbnails,
-    Track,
     all_rows,
     exact_text,
     length_text,
@@ -67,8 +66,6 @@ class TimelineView(QWidget):
         self._replay = replay
         self._actions = actions
         self._opened: bool | None = None
-        self._own_tracks: dict[str, Track] = {}
-        self._record_tracks: dict[str, Track] = {}
         self.canvas = TimelineCanvas(theme, Thumbnails(replay, self), replay.with_names)
         self.canvas.installEventFilter(self)
         self._description = ThrottledAccessibleDescription(self.canvas, self._accessible_text)
@@ -104,7 +101,6 @@ class TimelineView(QWidget):
         theme.changed.connect(self.update)
         self._show_session()
         self._on_overview_changed(replay.overview.value)
-        self._on_coding_changed(replay.coding.value)
         self._on_playback_changed(replay.playback.value)
         self.setFocusProxy(self.canvas)
 
@@ -120,8 +116,7 @@ class TimelineView(QWidget):
         row.addWidget(title)
         row.addSpacing(8)
         row.addWidget(self._fact, 1)
-        self._in_header: list[QWidget] = [self.rows.filter]
-        self._named_buttons: list[tuple[ActionButton, str]] = []
+        self._named_buttons: list[ActionButton] = []
         rows = self.rows
         for name, icon, text, tip, open_it in (
             ("rows_menu_button", "eye", tr("Rows"), tr("Show or hide rows"), rows.open_rows_menu),
@@ -136,8 +131,8 @@ class TimelineView(QWidget):
             button.setObjectName(name)
             button.setToolTip(tip)
             button.clicked.connect(open_it)
-            self._named_buttons.append((button, text))
-            self._in_header.append(button)
+            self._named_buttons.append(button)
+        icons = []
         for action_id in ("undo", "redo", "timeline_smaller", "timeline_larger", "timeline_fit"):
             spec = self._actions.standard_row(action_id)
             button = ActionButton(self._theme, icon=spec.icon, role="ghost", height_px=30)
@@ -146,11 +141,12 @@ class TimelineView(QWidget):
             button.setToolTip(spec.text)
             button.set_key_shown(False)
             button.bind(self._actions, action_id)
-            self._in_header.append(button)
+            icons.append(button)
         self._drawer = ActionButton(self._theme, height_px=30, text_px=tokens.STATUS_PX + 1)
         self._drawer.setObjectName("timeline_drawer")
         self._drawer.clicked.connect(lambda: self.open_requested.emit(not self._opened))
         self._drawer.hide()
+        self._in_header = (self.rows.filter, *self._named_buttons, *icons)
         for widget in (*self._in_header, self._drawer):
             row.addWidget(widget)
         return header
@@ -186,9 +182,10 @@ class TimelineView(QWidget):
         low = self.height() < LOW_PX or self._opened is False
         self.strip.setVisible(not low)
         self._across.setVisible(not low)
-        for button, text in self._named_buttons:
-            button.set_label(text if self.width() >= 1040 else "")
-            button.setAccessibleName(text)
+        for button in self._named_buttons:
+            name = button.accessibleName()
+            button.set_label(name if self.width() >= 1040 else "")
+            button.setAccessibleName(name)
 
     # ---- display
 
@@ -197,25 +194,22 @@ class TimelineView(QWidget):
         self.canvas.show_session(self._replay.session.started_ns, self.acts.duration_ms())
 
     def _on_overview_changed(self, overview: SessionOverview | None) -> None:
-        self._record_tracks = {} if overview is None else tracks_of(overview.tiers)
         self.canvas.show_overview(overview)
-        self._show_rows()
         self._show_tracks()
+        self._show_rows()
 
     def _on_coding_changed(self, document: AnnotationDocument) -> None:
-        rows_before = self.canvas.rows
-        self._own_tracks = tracks_of(document, self._own_tracks)
         self._show_tracks()
-        if [row.tier for row in rows_before if row.own] != [tier for tier in document.tiers if tier.coder]:
-            self._show_rows()
+        self._show_rows()
         if self.acts.open is not None and self.acts.open.tier_id not in {tier.tier_id for tier in document.tiers}:
             self.acts.set_open(None)
         self._show_session()
-        self._on_selection_changed()
 
     def _show_tracks(self) -> None:
-        own = {f"tier {key}": track for key, track in self._own_tracks.items()}
-        self.canvas.show_tracks({**own, **{f"record {key}": track for key, track in self._record_tracks.items()}})
+        overview: SessionOverview | None = self._replay.overview.value
+        before = self.canvas.tracks
+        recorded = {} if overview is None else tracks_of(overview.tiers, "record", before)
+        self.canvas.show_tracks({**tracks_of(self.acts.document, "tier", before), **recorded})
 
     def _show_rows(self) -> None:
         overview: SessionOverview | None = self._replay.overview.value
