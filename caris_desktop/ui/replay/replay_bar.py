@@ -1,9 +1,12 @@
 """Replay bar: play, pause, rate, steps, jumps, and a seek slider over the session."""
 
+from collections import OrderedDict
 from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from PySide6.QtCore import QObject, QPoint, QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import (
     QAccessible,
@@ -18,7 +21,7 @@ from PySide6.QtGui import (
     QResizeEvent,
     QWheelEvent,
 )  # fmt: skip
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QSlider, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QSlider, QStyle, QWidget
 
 from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.live.status import PlaybackStatus
@@ -29,7 +32,7 @@ from caris_desktop.ui import layouts, text_formatting
 from caris_desktop.ui.accessible_roles import has_role
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import REPLAY_ACTIONS
-from caris_desktop.ui.replay.timeline_items import Thumbnails, exact_text
+from caris_desktop.ui.replay.timeline_items import exact_text
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -269,6 +272,49 @@ class ReplayTimes(QWidget):
             self.setAccessibleName(name)
 
 
+_KEPT = 400
+_REQUESTED_AT_ONCE = 150
+"""Below the number of requests that a replay holds; older ones are dropped there without an answer."""
+
+
+class Thumbnails(QObject):
+    """Thumbnail cache; ``made`` reports a new image. The replay makes the newest request first."""
+
+    made = Signal()
+
+    def __init__(self, replay: ReplayControls, parent: QObject) -> None:
+        super().__init__(parent)
+        self._replay = replay
+        self._cache: OrderedDict[tuple[str, int], QImage] = OrderedDict()
+        self._requested: set[tuple[str, int]] = set()
+        replay.thumbnail_made.connect(self._on_made)
+
+    def picture(self, camera: str, at_ns: int) -> QImage | None:
+        """The thumbnail if cached, else requested; a null image if there was none."""
+        key = (camera, at_ns)
+        if key in self._cache:
+            self._cache.move_to_end(key)
+        elif key not in self._requested:
+            if len(self._requested) >= _REQUESTED_AT_ONCE:
+                self._requested.clear()
+            self._requested.add(key)
+            self._replay.request_thumbnail(camera, at_ns)
+        return self._cache.get(key)
+
+    def _on_made(self, camera: str, at_ns: int, image_bgr: NDArray[np.uint8] | None) -> None:
+        image = QImage()
+        if image_bgr is not None and image_bgr.size:
+            height, width = image_bgr.shape[:2]
+            # QImage does not copy the array, which may be freed.
+            rows = np.ascontiguousarray(image_bgr)
+            image = QImage(rows.data, width, height, 3 * width, QImage.Format.Format_BGR888).copy()
+        self._requested.discard((camera, int(at_ns)))
+        self._cache[camera, int(at_ns)] = image
+        while len(self._cache) > _KEPT:
+            self._cache.popitem(last=False)
+        self.made.emit()
+
+
 _SIDE_PX = 8
 _HEIGHT_PX, _MIDDLE_PX = 32, 16.5
 _NS_PER_MS = 1_000_000
@@ -288,7 +334,10 @@ class Scrubber(QSlider):
     seek_requested = Signal(object)
 
     def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
-        super().__init__(Qt.Orientation.Horizontal, tracking=False, singleStep=5000, pageStep=30_000)
+        super().__init__(Qt.Orientation.Horizontal)
+        self.setTracking(False)
+        self.setSingleStep(5000)
+        self.setPageStep(30_000)
         self.setObjectName("replay_scrubber")
         self.setAccessibleName(tr("Position in the session"))
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
@@ -348,13 +397,13 @@ class Scrubber(QSlider):
     def accessible_words(self) -> str:
         return self._words(self.shown_ns)
 
-    def x_of(self, at_ns: int) -> float:
-        share = (at_ns - self._start_ns) / _NS_PER_MS / max(1, self.maximum())
-        return _SIDE_PX + max(1, self.width() - 2 * _SIDE_PX) * min(1.0, max(0.0, share))
+    def x_of(self, at_ns: int) -> int:
+        at_ms, room_px = (at_ns - self._start_ns) // _NS_PER_MS, self.width() - 2 * _SIDE_PX
+        return _SIDE_PX + QStyle.sliderPositionFromValue(0, self.maximum(), at_ms, room_px)
 
     def moment_at(self, x_px: float) -> int:
-        share = min(1.0, max(0.0, (x_px - _SIDE_PX) / max(1, self.width() - 2 * _SIDE_PX)))
-        return self._start_ns + round(share * self.maximum()) * _NS_PER_MS
+        x, room_px = round(x_px) - _SIDE_PX, self.width() - 2 * _SIDE_PX
+        return self._start_ns + QStyle.sliderValueFromPosition(0, self.maximum(), x, room_px) * _NS_PER_MS
 
     # ---- pointer and keys
 
@@ -415,7 +464,7 @@ class Scrubber(QSlider):
             grain_ns = max(500, self.maximum() // 400) * _NS_PER_MS
             grained_ns = self._start_ns + (self._hover_ns - self._start_ns) // grain_ns * grain_ns
             picture = self._thumbnails.picture(self._overview.cameras[0], grained_ns) or QImage()
-        at = self.mapTo(window, QPoint(round(self.x_of(self._hover_ns)), 0))
+        at = self.mapTo(window, QPoint(self.x_of(self._hover_ns), 0))
         self._preview.show_moment(at, self._words(self._hover_ns), self._nearby(self._hover_ns), picture)
 
     def _hide_preview(self) -> None:
@@ -437,7 +486,7 @@ class Scrubber(QSlider):
             return self._named(text)
         return tr("Mark: {label}").format(label=text) if text else tr("Mark: no label")
 
-    def _on_picture_made(self, _camera: str, _at_ns: object) -> None:
+    def _on_picture_made(self) -> None:
         if self._preview is not None and self._preview.isVisible():
             self._show_preview()
 
@@ -454,7 +503,7 @@ class Scrubber(QSlider):
         painter.drawPixmap(0, 0, self._ticks)
         if self._hover_ns is not None and not self.isSliderDown():
             x = self.x_of(self._hover_ns)
-            painter.fillRect(QRectF(x - 0.5, 6, 1, _HEIGHT_PX - 10), self._theme.color("dim"))
+            painter.fillRect(x, 6, 1, _HEIGHT_PX - 10, self._theme.color("dim"))
         painter.end()
         super().paintEvent(event)
 
@@ -472,13 +521,13 @@ class Scrubber(QSlider):
             tier.tier_id for tier in overview.tiers.tiers if any(word in tier.name.casefold() for word in _PROBLEMS)
         }
         problems_ms = [item.start_ms for item in overview.tiers.annotations if item.tier_id in tiers]
-        for x in {round(self.x_of(item.at_ns)) for item in overview.moments if item.kind == "utterance"}:
+        for x in {self.x_of(item.at_ns) for item in overview.moments if item.kind == "utterance"}:
             painter.fillRect(QRectF(x, _MIDDLE_PX + 5, 1, 5), theme.color("dim"))
         painter.setBrush(theme.color("amber"))
-        for x in {round(self.x_of(self._start_ns + at_ms * _NS_PER_MS)) for at_ms in problems_ms}:
+        for x in {self.x_of(self._start_ns + at_ms * _NS_PER_MS) for at_ms in problems_ms}:
             painter.drawPolygon(QPolygonF([QPointF(x, _MIDDLE_PX + 4), QPointF(x - 4, 28), QPointF(x + 4, 28)]))
         painter.setBrush(theme.color("blue"))
-        for x in {round(self.x_of(item.at_ns)) for item in overview.moments if item.kind == "mark"}:
+        for x in {self.x_of(item.at_ns) for item in overview.moments if item.kind == "mark"}:
             painter.drawRect(QRectF(x - 0.75, 3, 1.5, _MIDDLE_PX - 5))
             painter.drawPolygon(QPolygonF([QPointF(x, 3), QPointF(x + 8, 6), QPointF(x, 9)]))
         painter.end()

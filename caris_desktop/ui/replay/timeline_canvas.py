@@ -39,8 +39,8 @@ from caris_desktop.ui.replay.timeline_items import (
     RULER_PX,
     SHORTEST_MS,
     TEXT_FROM_PX,
+    GetPicture,
     Row,
-    Thumbnails,
     TimelineItems,
     Track,
     exact_text,
@@ -109,15 +109,15 @@ class TimelineCanvas(TimelineItems):
     row_moved = Signal(str, int)  # row, new index among visible rows
     selection_changed = Signal()
 
-    def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
-        super().__init__(theme, thumbnails, named)
+    def __init__(self, theme: Theme, picture: GetPicture, named: Callable[[str], str]) -> None:
+        super().__init__(theme, picture, named)
         self.setObjectName("timeline_canvas")
         self.setAccessibleName(tr("Timeline"))
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.selected: Annotation | None = None
-        self._open: OpenInterval | None = None
+        self.open: OpenInterval | None = None
         self._drag: _Drag | None = None
         self._hover: Hit | None = None
 
@@ -140,16 +140,12 @@ class TimelineCanvas(TimelineItems):
             if jumped or was_visible:
                 share = 0.1 if playing and was_visible and not jumped else 0.5
                 self.scroll_across_to(position_ms - share * self.room_px / self.scale.px_per_ms)
-        if self._open is not None:
+        if self.open is not None:
             self.update()
             return
         self.update(0, 0, NAMES_PX, RULER_PX)
         for at_ms in (before, position_ms):
             self.update(NAMES_PX + round(self.scale.to_px(at_ms)) - 8, 0, 16, self.height())
-
-    def show_open(self, interval: OpenInterval | None) -> None:
-        self._open = interval
-        self.update()
 
     # ---- selection
 
@@ -477,11 +473,11 @@ class TimelineCanvas(TimelineItems):
                 painter.drawRoundedRect(QRectF(x - 2.5, rect.center().y() - 6, 5, 12), 2, 2)
 
     def _paint_open(self, painter: QPainter) -> None:
-        index = None if self._open is None else self.index_of(f"tier {self._open.tier_id}")
-        if self._open is not None and index is not None:
-            end_ms = max(self.position_ms, self._open.start_ms + 2 / self.scale.px_per_ms)
-            rect = self._interval_rect(index, self._open.start_ms, end_ms)
-            self._paint_ghost(painter, rect, self._color_of(self.rows[index].coder), self._open.value)
+        index = None if self.open is None else self.index_of(f"tier {self.open.tier_id}")
+        if self.open is not None and index is not None:
+            end_ms = max(self.position_ms, self.open.start_ms + 2 / self.scale.px_per_ms)
+            rect = self._interval_rect(index, self.open.start_ms, end_ms)
+            self._paint_ghost(painter, rect, self._color_of(self.rows[index].coder), self.open.value)
 
     def _paint_drag(self, painter: QPainter) -> None:
         drag = self._drag

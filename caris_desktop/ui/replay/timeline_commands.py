@@ -67,7 +67,6 @@ class TimelineCommands(QObject):
         self._refusal_end.timeout.connect(self._refusal.hide)
         self._card: LabelCard | None = None
         self._named = ""
-        self.open: OpenInterval | None = None
         self._seeks = SeekThrottle(self)
         self._seeks.due.connect(replay.seek)
         canvas.seek_requested.connect(self._on_seek_requested)
@@ -164,7 +163,7 @@ class TimelineCommands(QObject):
             self.say(tr("{tier} has %n labels.", "", len(vocabulary.entries)).format(tier=title))
             return
         value = vocabulary.entries[number - 1].value
-        selected, ended = self._canvas.selected, self.open
+        selected, ended = self._canvas.selected, self._canvas.open
         playing = self._replay.playback.value.playing
         if ended is None and selected is not None and selected.tier_id == tier.tier_id and not playing:
             self._set_label(selected.annotation_id, value)
@@ -194,8 +193,8 @@ class TimelineCommands(QObject):
         )
 
     def set_open(self, interval: OpenInterval | None) -> None:
-        self.open = interval
-        self._canvas.show_open(interval)
+        self._canvas.open = interval
+        self._canvas.update()
         self.open_changed.emit()
 
     def add_at_playhead(self) -> None:
@@ -220,7 +219,7 @@ class TimelineCommands(QObject):
             self._rename(item.annotation_id)
 
     def remove_selected(self) -> None:
-        if self.open is not None:
+        if self._canvas.open is not None:
             self.set_open(None)
             return
         item = self._canvas.selected
@@ -249,7 +248,7 @@ class TimelineCommands(QObject):
         self._refusal.hide()
         if (self._card is not None and self._card.cancel()) or self._canvas.cancel_drag():
             return
-        if self.open is not None:
+        if self._canvas.open is not None:
             self.set_open(None)
         else:
             self._canvas.select("")

@@ -1,7 +1,6 @@
-"""Items of the timeline: time scale, rows, annotation tracks, sampled signals and thumbnails, and their painting."""
+"""Items of the timeline: time scale, rows, annotation tracks and sampled signals, and their painting."""
 
 import math
-from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import accumulate
@@ -9,14 +8,13 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QObject, QRect, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QRect, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QFontMetricsF, QImage, QPainter, QPaintEvent, QPixmap, QResizeEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.sound_values import MICROPHONE, ROBOT_MICROPHONE, ROBOT_VOICE, WIZARD_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier, Vocabulary
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview, Waveform
 from caris_desktop.ui import tokens
@@ -316,52 +314,6 @@ def vocabulary_title(name: str) -> str:
     return tr(SCENARIO_LABELS) if name == SCENARIO_LABELS else name
 
 
-_KEPT = 400
-_REQUESTED_AT_ONCE = 150
-"""Below the number of requests that a replay holds; older ones are dropped there without an answer."""
-
-PictureKey = tuple[str, int]
-"""Camera and session clock in ns."""
-
-
-class Thumbnails(QObject):
-    """Thumbnail cache; ``made`` reports a new image. The replay makes the newest request first."""
-
-    made = Signal(str, object)  # camera, at_ns
-
-    def __init__(self, replay: ReplayControls, parent: QObject) -> None:
-        super().__init__(parent)
-        self._replay = replay
-        self._cache: OrderedDict[PictureKey, QImage] = OrderedDict()
-        self._requested: set[PictureKey] = set()
-        replay.thumbnail_made.connect(self._on_made)
-
-    def picture(self, camera: str, at_ns: int) -> QImage | None:
-        """The thumbnail if cached, else requested; a null image if there was none."""
-        key = (camera, at_ns)
-        if key in self._cache:
-            self._cache.move_to_end(key)
-        elif key not in self._requested:
-            if len(self._requested) >= _REQUESTED_AT_ONCE:
-                self._requested.clear()
-            self._requested.add(key)
-            self._replay.request_thumbnail(camera, at_ns)
-        return self._cache.get(key)
-
-    def _on_made(self, camera: str, at_ns: int, image_bgr: NDArray[np.uint8] | None) -> None:
-        image = QImage()
-        if image_bgr is not None and image_bgr.size:
-            height, width = image_bgr.shape[:2]
-            # QImage does not copy the array, which may be freed.
-            rows = np.ascontiguousarray(image_bgr)
-            image = QImage(rows.data, width, height, 3 * width, QImage.Format.Format_BGR888).copy()
-        self._requested.discard((camera, int(at_ns)))
-        self._cache[camera, int(at_ns)] = image
-        while len(self._cache) > _KEPT:
-            self._cache.popitem(last=False)
-        self.made.emit(camera, at_ns)
-
-
 def initials(coder: str) -> str:
     """One or two letters for the coder's badge."""
     parts = coder.split()
@@ -391,6 +343,10 @@ _RECORD_ICONS = (
 )  # fmt: skip
 
 
+GetPicture = Callable[[str, int], QImage | None]
+"""Thumbnail of a camera at a time in ns; None until it is there, a null image if there is none."""
+
+
 class TimelineItems(QWidget):
     """Timeline without input: rows with their names below a ruler, zoomed and scrolled. Does not store annotations.
 
@@ -400,10 +356,10 @@ class TimelineItems(QWidget):
 
     view_changed = Signal()  # zoom or scroll
 
-    def __init__(self, theme: Theme, thumbnails: Thumbnails, named: Callable[[str], str]) -> None:
+    def __init__(self, theme: Theme, picture: GetPicture, named: Callable[[str], str]) -> None:
         super().__init__()
         self._theme = theme
-        self._thumbnails = thumbnails
+        self._picture = picture
         self._named = named
         self.rows: Sequence[Row] = ()
         self.tracks: Mapping[str, Track] = {}
@@ -421,14 +377,8 @@ class TimelineItems(QWidget):
         self._duration_ms = 1.0
         self._fits = True
         self._layer: QPixmap | None = None
-        thumbnails.made.connect(self._on_picture_made)
+        self.setMinimumSize(NAMES_PX + 160, RULER_PX + 32)
         theme.changed.connect(self._repaint)
-
-    def sizeHint(self) -> QSize:
-        return QSize(900, 240)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(NAMES_PX + 160, RULER_PX + 32)
 
     # ---- content
 
@@ -451,7 +401,7 @@ class TimelineItems(QWidget):
         self._fastest_mps = max(0.1, float(speed.max(initial=0.0)))
         self._repaint()
 
-    def _on_picture_made(self, _camera: str, _at_ns: object) -> None:
+    def refresh_pictures(self) -> None:
         if any(row.kind == "pictures" for row in self.rows):
             self._repaint()
 
@@ -639,7 +589,7 @@ class TimelineItems(QWidget):
         for at_ms in reversed(visible):  # the newest request is answered first
             middle_ms = min(at_ms + step_ms // 2, int(self._duration_ms))
             place = QRectF(self.scale.to_px(at_ms), top + 2, width, height)
-            picture = self._thumbnails.picture(row.source, self._started_ns + middle_ms * 1_000_000)
+            picture = self._picture(row.source, self._started_ns + middle_ms * 1_000_000)
             if picture is None or picture.isNull():
                 painter.fillRect(place, self._theme.color("raised"))
             else:

@@ -2,7 +2,7 @@
 
 import sys
 
-from PySide6.QtCore import QEvent, QKeyCombination, QObject, QPoint, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QKeyCombination, QObject, QPoint, QRectF, Qt, Signal
 from PySide6.QtGui import QAccessible, QKeyEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QMenu, QScrollBar, QSizePolicy, QWidget
 
@@ -19,13 +19,13 @@ from caris_desktop.ui.action_rows import CODE_COUNT, TIMELINE_ACTIONS
 from caris_desktop.ui.key_choices import normalized
 from caris_desktop.ui.key_positions import key_code, position_of
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, draw_card, show_part
+from caris_desktop.ui.replay.replay_bar import Thumbnails
 from caris_desktop.ui.replay.timeline_canvas import OpenInterval, TimelineCanvas
 from caris_desktop.ui.replay.timeline_commands import TimelineCommands, TimelineRows
 from caris_desktop.ui.replay.timeline_items import (
     NAMES_PX,
     RULER_PX,
     Row,
-    Thumbnails,
     all_rows,
     exact_text,
     length_text,
@@ -41,6 +41,7 @@ from caris_desktop.ui.widgets.elided_label import ElidedLabel
 LOW_PX = 168
 """Below this height there is no room for the coding strip."""
 
+_NARROWEST_PX, _LOWEST_PX = 480, TITLE_HEIGHT_PX + RULER_PX + 32
 _NO_LIMIT_PX = 16_777_215
 # Commands that repeat while their key is held.
 _REPEATED = ("seek_by", "nudge", "select_next", "select_tier", "zoom")
@@ -62,11 +63,14 @@ class TimelineView(QWidget):
         self.setObjectName("timeline_view")
         self.setAccessibleName(tr("Timeline of the session"))
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
+        self.setMinimumSize(_NARROWEST_PX, _LOWEST_PX)
         self._theme = theme
         self._replay = replay
         self._actions = actions
         self._opened: bool | None = None
-        self.canvas = TimelineCanvas(theme, Thumbnails(replay, self), replay.with_names)
+        thumbnails = Thumbnails(replay, self)
+        self.canvas = TimelineCanvas(theme, thumbnails.picture, replay.with_names)
+        thumbnails.made.connect(self.canvas.refresh_pictures)
         self.canvas.installEventFilter(self)
         self._description = ThrottledAccessibleDescription(self.canvas, self._accessible_text)
         self.acts = TimelineCommands(theme, replay, self.canvas, self)
@@ -164,15 +168,9 @@ class TimelineView(QWidget):
         self._drawer.setToolTip(
             name if opened else tr("Open the timeline over the panels: not enough room for both")
         )  # fmt: skip
-        self.setMinimumHeight(TITLE_HEIGHT_PX if shut else 0)
+        self.setMinimumHeight(TITLE_HEIGHT_PX if shut else _LOWEST_PX)
         self.setMaximumHeight(TITLE_HEIGHT_PX if shut else _NO_LIMIT_PX)
         self._use_room()
-
-    def sizeHint(self) -> QSize:
-        return QSize(900, 300)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(480, TITLE_HEIGHT_PX + RULER_PX + 32)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -201,7 +199,7 @@ class TimelineView(QWidget):
     def _on_coding_changed(self, document: AnnotationDocument) -> None:
         self._show_tracks()
         self._show_rows()
-        if self.acts.open is not None and self.acts.open.tier_id not in {tier.tier_id for tier in document.tiers}:
+        if self.canvas.open is not None and self.canvas.open.tier_id not in {tier.tier_id for tier in document.tiers}:
             self.acts.set_open(None)
         self._show_session()
 
@@ -230,7 +228,7 @@ class TimelineView(QWidget):
         self._description.changed()
 
     def _on_selection_changed(self) -> None:
-        active, interval = self.canvas.active, self.acts.open
+        active, interval = self.canvas.active, self.canvas.open
         tier = None if active is None or not active.own else active.tier
         vocabulary = (
             None if tier is None or not tier.vocabulary else vocabulary_named(self.acts.document, tier.vocabulary)
