@@ -493,7 +493,7 @@ class TimelineRows(QObject):
         (self._hidden.discard if shown else self._hidden.add)(key)
         self.changed.emit()
 
-    def open_rows_menu(self) -> None:
+    def open_rows_menu(self, button: QWidget) -> None:
         """Menu to show and hide rows."""
         menu = self._menu("rows_menu")
         for row in self._all_rows():
@@ -503,7 +503,6 @@ class TimelineRows(QObject):
             action.toggled.connect(lambda shown, key=row.key: self.set_row_shown(key, shown=shown))
         menu.addSeparator()
         menu.addAction(tr("Show all rows"), self._show_all_rows)
-        button = self._view.findChild(QWidget, "rows_menu_button")
         menu.popup(button.mapToGlobal(QPoint(0, button.height() + 4)))
 
     def _show_all_rows(self) -> None:

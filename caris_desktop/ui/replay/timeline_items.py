@@ -668,7 +668,7 @@ def _draw_elided(painter: QPainter, place: QRectF, text: str) -> None:
 def _draw_pixels(painter: QPainter, y: int, filled: NDArray[np.bool_], color: QColor) -> None:
     """Colour the pixels of an area from the left edge and ``y`` on; a thousand rectangles cost ten times as much."""
     height, width = filled.shape
-    pixels = np.where(filled, np.uint32(color.rgba()), np.uint32(0))
+    pixels = np.where(filled, np.uint32(int(color.name(QColor.NameFormat.HexArgb)[1:], 16)), np.uint32(0))
     painter.drawImage(0, y, QImage(pixels.data, width, height, 4 * width, QImage.Format.Format_ARGB32))
 
 

@@ -123,7 +123,7 @@ class TimelineView(QWidget):
         self._named_buttons: list[ActionButton] = []
         rows = self.rows
         for name, icon, text, tip, open_it in (
-            ("rows_menu_button", "eye", tr("Rows"), tr("Show or hide rows"), rows.open_rows_menu),
+            ("rows_menu_button", "eye", tr("Rows"), tr("Show or hide rows"), self._open_rows_menu),
             ("add_tier", "plus", tr("Tier"), tr("Add a tier for yourself or another coder"), rows.open_tier_dialog),
             ("agreement", "scales", tr("Agreement"), tr("Agreement between two coders"), rows.open_agreement),
             (
@@ -162,8 +162,9 @@ class TimelineView(QWidget):
         for widget in (self.canvas, self._down, *self._in_header):
             show_part(widget, not shut)
         show_part(self._drawer, opened is not None)
-        icon, name = ("down", tr("Back to the picture and the panels")) if opened else ("up", tr("Open the timeline"))
-        self._drawer.set_label("" if opened else tr("Open"), icon=f"caret-double-{icon}", role="amber")
+        name = tr("Back to the picture and the panels") if opened else tr("Open the timeline")
+        icon = "caret-double-down" if opened else "caret-double-up"
+        self._drawer.set_label("" if opened else tr("Open"), icon=icon, role="amber")
         self._drawer.setAccessibleName(name)
         self._drawer.setToolTip(
             name if opened else tr("Open the timeline over the panels: not enough room for both")
@@ -171,6 +172,9 @@ class TimelineView(QWidget):
         self.setMinimumHeight(TITLE_HEIGHT_PX if shut else _LOWEST_PX)
         self.setMaximumHeight(TITLE_HEIGHT_PX if shut else _NO_LIMIT_PX)
         self._use_room()
+
+    def _open_rows_menu(self) -> None:
+        self.rows.open_rows_menu(self._named_buttons[0])
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -339,7 +343,7 @@ _EDITS = (
     ("annotation_remove", "trash", QT_TR_NOOP("Remove")),
 )
 _NARROW_BELOW_PX = 1000
-_LEAST_WORDS_PX, _MOST_WORDS_PX = 72, 640
+_LEAST_LABEL_PX, _LEAST_WORDS_PX, _MOST_WORDS_PX = 112, 72, 640
 
 
 class CodingStrip(QWidget):
@@ -416,6 +420,7 @@ class CodingStrip(QWidget):
         for entry, button in zip(entries, self._labels, strict=False):
             open_now = interval is not None and interval.value == entry.value
             button.set_label(tr("End {label}").format(label=entry.value) if open_now else entry.value)
+            button.setMinimumWidth(min(button.sizeHint().width(), _LEAST_LABEL_PX))
             button.setChecked(open_now)
             button.setToolTip(entry.description or tr("Press once to start at the playhead, again to end"))
         self._present = min(len(entries), len(self._labels))
