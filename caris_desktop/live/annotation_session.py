@@ -141,6 +141,9 @@ class AnnotationSession(QObject):
         self._show(document)
         return ""
 
+    def undo_steps(self) -> tuple[str, str]:
+        return tr(self._history.undo_step), tr(self._history.redo_step)
+
     def undo(self) -> bool:
         return self._step(self._history.undo)
 

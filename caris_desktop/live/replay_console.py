@@ -376,6 +376,9 @@ class ReplayConsole(QObject):
     def edit(self, edit: Callable[[AnnotationDocument], AnnotationDocument]) -> str:
         return self._coding.edit(edit)
 
+    def undo_steps(self) -> tuple[str, str]:
+        return self._coding.undo_steps()
+
     def undo(self) -> bool:
         return self._coding.undo()
 

@@ -151,6 +151,9 @@ class ReplayControls(Protocol):
         ``coding`` has the result; it is saved in the background, one file per coder.
         """
 
+    def undo_steps(self) -> tuple[str, str]:
+        """Names of the steps that ``undo`` and ``redo`` would change, in the wizard's language; empty for none."""
+
     def undo(self) -> bool: ...
 
     def redo(self) -> bool: ...

@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import LiveRobotsStatus, PlaybackStatus
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError, EditHistory
@@ -136,6 +137,9 @@ class FakeReplay(QObject):
         except AnnotationError as refused:
             return str(refused)
         return ""
+
+    def undo_steps(self) -> tuple[str, str]:
+        return tr(self.history.undo_step), tr(self.history.redo_step)
 
     def undo(self) -> bool:
         before = self.history.document

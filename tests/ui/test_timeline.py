@@ -289,6 +289,24 @@ def test_splitting_removing_undoing(coder: Coder) -> None:
     assert coder.timeline.acts.words == "There is nothing to redo."
 
 
+def test_undo_and_redo_say_which_step_they_change(coder: Coder) -> None:
+    def tips() -> list[str]:
+        return [find(coder.timeline, name).toolTip() for name in ("undo", "redo")]
+
+    assert tips() == ["Undo", "Redo"]
+    coder.replay.at_ms(95_000)
+    coder.key(Qt.Key.Key_N)
+    coder.timeline.acts.give_up()
+    assert tips() == ["Undo: add annotation", "Redo"]
+    coder.click(ANA, 5000)
+    coder.key(Qt.Key.Key_3)
+    assert tips() == ["Undo: change annotation", "Redo"]
+    coder.key(Qt.Key.Key_Z, CTRL)
+    assert tips() == ["Undo: add annotation", "Redo: change annotation"]
+    coder.key(Qt.Key.Key_Delete)
+    assert tips() == ["Undo: remove annotation", "Redo"]
+
+
 def test_label_keys_start_and_end_while_it_plays(coder: Coder) -> None:
     coder.replay.play()
     coder.replay.at_ms(95_000)

@@ -655,6 +655,15 @@ class EditHistory:
             self._document = after
         return self._document
 
+    @property
+    def undo_step(self) -> str:
+        """Source text of the step that ``undo`` reverts; empty if there is none."""
+        return _step(self._done[-1], self._document) if self._done else ""
+
+    @property
+    def redo_step(self) -> str:
+        return _step(self._document, self._undone[-1]) if self._undone else ""
+
     def undo(self) -> AnnotationDocument:
         """Undo one step, if any."""
         if self._done:
@@ -668,3 +677,12 @@ class EditHistory:
             self._done.append(self._document)
             self._document = self._undone.pop()
         return self._document
+
+
+def _step(before: AnnotationDocument, after: AnnotationDocument) -> str:
+    if (before.tiers, before.vocabularies) != (after.tiers, after.vocabularies):
+        return QT_TR_NOOP("change tiers")
+    grown = len(after.annotations) - len(before.annotations)
+    if grown:
+        return QT_TR_NOOP("add annotation") if grown > 0 else QT_TR_NOOP("remove annotation")
+    return QT_TR_NOOP("change annotation")

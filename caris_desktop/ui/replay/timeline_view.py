@@ -150,6 +150,7 @@ class TimelineView(QWidget):
         self._drawer.setObjectName("timeline_drawer")
         self._drawer.clicked.connect(lambda: self.open_requested.emit(not self._opened))
         self._drawer.hide()
+        self._undo, self._redo = icons[:2]
         self._in_header = (self.rows.filter, *self._named_buttons, *icons)
         for widget in (*self._in_header, self._drawer):
             row.addWidget(widget)
@@ -206,6 +207,9 @@ class TimelineView(QWidget):
         if self.canvas.open is not None and self.canvas.open.tier_id not in {tier.tier_id for tier in document.tiers}:
             self.acts.set_open(None)
         self._show_session()
+        for button, step in zip((self._undo, self._redo), self._replay.undo_steps(), strict=True):
+            tip = tr("{command}: {step}").format(command=button.accessibleName(), step=step)
+            button.setToolTip(tip if step else button.accessibleName())
 
     def _show_tracks(self) -> None:
         overview: SessionOverview | None = self._replay.overview.value
