@@ -300,9 +300,10 @@ class EveryWindow:
         window.resize(USUAL)
         self.settle()
         assert window._replay_parts is not None
-        rows = window._replay_parts.timeline.rows
+        timeline = window._replay_parts.timeline
         for name, opened in (
-            ("agreement", rows.open_agreement), ("import", rows.open_import), ("tier", rows.open_tier_dialog),
+            ("agreement", timeline.open_agreement), ("import", timeline.open_import),
+            ("tier", timeline.open_tier_dialog),
         ):  # fmt: skip
             opened()
             seen = self._own(name, f"{name}_dialog")
@@ -314,7 +315,6 @@ class EveryWindow:
         _press(window, "timeline_drawer")
         yield Seen("replay, timeline", window)
         if with_cards:
-            timeline = window._replay_parts.timeline
             timeline.canvas.select(replay.coding.value.annotations[0].annotation_id)
             timeline.acts.rename_selected()
             yield Seen("annotation", self._card("label_card", window))

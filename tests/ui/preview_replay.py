@@ -85,14 +85,14 @@ def coding(scene: ReplayScene, out: Path, choice: str) -> None:
     spin(250)
     save(scene, out / f"scrubbing-{choice}.png")
     QTest.mouseMove(scene.bar.scrubber, QPoint(0, 200))
-    timeline.rows.open_tier_dialog()
+    timeline.open_tier_dialog()
     spin(200)
     _dialog(scene, "tier_dialog", out / f"tier-{choice}.png")
-    timeline.rows.open_import()
+    timeline.open_import()
     spin(200)
     _dialog(scene, "import_dialog", out / f"import-{choice}.png")
     try:
-        timeline.rows.open_agreement()
+        timeline.open_agreement()
     except NotImplementedError:
         print("agreement is not there yet")
     else:

@@ -480,7 +480,7 @@ def test_rows_are_filtered_hidden_and_moved(coder: Coder) -> None:
     QTest.keyClicks(field, "stance")
     assert [(row.name, row.coder) for row in coder.canvas.rows] == [("Stance", "Ana"), ("Stance", "Ben")]
     field.clear()
-    coder.timeline.rows.set_row_shown("speed", shown=False)
+    coder.timeline.set_row_shown("speed", shown=False)
     assert [row.name for row in coder.canvas.rows] == [name for name in names if name != "Speed"]
     index = coder.canvas.index_of(f"tier {BEN}")
     assert index is not None
@@ -551,7 +551,7 @@ def test_a_tier_that_is_named_in_the_wizards_language_keeps_its_name_in_the_file
 
 def test_a_label_called_otherwise_takes_its_annotations_along(coder: Coder, qtbot: QtBot) -> None:
     before = [value for _, _, value in coder.values(ANA)]
-    coder.timeline.rows._open_tier_dialog(coder.document.tiers[0])
+    coder.timeline._open_tier_dialog(coder.document.tiers[0])
     dialog = coder.timeline.findChild(TierDialog)
     assert dialog is not None
     labels = dialog.findChild(QPlainTextEdit)
@@ -565,7 +565,7 @@ def test_a_label_called_otherwise_takes_its_annotations_along(coder: Coder, qtbo
 
 
 def test_a_tier_that_cannot_be_added_says_why_and_asks_on(qtbot: QtBot, coder: Coder) -> None:
-    coder.timeline.rows.open_tier_dialog()
+    coder.timeline.open_tier_dialog()
     dialog = coder.timeline.findChild(TierDialog)
     assert dialog is not None
     name = dialog.findChild(QLineEdit, "tier_name")
@@ -578,7 +578,7 @@ def test_a_tier_that_cannot_be_added_says_why_and_asks_on(qtbot: QtBot, coder: C
 
 
 def test_a_tier_is_removed_from_its_menu_and_comes_back(coder: Coder) -> None:
-    coder.timeline.rows.open_row_menu(f"tier {BEN}", QPoint(10, 10))
+    coder.timeline.open_row_menu(f"tier {BEN}", QPoint(10, 10))
     menu = coder.timeline.findChild(QMenu, "row_menu")
     assert menu is not None
     remove = next(action for action in menu.actions() if action.text().startswith("Remove the tier"))

@@ -211,8 +211,8 @@ def test_a_replay_and_its_dialogs_bear_them_too(theme: Theme) -> None:
         for opener in (
             lambda: None, lambda: scene.timeline.canvas.select(first.annotation_id),
             scene.timeline.acts.rename_selected,
-            scene.timeline.rows.open_tier_dialog, lambda: scene.timeline.rows._open_tier_dialog(tier),
-            scene.timeline.rows.open_import, scene.timeline.rows.open_agreement,
+            scene.timeline.open_tier_dialog, lambda: scene.timeline._open_tier_dialog(tier),
+            scene.timeline.open_import, scene.timeline.open_agreement,
         ):  # fmt: skip
             opener()
             for _ in range(10):

@@ -1,38 +1,28 @@
-"""Timeline commands by key, mouse and menu: code, split, move and name annotations; order, show and change tiers."""
+"""Timeline commands by key and mouse: code, split, move and name annotations."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QKeyEvent
-from PySide6.QtWidgets import QLabel, QLineEdit, QListWidget, QListWidgetItem, QMenu, QWidget
+from PySide6.QtWidgets import QLabel, QLineEdit, QListWidget, QListWidgetItem, QWidget
 
 from caris_desktop.domain.translation import tr, tr_filled
-from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
 from caris_desktop.recording.annotation import annotation_editing
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier, VocabularyEntry
 from caris_desktop.ui import layouts
 from caris_desktop.ui.accessible_roles import has_role
-from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.replay.replay_bar import SeekThrottle
-from caris_desktop.ui.replay.replay_dialogs import AgreementDialog, ImportDialog, TierDialog, TierRequest, with_tier
 from caris_desktop.ui.replay.timeline_canvas import OpenInterval, TimelineCanvas
 from caris_desktop.ui.replay.timeline_items import (
     NAMES_PX,
     RULER_PX,
-    Row,
     Track,
-    all_rows,
-    arranged,
     exact_text,
-    moved_key,
     vocabulary_named,
 )
-from caris_desktop.ui.text_formatting import in_menu
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.floating_card import FloatingCard
 
 NEW_MS = 1000
@@ -374,194 +364,6 @@ class TimelineCommands(QObject):
     def _seek(self, at_ms: float) -> None:
         at_ms = min(max(0.0, at_ms), self.duration_ms())
         self._replay.seek(self._replay.session.started_ns + round(at_ms * 1e6))
-
-
-class TimelineRows(QObject):
-    """Order and visibility of rows, and dialogs and menus of tiers; ``filter``: search field over row names."""
-
-    changed = Signal()  # visible rows changed
-
-    def __init__(
-        self,
-        view: QWidget,
-        canvas: TimelineCanvas,
-        acts: TimelineCommands,
-        *,
-        theme: Theme,
-        replay: ReplayControls,
-        state: LiveState,
-        actions: Actions,
-    ) -> None:
-        super().__init__(view)
-        self._theme = theme
-        self._replay = replay
-        self._state = state
-        self._actions = actions
-        self._acts = acts
-        self._canvas = canvas
-        self._view = view
-        self._order: list[str] = []
-        self._hidden: set[str] = set()
-        self.filter = QLineEdit(placeholderText=tr("Filter tiers"))
-        self.filter.setObjectName("tier_filter")
-        self.filter.setAccessibleName(tr("Show only tiers that contain these words"))
-        add_clear_button(self.filter)
-        self.filter.setFixedSize(136, 30)
-        self.filter.textChanged.connect(lambda _text: self.changed.emit())
-        canvas.row_menu_requested.connect(self.open_row_menu)
-        canvas.row_opened.connect(self._on_row_opened)
-        canvas.row_moved.connect(self.move_row)
-
-    def _all_rows(self) -> list[Row]:
-        """All rows in the user's order."""
-        return arranged(all_rows(self._replay.overview.value, self._acts.document), self._order, (), "")
-
-    def shown(self) -> list[Row]:
-        """Visible rows, in order."""
-        return arranged(self._all_rows(), self._order, self._hidden, self.filter.text())
-
-    def words(self) -> str:
-        """Text shown while no row is visible."""
-        return tr("No row contains these words.") if self.filter.text().strip() else tr("All rows are hidden.")
-
-    def open_tier_dialog(self) -> None:
-        """Add a tier of an existing or new coder."""
-        self._open_tier_dialog(None)
-
-    def _open_tier_dialog(self, tier: Tier | None) -> None:
-        active = self._canvas.active
-        scenario = self._state.scenario.value
-        TierDialog(
-            self._theme,
-            self._acts.document,
-            self._view,
-            apply=lambda request: self._apply_tier(request, tier),
-            tier=tier,
-            coder="" if active is None else active.coder,
-            scenario_labels=() if scenario is None else scenario.recording.labels,
-        ).open()
-
-    def _apply_tier(self, request: TierRequest, tier: Tier | None) -> str:
-        before = {item.tier_id for item in self._acts.document.tiers}
-        refusal = self._replay.edit(lambda document: with_tier(document, request, tier))
-        if not refusal:
-            for item in self._acts.document.tiers:
-                if item.tier_id not in before:
-                    self.filter.clear()
-                    self._canvas.activate(f"tier {item.tier_id}")
-                    self._canvas.show_row(f"tier {item.tier_id}")
-            self._canvas.setFocus(Qt.FocusReason.OtherFocusReason)
-        return refusal
-
-    def open_agreement(self) -> None:
-        if sum(bool(tier.coder) for tier in self._acts.document.tiers) < 2:
-            self._acts.say(tr("Agreement compares two tiers. Add the other coder’s tier, or import it."))
-        else:
-            AgreementDialog(self._theme, self._acts.document, self._view).open()
-
-    def open_import(self) -> None:
-        coders = annotation_editing.coders_of(self._acts.document)
-        ImportDialog(self._theme, self._view, coders=coders, import_file=self._import_file).open()
-
-    def _import_file(self, path: Path, coder: str, on_result: Callable[[str], None]) -> None:
-        before = self._acts.document
-
-        def on_imported(refusal: str) -> None:
-            if not refusal:
-                self._acts.say(imported_words(before, self._acts.document))
-            on_result(refusal)
-
-        self._replay.import_annotations(path, coder, on_imported)
-
-    def move_row(self, key: str, position: int) -> None:
-        """Move a visible row. The order of a coder's own tiers is saved with them."""
-        order = moved_key([row.key for row in self._canvas.rows], key, position)
-        before = ""
-        for row in self._all_rows():  # hidden rows stay behind their predecessor
-            if row.key not in order:
-                order.insert(order.index(before) + 1 if before in order else 0, row.key)
-            before = row.key
-        self._order = order
-        tier_ids = [other.removeprefix("tier ") for other in order if other.startswith("tier ")]
-        tier_id = key.removeprefix("tier ")
-        if tier_id in tier_ids and tier_ids != [tier.tier_id for tier in self._acts.document.tiers if tier.coder]:
-            self._acts.edit(lambda document: annotation_editing.move_tier(document, tier_id, tier_ids.index(tier_id)))
-        self.changed.emit()
-        self._canvas.show_row(key)
-
-    def set_row_shown(self, key: str, *, shown: bool) -> None:
-        (self._hidden.discard if shown else self._hidden.add)(key)
-        self.changed.emit()
-
-    def open_rows_menu(self, button: QWidget) -> None:
-        """Menu to show and hide rows."""
-        menu = self._menu("rows_menu")
-        for row in self._all_rows():
-            action = menu.addAction(in_menu(f"{row.name} · {row.coder}" if row.own else row.name))
-            action.setCheckable(True)
-            action.setChecked(row.key not in self._hidden)
-            action.toggled.connect(lambda shown, key=row.key: self.set_row_shown(key, shown=shown))
-        menu.addSeparator()
-        menu.addAction(tr("Show all rows"), self._show_all_rows)
-        menu.popup(button.mapToGlobal(QPoint(0, button.height() + 4)))
-
-    def _show_all_rows(self) -> None:
-        self._hidden.clear()
-        self.changed.emit()
-
-    def open_row_menu(self, key: str, at: QPoint) -> None:
-        """Menu of a row and its selection."""
-        index = self._canvas.index_of(key)
-        if index is None:
-            return
-        row, selected, menu = self._canvas.rows[index], self._canvas.selected, self._menu("row_menu")
-        tier = row.tier if row.own else None
-        if tier is not None and selected is not None and selected.tier_id == tier.tier_id:
-            for action_id in ("annotation_rename", "annotation_split", "annotation_remove"):
-                text = f"{self._actions.standard_row(action_id).text}\t{self._actions.key_text(action_id)}"
-                menu.addAction(text).triggered.connect(lambda _on, name=action_id: self._actions.run(name))
-            menu.addSeparator()
-        if tier is not None:
-            menu.addAction(tr("Change the tier…"), lambda: self._open_tier_dialog(tier))
-        menu.addAction(tr("Move up"), lambda: self.move_row(key, index - 1)).setEnabled(index > 0)
-        down = menu.addAction(tr("Move down"), lambda: self.move_row(key, index + 1))
-        down.setEnabled(index < len(self._canvas.rows) - 1)
-        menu.addAction(tr("Hide"), lambda: self.set_row_shown(key, shown=False))
-        if tier is not None:
-            count = len(self._canvas.track_of(row).annotations)
-            menu.addSeparator()
-            words = tr("Remove the tier with its %n annotations", "", count) if count else tr("Remove the tier")
-            menu.addAction(words, lambda: self._remove_tier(tier.tier_id))
-        menu.popup(at)
-
-    def _menu(self, name: str) -> QMenu:
-        menu = QMenu(self._view)
-        menu.setObjectName(name)
-        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        return menu
-
-    def _remove_tier(self, tier_id: str) -> None:
-        self._acts.edit(lambda document: annotation_editing.remove_tier(document, tier_id))
-
-    def _on_row_opened(self, key: str) -> None:
-        tiers = (tier for tier in self._acts.document.tiers if f"tier {tier.tier_id}" == key)
-        for tier in tiers:
-            self._open_tier_dialog(tier)
-
-
-def imported_words(before: AnnotationDocument, after: AnnotationDocument) -> str:
-    """Summary of an import."""
-    if before == after:
-        return tr("Everything in that file is already here.")
-    tiers = len({tier.tier_id for tier in after.tiers} - {tier.tier_id for tier in before.tiers})
-    annotations = len(set(after.annotations) - set(before.annotations))
-    of_tiers = tr("1 tier") if tiers == 1 else tr("%n tiers", "", tiers)
-    of_annotations = tr("1 annotation") if annotations == 1 else tr("%n annotations", "", annotations)
-    if tiers and annotations:
-        return tr("Imported: {tiers} and {annotations}.").format(tiers=of_tiers, annotations=of_annotations)
-    if tiers or annotations:
-        return tr("Imported: {what}.").format(what=of_tiers if tiers else of_annotations)
-    return tr("Imported. Nothing was added; some annotations were changed or removed.")
 
 
 _ROW_PX = 28

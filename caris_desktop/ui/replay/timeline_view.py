@@ -1,17 +1,20 @@
 """Annotation timeline of a replay: recorded events and coders' tiers on one ruler, with the strip for coding."""
 
 import sys
+from collections.abc import Callable
+from pathlib import Path
 
 from PySide6.QtCore import QEvent, QKeyCombination, QObject, QPoint, QRectF, Qt, Signal
 from PySide6.QtGui import QAccessible, QKeyEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QGridLayout, QLabel, QMenu, QScrollBar, QSizePolicy, QWidget
+from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QMenu, QScrollBar, QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr, tr_filled
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PlaybackStatus
 from caris_desktop.live.wizard_console import ReplayControls
+from caris_desktop.recording.annotation import annotation_editing
 from caris_desktop.recording.annotation.annotation_editing import coders_of
-from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Vocabulary
+from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Tier, Vocabulary
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
@@ -20,15 +23,18 @@ from caris_desktop.ui.key_choices import normalized
 from caris_desktop.ui.key_positions import key_code, position_of
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, draw_card, show_part
 from caris_desktop.ui.replay.replay_bar import Thumbnails
+from caris_desktop.ui.replay.replay_dialogs import AgreementDialog, ImportDialog, TierDialog, TierRequest, with_tier
 from caris_desktop.ui.replay.timeline_canvas import OpenInterval, TimelineCanvas
-from caris_desktop.ui.replay.timeline_commands import TimelineCommands, TimelineRows
+from caris_desktop.ui.replay.timeline_commands import TimelineCommands
 from caris_desktop.ui.replay.timeline_items import (
     NAMES_PX,
     RULER_PX,
     Row,
     all_rows,
+    arranged,
     exact_text,
     length_text,
+    moved_key,
     tracks_of,
     vocabulary_named,
 )
@@ -36,6 +42,7 @@ from caris_desktop.ui.text_formatting import in_menu
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
 
 LOW_PX = 168
@@ -66,6 +73,7 @@ class TimelineView(QWidget):
         self.setMinimumSize(_NARROWEST_PX, _LOWEST_PX)
         self._theme = theme
         self._replay = replay
+        self._state = state
         self._actions = actions
         self._opened: bool | None = None
         thumbnails = Thumbnails(replay, self)
@@ -77,14 +85,17 @@ class TimelineView(QWidget):
         self.acts.open_changed.connect(self._on_selection_changed)
         self.acts.timeline_requested.connect(lambda: self.open_requested.emit(True))
         actions.add_rows(TIMELINE_ACTIONS, self.acts)
-        self.rows = TimelineRows(self, self.canvas, self.acts, theme=theme, replay=replay, state=state, actions=actions)
-        self.rows.changed.connect(self._show_rows)
+        self._order: list[str] = []
+        self._hidden: set[str] = set()
+        self.canvas.row_menu_requested.connect(self.open_row_menu)
+        self.canvas.row_opened.connect(self._on_row_opened)
+        self.canvas.row_moved.connect(self.move_row)
         self._across = QScrollBar(Qt.Orientation.Horizontal)
         self._across.valueChanged.connect(self.canvas.scroll_across_to)
         self._down = QScrollBar(Qt.Orientation.Vertical)
         self._down.valueChanged.connect(self.canvas.scroll_to)
         self.strip = CodingStrip(theme, actions)
-        self.strip.add_tier_requested.connect(self.rows.open_tier_dialog)
+        self.strip.add_tier_requested.connect(self.open_tier_dialog)
         middle = QGridLayout()
         middle.setContentsMargins(1, 0, 1, 0)
         middle.setSpacing(0)
@@ -120,15 +131,20 @@ class TimelineView(QWidget):
         row.addWidget(title)
         row.addSpacing(8)
         row.addWidget(self._fact, 1)
+        self.filter = QLineEdit(placeholderText=tr("Filter tiers"))
+        self.filter.setObjectName("tier_filter")
+        self.filter.setAccessibleName(tr("Show only tiers that contain these words"))
+        add_clear_button(self.filter)
+        self.filter.setFixedSize(136, 30)
+        self.filter.textChanged.connect(self._show_rows)
         self._named_buttons: list[ActionButton] = []
-        rows = self.rows
         for name, icon, text, tip, open_it in (
-            ("rows_menu_button", "eye", tr("Rows"), tr("Show or hide rows"), self._open_rows_menu),
-            ("add_tier", "plus", tr("Tier"), tr("Add a tier for yourself or another coder"), rows.open_tier_dialog),
-            ("agreement", "scales", tr("Agreement"), tr("Agreement between two coders"), rows.open_agreement),
+            ("rows_menu_button", "eye", tr("Rows"), tr("Show or hide rows"), self.open_rows_menu),
+            ("add_tier", "plus", tr("Tier"), tr("Add a tier for yourself or another coder"), self.open_tier_dialog),
+            ("agreement", "scales", tr("Agreement"), tr("Agreement between two coders"), self.open_agreement),
             (
                 "import_annotations", "download-simple", tr("Import"), tr("Import from ELAN or a CSV table"),
-                rows.open_import,
+                self.open_import,
             ),
         ):  # fmt: skip
             button = ActionButton(self._theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1)
@@ -151,7 +167,7 @@ class TimelineView(QWidget):
         self._drawer.clicked.connect(lambda: self.open_requested.emit(not self._opened))
         self._drawer.hide()
         self._undo, self._redo = icons[:2]
-        self._in_header = (self.rows.filter, *self._named_buttons, *icons)
+        self._in_header = (self.filter, *self._named_buttons, *icons)
         for widget in (*self._in_header, self._drawer):
             row.addWidget(widget)
         return header
@@ -173,9 +189,6 @@ class TimelineView(QWidget):
         self.setMinimumHeight(TITLE_HEIGHT_PX if shut else _LOWEST_PX)
         self.setMaximumHeight(TITLE_HEIGHT_PX if shut else _NO_LIMIT_PX)
         self._use_room()
-
-    def _open_rows_menu(self) -> None:
-        self.rows.open_rows_menu(self._named_buttons[0])
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -218,11 +231,13 @@ class TimelineView(QWidget):
         self.canvas.show_tracks({**tracks_of(self.acts.document, "tier", before), **recorded})
 
     def _show_rows(self) -> None:
-        overview: SessionOverview | None = self._replay.overview.value
-        rows = self.rows.shown()
-        words = tr("Reading the session…") if overview is None else tr("The recording contains nothing to show here.")
-        if not rows and all_rows(overview, self.acts.document):
-            words = self.rows.words()
+        every_row, words = self._all_rows(), tr("The recording contains nothing to show here.")
+        rows = arranged(every_row, self._order, self._hidden, self.filter.text())
+        if every_row:
+            filtered = bool(self.filter.text().strip())
+            words = tr("No row contains these words.") if filtered else tr("All rows are hidden.")
+        elif self._replay.overview.value is None:
+            words = tr("Reading the session…")
         self.canvas.show_rows(rows, coders_of(self.acts.document), words=words)
         own_rows = [row for row in rows if row.own]
         if self.canvas.active is None and own_rows:
@@ -293,6 +308,137 @@ class TimelineView(QWidget):
             bar.blockSignals(False)
         self._description.changed()
 
+    # ---- rows and tiers
+
+    def _all_rows(self) -> list[Row]:
+        """All rows in the user's order."""
+        return arranged(all_rows(self._replay.overview.value, self.acts.document), self._order, (), "")
+
+    def open_tier_dialog(self) -> None:
+        """Add a tier of an existing or new coder."""
+        self._open_tier_dialog(None)
+
+    def _open_tier_dialog(self, tier: Tier | None) -> None:
+        active = self.canvas.active
+        scenario = self._state.scenario.value
+        TierDialog(
+            self._theme,
+            self.acts.document,
+            self,
+            apply=lambda request: self._apply_tier(request, tier),
+            tier=tier,
+            coder="" if active is None else active.coder,
+            scenario_labels=() if scenario is None else scenario.recording.labels,
+        ).open()
+
+    def _apply_tier(self, request: TierRequest, tier: Tier | None) -> str:
+        before = {item.tier_id for item in self.acts.document.tiers}
+        refusal = self._replay.edit(lambda document: with_tier(document, request, tier))
+        if not refusal:
+            for item in self.acts.document.tiers:
+                if item.tier_id not in before:
+                    self.filter.clear()
+                    self.canvas.activate(f"tier {item.tier_id}")
+                    self.canvas.show_row(f"tier {item.tier_id}")
+            self.canvas.setFocus(Qt.FocusReason.OtherFocusReason)
+        return refusal
+
+    def open_agreement(self) -> None:
+        if sum(bool(tier.coder) for tier in self.acts.document.tiers) < 2:
+            self.acts.say(tr("Agreement compares two tiers. Add the other coder’s tier, or import it."))
+        else:
+            AgreementDialog(self._theme, self.acts.document, self).open()
+
+    def open_import(self) -> None:
+        coders = coders_of(self.acts.document)
+        ImportDialog(self._theme, self, coders=coders, import_file=self._import_file).open()
+
+    def _import_file(self, path: Path, coder: str, on_result: Callable[[str], None]) -> None:
+        before = self.acts.document
+
+        def on_imported(refusal: str) -> None:
+            if not refusal:
+                self.acts.say(imported_words(before, self.acts.document))
+            on_result(refusal)
+
+        self._replay.import_annotations(path, coder, on_imported)
+
+    def move_row(self, key: str, position: int) -> None:
+        """Move a visible row. The order of a coder's own tiers is saved with them."""
+        order = moved_key([row.key for row in self.canvas.rows], key, position)
+        before = ""
+        for row in self._all_rows():  # hidden rows stay behind their predecessor
+            if row.key not in order:
+                order.insert(order.index(before) + 1 if before in order else 0, row.key)
+            before = row.key
+        self._order = order
+        tier_ids = [other.removeprefix("tier ") for other in order if other.startswith("tier ")]
+        tier_id = key.removeprefix("tier ")
+        if tier_id in tier_ids and tier_ids != [tier.tier_id for tier in self.acts.document.tiers if tier.coder]:
+            self.acts.edit(lambda document: annotation_editing.move_tier(document, tier_id, tier_ids.index(tier_id)))
+        self._show_rows()
+        self.canvas.show_row(key)
+
+    def set_row_shown(self, key: str, *, shown: bool) -> None:
+        (self._hidden.discard if shown else self._hidden.add)(key)
+        self._show_rows()
+
+    def open_rows_menu(self) -> None:
+        """Menu to show and hide rows."""
+        button = self._named_buttons[0]
+        menu = self._menu("rows_menu")
+        for row in self._all_rows():
+            action = menu.addAction(in_menu(f"{row.name} · {row.coder}" if row.own else row.name))
+            action.setCheckable(True)
+            action.setChecked(row.key not in self._hidden)
+            action.toggled.connect(lambda shown, key=row.key: self.set_row_shown(key, shown=shown))
+        menu.addSeparator()
+        menu.addAction(tr("Show all rows"), self._show_all_rows)
+        menu.popup(button.mapToGlobal(QPoint(0, button.height() + 4)))
+
+    def _show_all_rows(self) -> None:
+        self._hidden.clear()
+        self._show_rows()
+
+    def open_row_menu(self, key: str, at: QPoint) -> None:
+        """Menu of a row and its selection."""
+        index = self.canvas.index_of(key)
+        if index is None:
+            return
+        row, selected, menu = self.canvas.rows[index], self.canvas.selected, self._menu("row_menu")
+        tier = row.tier if row.own else None
+        if tier is not None and selected is not None and selected.tier_id == tier.tier_id:
+            for action_id in ("annotation_rename", "annotation_split", "annotation_remove"):
+                text = f"{self._actions.standard_row(action_id).text}\t{self._actions.key_text(action_id)}"
+                menu.addAction(text).triggered.connect(lambda _on, name=action_id: self._actions.run(name))
+            menu.addSeparator()
+        if tier is not None:
+            menu.addAction(tr("Change the tier…"), lambda: self._open_tier_dialog(tier))
+        menu.addAction(tr("Move up"), lambda: self.move_row(key, index - 1)).setEnabled(index > 0)
+        down = menu.addAction(tr("Move down"), lambda: self.move_row(key, index + 1))
+        down.setEnabled(index < len(self.canvas.rows) - 1)
+        menu.addAction(tr("Hide"), lambda: self.set_row_shown(key, shown=False))
+        if tier is not None:
+            count = len(self.canvas.track_of(row).annotations)
+            menu.addSeparator()
+            words = tr("Remove the tier with its %n annotations", "", count) if count else tr("Remove the tier")
+            menu.addAction(words, lambda: self._remove_tier(tier.tier_id))
+        menu.popup(at)
+
+    def _menu(self, name: str) -> QMenu:
+        menu = QMenu(self)
+        menu.setObjectName(name)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        return menu
+
+    def _remove_tier(self, tier_id: str) -> None:
+        self.acts.edit(lambda document: annotation_editing.remove_tier(document, tier_id))
+
+    def _on_row_opened(self, key: str) -> None:
+        tiers = (tier for tier in self.acts.document.tiers if f"tier {tier.tier_id}" == key)
+        for tier in tiers:
+            self._open_tier_dialog(tier)
+
     # ---- keys
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
@@ -338,6 +484,21 @@ def _texts_of(event: QKeyEvent) -> set[str]:
 
 def _spelled(modifiers: Qt.KeyboardModifier, key: Qt.Key) -> str:
     return QKeySequence(QKeyCombination(modifiers, key)).toString(QKeySequence.SequenceFormat.PortableText)
+
+
+def imported_words(before: AnnotationDocument, after: AnnotationDocument) -> str:
+    """Summary of an import."""
+    if before == after:
+        return tr("Everything in that file is already here.")
+    tiers = len({tier.tier_id for tier in after.tiers} - {tier.tier_id for tier in before.tiers})
+    annotations = len(set(after.annotations) - set(before.annotations))
+    of_tiers = tr("1 tier") if tiers == 1 else tr("%n tiers", "", tiers)
+    of_annotations = tr("1 annotation") if annotations == 1 else tr("%n annotations", "", annotations)
+    if tiers and annotations:
+        return tr("Imported: {tiers} and {annotations}.").format(tiers=of_tiers, annotations=of_annotations)
+    if tiers or annotations:
+        return tr("Imported: {what}.").format(what=of_tiers if tiers else of_annotations)
+    return tr("Imported. Nothing was added; some annotations were changed or removed.")
 
 
 _EDITS = (
