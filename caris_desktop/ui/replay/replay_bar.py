@@ -72,7 +72,7 @@ class ReplayBar(QWidget):
         self.scrubber = Scrubber(theme, Thumbnails(replay, self), replay.with_names)
         self.scrubber.seek_requested.connect(replay.seek)
         self._participant, self._when = session_title(replay.session)
-        self._title = QLabel()
+        self._title = QLabel(textFormat=Qt.TextFormat.PlainText)
         self._title.setObjectName("replay_title")
         recorded = {"whom": self._participant, "when": self._when}
         self._title.setAccessibleName(tr("Replay of {whom}, recorded {when}").format(**recorded))
@@ -93,7 +93,7 @@ class ReplayBar(QWidget):
         self._rate.setMinimumContentsLength(5)
         for rate in RATES:
             self._rate.addItem(f"{rate:g}×", rate)
-        self._rate.activated.connect(lambda index: replay.set_rate(RATES[index]))
+        self._rate.activated.connect(lambda index: replay.set_rate(self._rate.itemData(index)))
         self._hint = QLabel()
         self._hint.setObjectName("replay_hint")
         self._hint.setProperty("role", "note")
@@ -101,6 +101,7 @@ class ReplayBar(QWidget):
         self._hint_end = QTimer(self, singleShot=True, interval=_HINT_MS)
         self._hint_end.timeout.connect(lambda: self._show_hint(self._replay.playback.value.detail))
         self._one_line = False
+        self._play_shown: tuple[str, bool] | None = None
         self._left = layouts.hbox(spacing_px=8)
         self._left.addWidget(self._title)
         middle = layouts.hbox(spacing_px=8)
@@ -232,6 +233,9 @@ class ReplayBar(QWidget):
     def _show_play(self, *, playing: bool) -> None:
         button, words = self._buttons["replay_play"], (tr("Pause"), tr("Play"))
         label = words[0] if playing else words[1]
+        if (label, self._one_line) == self._play_shown:
+            return
+        self._play_shown = label, self._one_line
         button.set_label("" if self._one_line else label, icon="pause" if playing else "play")
         button.setAccessibleName(label)
         button.setToolTip(label if self._one_line else "")
@@ -254,10 +258,8 @@ class ReplayTimes(QWidget):
             row.addWidget(label)
 
     def show_times(self, now_s: float, total_s: float, wall: str) -> None:
-        now, total = (
-            f"{text_formatting.elapsed(now_s)}.{int(max(0.0, now_s) * 10) % 10}",
-            text_formatting.elapsed(total_s),
-        )
+        now = f"{text_formatting.elapsed(now_s)}.{int(max(0.0, now_s) * 10) % 10}"
+        total = text_formatting.elapsed(total_s)
         if total_s >= 3600 and now_s < 3600:
             now = f"0:{now}"
         texts = (now, tr("of {total}").format(total=total), tr("at {wall}").format(wall=wall))
@@ -541,7 +543,7 @@ class SeekPreview(FloatingCard):
         super().__init__(theme, window)
         self.setObjectName("moment_bubble")
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.picture, self.time, self.words = QLabel(), QLabel(), QLabel()
+        self.picture, self.time, self.words = (QLabel(textFormat=Qt.TextFormat.PlainText) for _ in range(3))
         self.picture.setObjectName("moment_picture")
         self.picture.setFixedSize(_PICTURE)
         self.words.setProperty("role", "note")

@@ -62,7 +62,7 @@ class _Dialog(VisualTabOrderMixin, QDialog):
 
     def labelled(self, text: str, name: str, role: str = "") -> QLabel:
         """Label ``NAME_name`` that wraps, added to the dialog."""
-        label = QLabel(text, wordWrap=True)
+        label = QLabel(text, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         label.setObjectName(f"{self._name}_{name}")
         label.setProperty("role", role)
         self.column.addWidget(label)
@@ -350,26 +350,19 @@ _LEAST_TABLE_PX = 140
 _FITTING_COLUMNS = 7
 # Landis and Koch (1977), the usual verbal scale.
 _STRENGTHS = (
-    (0.0, QT_TR_NOOP("slight")),
-    (0.2, QT_TR_NOOP("fair")),
-    (0.4, QT_TR_NOOP("moderate")),
-    (0.6, QT_TR_NOOP("substantial")),
     (0.8, QT_TR_NOOP("almost perfect")),
+    (0.6, QT_TR_NOOP("substantial")),
+    (0.4, QT_TR_NOOP("moderate")),
+    (0.2, QT_TR_NOOP("fair")),
+    (0.0, QT_TR_NOOP("slight")),
 )
-
-
-def strength(kappa: float) -> str:
-    """Landis and Koch's label of a kappa value."""
-    if kappa < 0:
-        return tr("poor")
-    word = next(word for floor, word in reversed(_STRENGTHS) if kappa >= floor)
-    return tr(word)
 
 
 def kappa_words(result: Agreement) -> str:
     if result.kappa is None:
         return tr("not defined") if result.observed is None else tr("not defined: only one label used")
-    return f"{result.kappa:.2f}, {strength(result.kappa)}"
+    strength = next((word for floor, word in _STRENGTHS if result.kappa >= floor), QT_TR_NOOP("poor"))
+    return f"{result.kappa:.2f}, {tr(strength)}"
 
 
 def likely_pair(tiers: list[Tier]) -> tuple[int, int]:

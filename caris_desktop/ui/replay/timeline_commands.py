@@ -47,7 +47,7 @@ class TimelineCommands(QObject):
         self._replay = replay
         self._canvas = canvas
         self._view = view
-        self._refusal = QLabel(canvas, wordWrap=True, margin=9)
+        self._refusal = QLabel(canvas, wordWrap=True, margin=9, textFormat=Qt.TextFormat.PlainText)
         self._refusal.setObjectName("words_bubble")
         self._refusal.setProperty("role", "refusal")
         self._refusal.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
