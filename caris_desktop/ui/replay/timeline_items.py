@@ -19,6 +19,7 @@ from caris_desktop.recording.annotation.annotation_model import Annotation, Anno
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview, Waveform
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.text_formatting import elapsed
 from caris_desktop.ui.theme import Theme
 
 RowKind = Literal["pictures", "sound", "speed", "tier"]
@@ -98,22 +99,16 @@ def ruler_ticks(scale: TimeScale, width_px: float) -> list[RulerTick]:
 
 def ruler_text(at_ms: int, step_ms: int = 1000) -> str:
     """Ruler label as 2:03, 1:02:03, or 2:03.4 for fine steps."""
-    minutes, rest_ms = divmod(at_ms, 60_000)
-    hours, minutes = divmod(minutes, 60)
-    text = f"{hours}:{minutes:02}:{rest_ms // 1000:02}" if hours else f"{minutes}:{rest_ms // 1000:02}"
+    text = elapsed(at_ms // 1000).removeprefix("0")
     if step_ms >= 1000:
         return text
-    return f"{text}.{rest_ms % 1000 // 100}" if step_ms >= 100 else f"{text}.{rest_ms % 1000 // 10:02}"
+    return f"{text}.{at_ms % 1000 // 100}" if step_ms >= 100 else f"{text}.{at_ms % 1000 // 10:02}"
 
 
 def exact_text(at_ms: float) -> str:
     """Time as 00:12.340, or 1:02:03.456 from an hour on."""
-    rounded_ms = round(at_ms)
-    sign, rounded_ms = ("-", -rounded_ms) if rounded_ms < 0 else ("", rounded_ms)
-    minutes, rest_ms = divmod(rounded_ms, 60_000)
-    hours, minutes = divmod(minutes, 60)
-    text = f"{hours}:{minutes:02}" if hours else f"{minutes:02}"
-    return f"{sign}{text}:{rest_ms // 1000:02}.{rest_ms % 1000:03}"
+    seconds, rest_ms = divmod(abs(round(at_ms)), 1000)
+    return f"{'-' if round(at_ms) < 0 else ''}{elapsed(seconds)}.{rest_ms:03}"
 
 
 def length_text(milliseconds: float) -> str:
