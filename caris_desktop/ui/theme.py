@@ -255,6 +255,9 @@ QWidget#replay_bar {{ background: {colors.panel}; border-top: 1px solid {colors.
 QLabel#replay_title {{
     background: {colors.blue_soft}; border-radius: 16px; padding: 6px 14px; font-weight: {tokens.WEIGHT_MEDIUM};
 }}
+QFrame#moment_bubble {{
+    background: {colors.panel}; border: 1px solid {colors.line_strong}; border-radius: {radius}px;
+}}
 QLabel#moment_picture {{ background: {colors.video_ground}; }}
 QSlider#replay_scrubber:focus {{ border: 2px solid {colors.blue}; border-radius: {radius}px; }}
 QSlider::groove:horizontal {{ height: 4px; border-radius: 2px; background: {colors.line_strong}; }}

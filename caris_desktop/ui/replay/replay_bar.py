@@ -21,7 +21,7 @@ from PySide6.QtGui import (
     QResizeEvent,
     QWheelEvent,
 )  # fmt: skip
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QSlider, QStyle, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QSizePolicy, QSlider, QStyle, QWidget
 
 from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.live.status import PlaybackStatus
@@ -36,7 +36,6 @@ from caris_desktop.ui.replay.timeline_items import exact_text
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.floating_card import FloatingCard
 
 RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 _HINT_MS = 2500
@@ -459,7 +458,7 @@ class Scrubber(QSlider):
             return
         window = self.window()
         if self._preview is None or self._preview.parent() is not window:
-            self._preview = SeekPreview(self._theme, window)
+            self._preview = SeekPreview(window)
         picture = None
         if self._overview is not None and self._overview.cameras:
             # Rounded, so that small pointer moves reuse the image.
@@ -536,11 +535,12 @@ class Scrubber(QSlider):
         return pixmap
 
 
-class SeekPreview(FloatingCard):
+class SeekPreview(QFrame):
     """Image, time and event of the pointed position, above it. Transparent to the mouse."""
 
-    def __init__(self, theme: Theme, window: QWidget) -> None:
-        super().__init__(theme, window)
+    def __init__(self, window: QWidget) -> None:
+        super().__init__(window)
+        self.hide()
         self.setObjectName("moment_bubble")
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.picture, self.time, self.words = (QLabel(textFormat=Qt.TextFormat.PlainText) for _ in range(3))

@@ -47,10 +47,9 @@ _FORMATS = "*.eaf *.csv *.tsv *.txt"
 class _Dialog(VisualTabOrderMixin, QDialog):
     """Dialog ``NAME_dialog`` with room for its content above a row of buttons: the first left, the last right."""
 
-    def __init__(self, theme: Theme, parent: QWidget, name: str, title: str, size: QSize) -> None:
+    def __init__(self, theme: Theme, parent: QWidget, name: str, size: QSize) -> None:
         super().__init__(parent)
         self.setObjectName(f"{name}_dialog")
-        self.setWindowTitle(title)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._theme = theme
         self._name = name
@@ -177,8 +176,8 @@ class TierDialog(_Dialog):
         coder: str = "",
         scenario_labels: Sequence[str] = (),
     ) -> None:
-        title = tr("Add a tier") if tier is None else tr("Change the tier")
-        super().__init__(theme, parent, "tier", title, QSize(480, 0))
+        super().__init__(theme, parent, "tier", QSize(480, 0))
+        self.setWindowTitle(tr("Add a tier") if tier is None else tr("Change the tier"))
         self._document = document
         self._tier = tier
         self._apply = apply
@@ -291,7 +290,8 @@ class ImportDialog(_Dialog):
         coders: Sequence[str],
         import_file: Callable[[Path, str, Callable[[str], None]], None],
     ) -> None:
-        super().__init__(theme, parent, "import", tr("Import annotations"), QSize(560, 300))
+        super().__init__(theme, parent, "import", QSize(560, 300))
+        self.setWindowTitle(tr("Import annotations"))
         self._import_file = import_file
         self.labelled(tr("Choose the file and its coder"), "heading", "heading")
         self.labelled(
@@ -378,7 +378,8 @@ class AgreementDialog(_Dialog):
     """Compares two tiers in their state at opening, again on each selection."""
 
     def __init__(self, theme: Theme, document: AnnotationDocument, parent: QWidget) -> None:
-        super().__init__(theme, parent, "agreement", tr("Agreement between two coders"), QSize(640, 620))
+        super().__init__(theme, parent, "agreement", QSize(640, 620))
+        self.setWindowTitle(tr("Agreement between two coders"))
         self._document = document
         self.agreement: TierAgreement | None = None
         tiers = [tier for tier in document.tiers if tier.coder]
