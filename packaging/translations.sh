@@ -12,5 +12,9 @@ language=${1:?"name the language, as in: bash packaging/translations.sh de"}
 texts=resources/translations/caris_desktop_$language.ts
 mkdir -p resources/translations
 mapfile -t sources < <(find caris_desktop -name '*.py' | sort)
-.venv/bin/pyside6-lupdate "${sources[@]}" -locations none -no-obsolete -target-language "$language" -ts "$texts"
+# The scenario editor labels its form with the texts of the schema, which no call of tr contains as a literal.
+schema_texts=$(mktemp --suffix=.py)
+trap 'rm -f -- "$schema_texts"' EXIT
+PYTHONPATH=. .venv/bin/python packaging/scenario_texts.py "$schema_texts"
+.venv/bin/pyside6-lupdate "${sources[@]}" "$schema_texts" -locations none -no-obsolete -target-language "$language" -ts "$texts"
 .venv/bin/pyside6-lrelease "$texts" -qm "${texts%.ts}.qm"

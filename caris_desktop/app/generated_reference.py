@@ -1,7 +1,7 @@
 """Generator of derived files: ``python -m caris_desktop.app.generated_reference``.
 
-It writes the JSON Schemas, the guide's tables of file keys, shortcuts, commands and data, the translators' texts of the
-scenario form, and the texts that a replay translates. A test fails if one of them is outdated.
+It writes the JSON Schemas, the guide's tables of file keys, shortcuts, commands and data, and the texts that a replay
+translates. A test fails if one of them is outdated.
 """
 
 import ast
@@ -15,7 +15,6 @@ from caris_desktop.domain.control_definitions import RobotControl
 from caris_desktop.domain.recorded_messages import TEXTS_PATH
 from caris_desktop.domain.schema_docs import reference, with_tables
 from caris_desktop.domain.schema_json import schema_text
-from caris_desktop.domain.schema_labels import texts_of
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.recording.annotation.coding_file import Coding
 from caris_desktop.recording.study_file import StudyFile
@@ -61,20 +60,6 @@ saves a place or a panel layout, your comments, the order of your keys and all o
 
 """
 
-_DECLARED_TEXTS_HEAD = '''\
-"""Texts of the declarations of scenario files, for Qt's tools alone: nothing imports this.
-
-Written by ``python -m caris_desktop.app.generated_reference`` from ``scenario/scenario_model.py``: change
-them there. Long because there are many settings.
-"""
-
-# fmt: off
-# ruff: noqa: E501
-from caris_desktop.domain.translation import QT_TR_NOOP
-
-TEXTS = (
-'''
-
 _RECORDING_PACKAGES = ("domain", "live", "robot", "perception", "people", "conversation", "recording", "study")
 _LEAST_LETTERS = 4
 """A text with fewer letters besides its values would match any sentence."""
@@ -95,17 +80,11 @@ def reference_files() -> dict[Path, str]:
         profiles: with_tables(profiles.read_text("utf-8"), {"profile": ProfileFile, "control": RobotControl}),
         face: with_tables(face.read_text("utf-8"), {"face": Face}),
         sharing: with_tables(sharing.read_text("utf-8"), {"study": StudyFile}),
-        _PACKAGE / "ui" / "scenario_editor" / "declared_texts.py": _declared_texts(),
         TEXTS_PATH: _recorded_texts(),
         **commands_page.reference_files(),
         **tables_page.reference_files(),
         **shortcut_reference.reference_files(),
     }
-
-
-def _declared_texts() -> str:
-    lines = [f"    QT_TR_NOOP({json.dumps(text, ensure_ascii=False)}),\n" for text in texts_of(Scenario)]
-    return f"{_DECLARED_TEXTS_HEAD}{''.join(lines)})\n"
 
 
 def _recorded_texts() -> str:

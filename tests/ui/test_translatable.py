@@ -1,6 +1,7 @@
 """Texts can be translated: lupdate finds each of them, and none is concatenated."""
 
 import ast
+import os
 import re
 import subprocess
 import sys
@@ -12,6 +13,8 @@ from typing import TypeGuard, cast
 
 import pytest
 
+from caris_desktop.domain.schema_labels import texts_of
+from caris_desktop.scenario.scenario_model import Scenario
 from tests.support import untranslated
 from tests.support.parsed_sources import parse_all, parsed
 
@@ -44,12 +47,27 @@ def test_lupdate_finds_every_text(tmp_path: Path) -> None:
         for call in _marked(tree):
             if isinstance(call.args[0], ast.Constant):
                 written.add(call.args[0].value)
-    found = tmp_path / "found.ts"
-    lupdate = Path(sys.executable).with_name("pyside6-lupdate")
-    subprocess.run([lupdate, *files, "-ts", found], check=True, capture_output=True)
-    told = {source.text for source in ET.parse(found).iter("source")}  # noqa: S314 - written by lupdate
     assert len(written) > 300
-    assert {" ".join(text.split()) for text in written} == {" ".join((text or "").split()) for text in told}
+    assert {" ".join(text.split()) for text in written} == found_by_lupdate(files, tmp_path)
+
+
+def found_by_lupdate(files: list[Path], folder: Path) -> set[str]:
+    """Texts in the catalogue that lupdate makes of these sources."""
+    catalogue = folder / "found.ts"
+    lupdate = Path(sys.executable).with_name("pyside6-lupdate")
+    subprocess.run([lupdate, *files, "-ts", catalogue], check=True, capture_output=True)
+    sources = ET.parse(catalogue).iter("source")  # noqa: S314 - written by lupdate
+    return {" ".join((source.text or "").split()) for source in sources}
+
+
+def test_the_texts_of_the_scenario_form_reach_the_translators(tmp_path: Path) -> None:
+    """The form shows the texts of the schema; the script that makes a catalogue extracts them from there."""
+    script, source = PACKAGE.parent / "packaging" / "scenario_texts.py", tmp_path / "schema_texts.py"
+    assert f"packaging/{script.name}" in script.with_name("translations.sh").read_text("utf-8")
+    subprocess.run([sys.executable, script, source], check=True, env={**os.environ, "PYTHONPATH": str(PACKAGE.parent)})
+    declared = {" ".join(text.split()) for text in texts_of(Scenario)}
+    assert len(declared) > 300
+    assert found_by_lupdate([source], tmp_path) == declared
 
 
 def test_no_text_is_glued_from_pieces() -> None:
