@@ -56,7 +56,10 @@ READ_ASIDE = {
     "ui/icons.py": "the program's own files, once",
     "ui/language.py": "the program's own files, once",
     "ui/main_window.py: _read_scenario": "read aside",
-    "ui/scenario_editor/opened_scenario.py": "read aside",
+    "ui/scenario_editor/saving.py: opened_file": "read aside",
+    "ui/scenario_editor/saving.py: opened_as_form": "read aside",
+    "ui/scenario_editor/saving.py: reopened": "read aside",
+    "ui/scenario_editor/editor_window.py: _names_of_files": "read aside",
     "ui/scenario_editor/editor_window.py: ScenarioEditor._others": "read aside",
     "ui/shortcuts/shortcut_reference.py": "writes the pages of the guide, without a window",
 }

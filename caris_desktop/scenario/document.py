@@ -1,4 +1,4 @@
-"""Scenario document for editing: text changed place by place, with undo and redo.
+"""Scenario document for editing: text changed place by place, each change reported as a step that can be undone.
 
 The text is authoritative, and the form derives from it; comments, order and columns are preserved. Mistakes are
 tolerated: the text contains them, their messages give line and place, and only saving is blocked.
@@ -34,7 +34,6 @@ from caris_desktop.scenario.scenario_migrations import migrate
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.scenario.text_editing import edited, quick_data, with_entry_moved
 
-MOST_STEPS = 500
 _ID = "id"
 """By which an entry is known as well as by its name, and which may stay when that changes."""
 
@@ -64,13 +63,16 @@ class _State:
         return self._write()
 
 
-class UndoStep(Value):
-    """Undo step: ``path`` is the changed place, ``words`` its display name."""
+class Step(Value):
+    """Change of the document at ``path``, with its display name. ``continued``: typing at the place of the step before
+    it, with the same ``before``.
+    """
 
     before: _State
+    after: _State
     path: KeyPath
     words: tuple[str, ...]
-    goes_on: bool
+    continued: bool
 
 
 class ScenarioDocument:
@@ -89,8 +91,8 @@ class ScenarioDocument:
             raise YamlSourceError(state.unreadable.message, state.unreadable.line)
         self._saved = state
         self._state = state
-        self._undone: list[UndoStep] = []
-        self._done: list[UndoStep] = []
+        self._typing: tuple[KeyPath, _State] | None = None
+        """Place where typing continues the last step, and the state before that."""
         self._without_mistakes: _State | None = None
 
     # ---- what it says
@@ -178,7 +180,12 @@ class ScenarioDocument:
     # ---- what is done
 
     def set(self, path: KeyPath, value: Any) -> None:
-        """Set a value. Successive changes at one place are one undo step. Renaming an entry updates its references."""
+        """Set a value; ABSENT removes it. Successive changes at one place are one undo step. Renaming an entry updates
+        its references.
+        """
+        if value is ABSENT:
+            self.clear(path)
+            return
         if self.written_value(path) == value and type(self.written_value(path)) is type(value):
             return
         before = self._before_step(path)
@@ -250,45 +257,24 @@ class ScenarioDocument:
         state = _read(text, self._state.data)
         self._push((), state, goes_on=True)
 
-    def adopt_value(self, path: KeyPath, other: Mapping[str, Any]) -> None:
-        """Use another file's value at that place."""
-        value = value_at(other, path)
+    def replace(self, path: KeyPath, value: Any) -> None:
+        """Set a value as an undo step of its own; ABSENT removes it."""
         self.pause()
-        if value is ABSENT:
-            self.clear(path)
-        else:
-            self.set(path, deepcopy(value))
+        self.set(path, value)
         self.pause()
 
     def pause(self) -> None:
         """Begin a new undo step."""
-        if self._done and self._done[-1].goes_on:
-            last = self._done[-1]
-            self._done[-1] = UndoStep(last.before, last.path, last.words, goes_on=False)
+        self._typing = None
 
-    # ---- back and forth
+    def restore(self, state: _State) -> None:
+        """Go back or forth to a state of a step."""
+        if state is not self._state:
+            self._state = state
+            self.pause()
 
-    @property
-    def to_undo(self) -> UndoStep | None:
-        return self._done[-1] if self._done else None
-
-    @property
-    def to_redo(self) -> UndoStep | None:
-        return self._undone[-1] if self._undone else None
-
-    def undo(self) -> UndoStep | None:
-        return self._turn(self._done, self._undone)
-
-    def redo(self) -> UndoStep | None:
-        return self._turn(self._undone, self._done)
-
-    def _turn(self, source: list[UndoStep], target: list[UndoStep]) -> UndoStep | None:
-        if not source:
-            return None
-        step = source.pop()
-        target.append(UndoStep(self._state, step.path, step.words, goes_on=False))
-        self._state = step.before
-        return step
+    def _on_step(self, step: Step) -> None:
+        """Record a step; the document itself has no history."""
 
     def revert(self) -> None:
         """Revert to the saved version; can be undone."""
@@ -325,15 +311,14 @@ class ScenarioDocument:
             self._state = other
         self._saved = other
         for difference in mine:
-            self.adopt_value(difference.path, data)
+            self.replace(difference.path, value_at(data, difference.path))
         return mine
 
     # ---- within
 
     def _before_step(self, path: KeyPath) -> _State:
         """State before the present undo step, if it continues at that place."""
-        last = self._done[-1] if self._done else None
-        return last.before if last is not None and last.goes_on and last.path == path else self._state
+        return self._typing[1] if self._typing is not None and self._typing[0] == path else self._state
 
     def _referring(self, data: dict[str, Any], path: KeyPath) -> list[KeyPath]:
         """Places that refer to an entry by the name or id at ``path``."""
@@ -381,14 +366,14 @@ class ScenarioDocument:
         self._push(path, _State(data, write), goes_on=goes_on)
 
     def _push(self, path: KeyPath, state: _State, *, goes_on: bool) -> None:
-        last = self._done[-1] if self._done else None
-        words = self.words(path)
-        if last is None or not (goes_on and last.goes_on and last.path == path):
-            self._state.text  # noqa: B018 - written once, so that no chain of unwritten texts grows
-            self._done.append(UndoStep(self._state, path, words, goes_on))
-            del self._done[:-MOST_STEPS]
-        self._undone.clear()
+        before = self._before_step(path) if goes_on else self._state
+        continued = before is not self._state
+        if not continued:
+            before.text  # noqa: B018 - written once, so that no chain of unwritten texts grows
+        step = Step(before, state, path, self.words(path), continued)
         self._state = state
+        self._typing = (path, before) if goes_on else None
+        self._on_step(step)
 
     def _with(self, path: KeyPath, value: Any) -> dict[str, Any]:
         """Data with ``value`` at ``path``; a new key comes after those that precede it in the schema."""

@@ -29,7 +29,7 @@ MODULES: tuple[str, ...] = (
     "caris_desktop.ui.export_dialog",
     "caris_desktop.ui.robot_dialog",
     "caris_desktop.scenario.document",
-    "caris_desktop.ui.scenario_editor.groups",
+    "caris_desktop.ui.scenario_editor.form",
     "caris_desktop.ui.scenario_editor.editor_window",
 )
 

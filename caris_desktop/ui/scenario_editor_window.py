@@ -17,7 +17,7 @@ from caris_desktop.ui.theme import Theme
 
 if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor
-    from caris_desktop.ui.scenario_editor.opened_scenario import Opened
+    from caris_desktop.ui.scenario_editor.saving import Opened
 
 _log = logging.getLogger(__name__)
 
@@ -41,7 +41,7 @@ class ScenarioEditorWindow(QObject):
         """Edit the current scenario. An open editor is raised with its contents; one of another scenario is closed,
         after a question about unsaved changes.
         """
-        from caris_desktop.ui.scenario_editor.opened_scenario import opened_as_form
+        from caris_desktop.ui.scenario_editor.saving import opened_as_form
 
         if self._editor is not None:
             self._show_again(self._editor)

@@ -8,10 +8,10 @@ import pytest
 
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.schema_fields import ValueForm
-from caris_desktop.domain.schema_paths import ABSENT, differences
+from caris_desktop.domain.schema_paths import ABSENT, differences, value_at
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.ui.scenario_editor.saving import EditedDocument
 from tests.support.scenario_edits import (
     assert_only_that_field_changed,
     comments,
@@ -37,8 +37,8 @@ layout: {panel: video}
 """
 
 
-def document(text: str = SMALL) -> ScenarioDocument:
-    return ScenarioDocument(text, Path("small.yaml"))
+def document(text: str = SMALL) -> EditedDocument:
+    return EditedDocument(text, Path("small.yaml"))
 
 
 @pytest.mark.long("reception", "mental-health-check", "practice")
@@ -47,7 +47,7 @@ def test_each_field_changes_its_own_lines_alone(
     shipped: Path, sampled: Callable[[list[tuple[KeyPath, ValueForm]]], list[tuple[KeyPath, ValueForm]]]
 ) -> None:
     text = shipped.read_text(encoding="utf-8")
-    edit = ScenarioDocument(text, shipped)
+    edit = EditedDocument(text, shipped)
     for path, form in sampled(edited_leaves(edit)):
         value = other_value(edit, path, form)
         if value is ABSENT:
@@ -65,7 +65,7 @@ def test_each_field_changes_its_own_lines_alone(
 @pytest.mark.long
 @pytest.mark.parametrize("shipped", SHIPPED, ids=lambda path: path.stem)
 def test_nearly_every_field_has_another_value_that_may_stand_there_alone(shipped: Path) -> None:
-    edit = ScenarioDocument(shipped.read_text(encoding="utf-8"), shipped)
+    edit = EditedDocument(shipped.read_text(encoding="utf-8"), shipped)
     all_of_them = edited_leaves(edit)
     alone = [path for path, form in all_of_them if other_value(edit, path, form) is not ABSENT]
     assert len(alone) > 0.9 * len(all_of_them)
@@ -75,7 +75,7 @@ def test_nearly_every_field_has_another_value_that_may_stand_there_alone(shipped
 @pytest.mark.parametrize("shipped", SHIPPED, ids=lambda path: path.stem)
 def test_entries_come_move_and_go_and_take_no_comment_of_others_along(shipped: Path) -> None:
     text = shipped.read_text(encoding="utf-8")
-    edit = ScenarioDocument(text, shipped)
+    edit = EditedDocument(text, shipped)
     for path, _form in lists_of(edit):
         entries = edit.value(path)
         if not isinstance(entries, list) or not entries:
@@ -252,14 +252,14 @@ def test_changes_of_another_writer_stay_next_to_changes_here() -> None:
 
 def test_single_fields_are_taken_over_from_another_file() -> None:
     edit = document(SMALL.replace("title: Small", "title: Large").replace("photos: false", "photos: true"))
-    other = ScenarioDocument(SMALL, Path("shipped.yaml"))
+    other = EditedDocument(SMALL, Path("shipped.yaml"))
     found = list(differences(Scenario, other.data, edit.data))
     assert [(each.path, each.before, each.after) for each in found] == [
         (("title",), "Small", "Large"),
         (("permissions", "photos"), False, True),
     ]
     for each in found:
-        edit.adopt_value(each.path, other.data)
+        edit.replace(each.path, value_at(other.data, each.path))
     assert edit.text == SMALL
 
 

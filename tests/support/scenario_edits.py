@@ -13,8 +13,8 @@ from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.schema_fields import ValueForm, form_of, is_group, keys_of
 from caris_desktop.domain.schema_paths import ABSENT, blank_of, default_of, value_at
 from caris_desktop.domain.schema_validation import problems
-from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.ui.scenario_editor.saving import EditedDocument
 
 T = TypeVar("T")
 WORDS = (
@@ -55,12 +55,12 @@ def _leaves(form: ValueForm, data: Any, path: KeyPath) -> Iterator[tuple[KeyPath
         yield path, form
 
 
-def edited_leaves(document: ScenarioDocument) -> list[tuple[KeyPath, ValueForm]]:
+def edited_leaves(document: EditedDocument) -> list[tuple[KeyPath, ValueForm]]:
     """All leaves except the version, which cannot be edited."""
     return [(path, form) for path, form in leaves(Scenario, document.data) if len(form.choices) != 1]
 
 
-def other_value(document: ScenarioDocument, path: KeyPath, form: ValueForm) -> Any:
+def other_value(document: EditedDocument, path: KeyPath, form: ValueForm) -> Any:
     """Another value valid at ``path`` in this file; ABSENT if there is none."""
     present = document.value(path)
     candidates = _names(document, form.rule.refers) if form.rule.refers else list(_candidates(form, present))
@@ -76,7 +76,7 @@ def other_value(document: ScenarioDocument, path: KeyPath, form: ValueForm) -> A
     return ABSENT
 
 
-def _names(document: ScenarioDocument, refers: tuple[str, ...]) -> list[str]:
+def _names(document: EditedDocument, refers: tuple[str, ...]) -> list[str]:
     """Valid values of a reference: the names defined elsewhere in the file."""
     return [entry[refers[-1]] for entry in document.value(refers[:-1]) or ()]
 
@@ -145,11 +145,11 @@ def lines_of(text: str, path: KeyPath) -> tuple[int, int] | None:
 @cache
 def _values_of(text: str, path: Path) -> dict[KeyPath, Any]:
     """Value of each leaf, from the file or its default."""
-    document = ScenarioDocument(text, path)
+    document = EditedDocument(text, path)
     return {path: document.value(path) for path, _form in edited_leaves(document)}
 
 
-def _referring(document: ScenarioDocument, path: KeyPath) -> list[KeyPath]:
+def _referring(document: EditedDocument, path: KeyPath) -> list[KeyPath]:
     """Leaves that refer to the entry whose name or id is at ``path``."""
     return [
         each
@@ -162,14 +162,14 @@ def _referring(document: ScenarioDocument, path: KeyPath) -> list[KeyPath]:
     ]
 
 
-def assert_only_that_field_changed(before: ScenarioDocument, after: str, path: KeyPath, value: Any) -> None:
+def assert_only_that_field_changed(before: EditedDocument, after: str, path: KeyPath, value: Any) -> None:
     """Assert that ``after`` has ``value`` at ``path``, references included, and otherwise the values, comments and text
     of ``before``.
     """
     text, values = before.saved_text, _values_of(before.saved_text, before.path)
     along = _referring(before, path)
     values = values | dict.fromkeys(along, value)
-    read = ScenarioDocument(after, before.path)
+    read = EditedDocument(after, before.path)
     assert not read.mistakes, path
     assert read.value(path) == value, path
     assert {each: read.value(each) for each in values if each != path} == {
@@ -194,7 +194,7 @@ def assert_only_that_field_changed(before: ScenarioDocument, after: str, path: K
         assert {start, end} <= may, (path, old[start:end])
 
 
-def lists_of(document: ScenarioDocument) -> list[tuple[KeyPath, ValueForm]]:
+def lists_of(document: EditedDocument) -> list[tuple[KeyPath, ValueForm]]:
     """All lists that the file may contain, also within entries."""
     found: dict[KeyPath, ValueForm] = {}
 

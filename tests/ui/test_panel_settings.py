@@ -27,7 +27,7 @@ from caris_desktop.scenario.scenario_model import (
 )
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor
-from caris_desktop.ui.scenario_editor.opened_scenario import opened_file
+from caris_desktop.ui.scenario_editor.saving import opened_file
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, open_window

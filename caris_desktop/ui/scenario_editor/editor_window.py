@@ -2,18 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from PySide6.QtCore import QObject, QSize, Qt, QTimer, QUrl, Signal
-from PySide6.QtGui import QAccessible, QCloseEvent, QKeySequence, QPainter, QPaintEvent, QResizeEvent, QShortcut
+from PySide6.QtCore import QSize, Qt, QUrl, Signal
+from PySide6.QtGui import QCloseEvent, QKeySequence, QResizeEvent, QShortcut
 from PySide6.QtWidgets import (
-    QFrame,
-    QLabel,
     QLineEdit,
     QListWidget,
     QListWidgetItem,
-    QScrollArea,
     QSplitter,
     QStackedWidget,
     QTextBrowser,
@@ -21,40 +17,74 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from caris_desktop.domain import intents
+from caris_desktop.conversation.face.face_file import face_names
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.schema_fields import Known
 from caris_desktop.domain.schema_paths import value_at
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.yaml_source import YamlSourceError
-from caris_desktop.live.status import IN_SESSION, SavedScenario
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.document import ScenarioDocument, UndoStep
+from caris_desktop.robot.profile import list_profiles
+from caris_desktop.scenario.document import Step
 from caris_desktop.scenario.phrases import LOOK, NOD
-from caris_desktop.scenario.scenario_library import own_file, own_file_called
-from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.scenario.scenario_library import own_file
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.announcing import announce
 from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.icons import icon
-from caris_desktop.ui.scenario_editor.compare_page import ComparePage, Other
-from caris_desktop.ui.scenario_editor.editing_context import Editing, FormContext, Names
-from caris_desktop.ui.scenario_editor.groups import part_for, show_at_once
-from caris_desktop.ui.scenario_editor.opened_scenario import Opened, names_of_files, reopened, text_of
+from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, InputKeys, Names
+from caris_desktop.ui.scenario_editor.pages import ComparePage, Other, SectionPage, TextPage, sections
 from caris_desktop.ui.scenario_editor.preview import preview_page
-from caris_desktop.ui.scenario_editor.sections import Section, sections
-from caris_desktop.ui.scenario_editor.text_page import TextPage
-from caris_desktop.ui.scenario_editor.value_fields import Field, FormPart
+from caris_desktop.ui.scenario_editor.saving import EditedDocument, Notice, Opened, Saving, as_sentence, opened_file
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.tokens import Colors
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
 
 _NAV_PX, _NARROW_NAV_PX = 208, 176
 _NARROW_PX, _LEAST_PX, _LEAST_TITLE_PX = 900, (560, 280), 140
 _FORM_AND_PREVIEW_PX = (880, 340)
+_DONE_AT_ONCE = ("button", "toggle")
+"""Kinds of controls that a phrase can trigger: others need a value."""
+
+
+def _style_sheet(colors: Colors) -> str:
+    radius, status, body = tokens.CONTROL_RADIUS_PX, tokens.STATUS_PX, tokens.BODY_PX
+    notices = "".join(
+        f'QWidget#editor_notice[role="{role}"] {{ background: {getattr(colors, f"{role}_soft")};'
+        f" border-color: {getattr(colors, role)}; }}"
+        for role in ("blue", "green", "amber", "red")
+    )
+    return f"""
+QWidget#scenario_editor {{ background: {colors.window}; }}
+QLabel#page_title {{ font-size: {tokens.SPEECH_PX + 2}px; font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
+QLabel#editor_title {{ font-size: {tokens.SPEECH_PX}px; font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
+QLabel#group_title {{ font-size: {body + 1}px; font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
+QLabel#field_title, QCheckBox {{ font-size: {body}px; font-weight: {tokens.WEIGHT_MEDIUM}; }}
+QLabel#page_words, QLabel#help, QLabel#switch_help, QLabel#row_title {{ color: {colors.dim}; }}
+QLabel#help, QLabel#switch_help, QLabel#row_title, QLabel#mistake, QLabel#known_names, QLabel#editor_state {{
+    font-size: {status}px;
+}}
+QLabel#switch_help {{ padding: 0 0 4px 28px; }}
+QLabel#mistake {{ color: {colors.red}; }}
+QWidget#entry_card {{
+    background: {colors.panel}; border: 1px solid {colors.line}; border-radius: {radius}px;
+}}
+QWidget#editor_notice {{ border: 2px solid; border-radius: {radius}px; margin: 2px 16px; }}
+{notices}
+QListWidget {{ border: 2px solid transparent; border-radius: {tokens.PANEL_RADIUS_PX}px; outline: 0; }}
+QListWidget:focus {{ border-color: {colors.blue}; }}
+QListWidget::item {{ border-radius: {radius}px; padding-left: 8px; color: {colors.text}; }}
+QListWidget::item:hover {{ background: {colors.raised}; }}
+QListWidget::item:selected {{
+    background: {colors.blue_soft}; color: {colors.text}; border-left: 3px solid {colors.blue};
+}}
+QTextBrowser {{
+    background: {colors.panel}; border: 1px solid {colors.line}; border-radius: {tokens.PANEL_RADIUS_PX}px;
+    padding: 6px 4px 6px 10px; font-size: {status + 1}px;
+}}
+"""
 
 
 class ScenarioEditor(VisualTabOrderMixin, QWidget):
@@ -65,58 +95,88 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
     def __init__(self, theme: Theme, console: WizardConsole, opened: Opened, parent: QWidget | None = None) -> None:
         super().__init__(parent, Qt.WindowType.Window)
         self.setObjectName("scenario_editor")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._theme = theme
         self._console = console
         self.after_closing: Callable[[], None] | None = None
-        document = ScenarioDocument(opened.text, opened.path)
-        self.editing = Editing(document, self)
-        known = KnownNames(console, self.editing)
-        self.context = FormContext(theme, self.editing, self._robot_pose, known.of)
+        self.document = EditedDocument(opened.text, opened.path)
+        self._file_names: dict[Known, tuple[str, ...]] = {}
+        read_for(self, console, _names_of_files, self._on_file_names)
+        self.context = FormContext(
+            theme, self.document, InputKeys(self.document, self), self._robot_pose, self._known_names
+        )
         self.pages = [SectionPage(self.context, section) for section in sections()]
         self.text_page = TextPage(self.context)
         self.compare_page = ComparePage(self.context, console, self._others)
-        self._make_head()
         self.notice = Notice(theme)
-        self._make_nav()
+        self.saving = Saving(console, self.document, self.notice, opened, self)
+        self.saving.refused.connect(self._show_first_mistake)
+        self.saving.title_requested.connect(self.ask_for_name)
+        self.saving.saved.connect(self.leave_name)
+        self.saving.version_changed.connect(self.compare_page.offer_again)
+        self.saving.finished.connect(self.close)
         self.stack = QStackedWidget()
-        for page in (*self.pages, self.text_page, self.compare_page):
-            self.stack.addWidget(page)
-        self.preview = QTextBrowser()
+        self.nav = self._make_nav()
+        self.preview = QTextBrowser(openLinks=False)
         self.preview.setObjectName("scenario_preview")
         self.preview.setAccessibleName(tr("Preview for the wizard, and changes"))
-        self.preview.setOpenLinks(False)
+        self.preview.setMinimumWidth(280)
         self.preview.anchorClicked.connect(self._on_link)
         self._lay_out()
         self._make_keys()
-        self.editing.changed.connect(self._on_changed)
-        self.saving = Saving(self, console, opened, self)
+        self.document.history.changed.connect(self._on_changed)
         theme.restyle_on_change(self._style)
         self.nav.setCurrentRow(0)
         self.nav.setFocus(Qt.FocusReason.OtherFocusReason)
-        self._on_changed()
         self.resize(self.sizeHint().boundedTo(self.screen().availableSize() - QSize(24, 56)))
 
     def sizeHint(self) -> QSize:
         return QSize(1440, 860)
 
-    @property
-    def document(self) -> ScenarioDocument:
-        return self.editing.document
-
     # ---- construction
 
-    def _make_head(self) -> None:
+    def _button(self, name: str, text: str, icon_name: str, do: Callable[[], Any], **more: Any) -> ActionButton:
+        button = ActionButton(self._theme, text, icon=icon_name, may_lose_words=True, **more)
+        button.setToolTip(text)
+        button.setObjectName(name)
+        button.clicked.connect(lambda _checked=False: do())
+        return button
+
+    def _make_nav(self) -> QListWidget:
+        nav = QListWidget(objectName="editor_sections", iconSize=QSize(18, 18))
+        nav.setAccessibleName(tr("Sections of the scenario"))
+        nav.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        titles = [*(tr(page.section.title) for page in self.pages), tr("Text of the file"), tr("Compare")]
+        for title, page in zip(titles, (*self.pages, self.text_page, self.compare_page), strict=True):
+            nav.addItem(_nav_item(title))
+            self.stack.addWidget(page)
+        nav.currentRowChanged.connect(self._on_section)
+        return nav
+
+    def _lay_out(self) -> None:
         self._title = ElidedLabel()
+        self._title.setObjectName("editor_title")
         self._state = ElidedLabel()
         self._state.setObjectName("editor_state")
+        titles = layouts.vbox(spacing_px=0)
+        for label in (self._title, self._state):
+            label.setMinimumWidth(_LEAST_TITLE_PX)
+            titles.addWidget(label)
+        head = layouts.hbox(margins_px=(16, 12, 16, 8), spacing_px=8)
+        head.addLayout(titles, 1)
         self.undo_button = self._button("editor_undo", tr("Undo"), "arrow-u-up-left", self.undo, role="ghost")
         self.redo_button = self._button("editor_redo", tr("Redo"), "arrow-u-up-right", self.redo, role="ghost")
         self.revert_button = self._button(
             "editor_revert", tr("Revert to saved"), "clock-counter-clockwise", self.revert, role="ghost"
         )
         self.save_as_button = self._button("editor_save_as", tr("Save as…"), "copy", self.ask_for_name)
-        self.save_button = self._button("editor_save", tr("Save"), "floppy-disk", self.save, role="primary")
-        self.save_button.set_key("Ctrl+S")
+        self.save_button = self._button(
+            "editor_save", tr("Save"), "floppy-disk", self.save, role="primary", key="Ctrl+S"
+        )
+        for button in (
+            self.undo_button, self.redo_button, self.revert_button, self.save_as_button, self.save_button,
+        ):  # fmt: skip
+            head.addWidget(button)
         self._name_row = QWidget()
         self.name = QLineEdit(placeholderText=tr("Title of the new scenario, for example “Second study”"))
         self.name.setObjectName("editor_name")
@@ -127,48 +187,12 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         name_row.addWidget(self._button("editor_name_save", tr("Save under this title"), "check", self.save_as))
         name_row.addWidget(self._button("editor_name_cancel", tr("Cancel"), "x", self.leave_name, role="ghost"))
         self._name_row.hide()
-
-    def _button(self, name: str, text: str, icon_name: str, do: Callable[[], Any], **more: Any) -> ActionButton:
-        button = ActionButton(self._theme, text, icon=icon_name, may_lose_words=True, **more)
-        button.setToolTip(text)
-        button.setObjectName(name)
-        button.clicked.connect(lambda _checked=False: do())
-        return button
-
-    def _make_nav(self) -> None:
-        self.nav = QListWidget()
-        self.nav.setObjectName("editor_sections")
-        self.nav.setAccessibleName(tr("Sections of the scenario"))
-        self.nav.setFixedWidth(_NAV_PX)
-        self.nav.setIconSize(QSize(18, 18))
-        self.nav.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        for page in self.pages:
-            self.nav.addItem(QListWidgetItem(tr(page.section.title)))
-        self.nav.addItem(QListWidgetItem(tr("Text of the file")))
-        self.nav.addItem(QListWidgetItem(tr("Compare")))
-        for row in range(self.nav.count()):
-            self.nav.item(row).setSizeHint(QSize(_NAV_PX, tokens.CONTROL_HEIGHT_PX))
-        self.nav.currentRowChanged.connect(self._on_section)
-
-    def _lay_out(self) -> None:
-        head = layouts.hbox(margins_px=(16, 12, 16, 8), spacing_px=8)
-        titles = layouts.vbox(spacing_px=0)
-        titles.addWidget(self._title)
-        titles.addWidget(self._state)
-        head.addLayout(titles, 1)
-        for label in (self._title, self._state):
-            label.setMinimumWidth(_LEAST_TITLE_PX)
-        for button in (
-            self.undo_button, self.redo_button, self.revert_button, self.save_as_button, self.save_button,
-        ):  # fmt: skip
-            head.addWidget(button)
         side = self._side = QSplitter(Qt.Orientation.Horizontal, childrenCollapsible=False)
         side.addWidget(self.stack)
         side.addWidget(self.preview)
         side.setStretchFactor(0, 5)
         side.setStretchFactor(1, 3)
         side.setSizes(list(_FORM_AND_PREVIEW_PX))
-        self.preview.setMinimumWidth(280)
         body = layouts.hbox(margins_px=(8, 0, 8, 8), spacing_px=8)
         body.addWidget(self.nav)
         body.addWidget(side, 1)
@@ -188,9 +212,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         self.nav.setFixedWidth(_NARROW_NAV_PX if narrow else _NAV_PX)
         if narrow and not is_page:
             self.stack.addWidget(self.preview)
-            item = QListWidgetItem(tr("Preview"))
-            item.setSizeHint(QSize(_NAV_PX, tokens.CONTROL_HEIGHT_PX))
-            self.nav.addItem(item)
+            self.nav.addItem(_nav_item(tr("Preview")))
         elif is_page and not narrow:
             if self.nav.currentRow() == self.nav.count() - 1:
                 self.nav.setCurrentRow(0)
@@ -225,40 +247,35 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
     def show_page(self, page: QWidget) -> None:
         self.nav.setCurrentRow(self.stack.indexOf(page))
 
-    def reveal(self, path: KeyPath) -> Field | None:
+    def reveal(self, path: KeyPath) -> FormPart | None:
         """Show and focus the field of a path."""
-        for page in self.pages:
-            if path and any(part == path[0] for part in (key.name for key in page.section.keys)):
-                self.show_page(page)
-                field = page.reveal(path)
-                if field is not None:
-                    page.ensureWidgetVisible(field)
-                    getattr(field, "control", field).setFocus(Qt.FocusReason.OtherFocusReason)
-                return field
-        return None
+        page = next((page for page in self.pages if path[0] in {key.name for key in page.section.keys}), None)
+        if page is None:
+            return None
+        self.show_page(page)
+        return page.reveal(path)
 
     def _on_changed(self) -> None:
-        document = self.document
+        document, title, where = self.document, self._shown_title(), str(self.document.path)
         if document.changed:
             self.notice.take_back("saved")
-        self.setWindowTitle(tr("{title} · scenario editor").format(title=self._shown_title()))
-        self._title.setText(self._shown_title())
-        count = len(document.mistakes)
-        where = self._where()
-        if count:
-            state_text = tr("Errors: %n · {where}", "", count).format(where=where)
-        else:
-            state_text = (tr("Not saved · {where}") if document.changed else tr("Saved · {where}")).format(where=where)
-        self._state.setText(state_text)
-        self._theme.color_text(self._state, "red" if count else "amber" if document.changed else "dim")
-        undo, redo = document.to_undo, document.to_redo
-        self.undo_button.setEnabled(undo is not None)
-        self.redo_button.setEnabled(redo is not None)
-        self.undo_button.setToolTip(_step_words(tr("Undo: {what}"), undo))
-        self.redo_button.setToolTip(_step_words(tr("Redo: {what}"), redo))
+        self.setWindowTitle(tr("{title} · scenario editor").format(title=title))
+        self._title.setText(title)
+        if own_file(document.path) != document.path:
+            where = tr("built-in scenario; saving creates your own copy")
+        state = tr("Not saved · {where}") if document.changed else tr("Saved · {where}")
+        if document.mistakes:
+            state = tr("Errors: %n · {where}", "", len(document.mistakes))
+        self._state.setText(state.format(where=where))
+        self._theme.color_text(self._state, "red" if document.mistakes else "amber" if document.changed else "dim")
+        history = document.history
+        self.undo_button.setEnabled(history.canUndo())
+        self.redo_button.setEnabled(history.canRedo())
+        self.undo_button.setToolTip(tr("Undo: {what}").format(what=history.undoText()) if history.canUndo() else "")
+        self.redo_button.setToolTip(tr("Redo: {what}").format(what=history.redoText()) if history.canRedo() else "")
         self.revert_button.setEnabled(document.changed)
         self.save_button.setEnabled(document.changed)
-        self._show_nav()
+        self._mark_sections()
         self._show_preview()
         self._report_unreadable()
 
@@ -266,13 +283,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         title = self.document.data.get("title")
         return title if isinstance(title, str) and title else self.document.path.name
 
-    def _where(self) -> str:
-        path = self.document.path
-        if own_file(path) != path:
-            return tr("built-in scenario; saving creates your own copy")
-        return str(path)
-
-    def _show_nav(self) -> None:
+    def _mark_sections(self) -> None:
         document = self.document
         changed = {difference.path[0] for difference in document.differences()}
         for row, page in enumerate(self.pages):
@@ -290,7 +301,6 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
                 item.setText(title)
                 item.setToolTip(text)
                 item.setData(Qt.ItemDataRole.AccessibleTextRole, text)
-                item.setForeground(self._theme.color("red" if wrong else "text"))
 
     def _show_preview(self) -> None:
         page = self.stack.currentWidget()
@@ -303,19 +313,21 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
 
     def _on_link(self, url: QUrl) -> None:
         kind, _, number = url.toString().partition(":")
-        document = self.document
         if kind == "change":
-            self.reveal(document.differences()[int(number)].path)
+            self.reveal(self.document.differences()[int(number)].path)
         elif kind == "mistake":
             self.show_mistake(int(number))
 
     def show_mistake(self, number: int) -> None:
         """Show the field of an error, or its line of the text if it has no field."""
         mistake = self.document.mistakes[number]
-        on_text = self.stack.currentWidget() is self.text_page
+        on_text = self.stack.currentWidget() is self.text_page or not mistake.path
         if self.document.unreadable is not None or on_text or self.reveal(mistake.path) is None:
             self.show_page(self.text_page)
             self.text_page.show_line(mistake.line)
+
+    def _show_first_mistake(self) -> None:
+        self.show_mistake(0)
 
     def _report_unreadable(self) -> None:
         mistake = self.document.unreadable
@@ -329,29 +341,28 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         )
         self.notice.say(
             "unreadable", notice, "red",
-            (tr("Show the line"), lambda: self.show_mistake(0)), (tr("Undo typing"), self.undo),
+            (tr("Show the line"), self._show_first_mistake), (tr("Undo typing"), self.undo),
         )  # fmt: skip
 
     # ---- undo
 
     def undo(self) -> None:
-        self.text_page.flush()
-        self._show_step(self.editing.undo())
+        self._turn(self.document.undo)
 
     def redo(self) -> None:
-        self.text_page.flush()
-        self._show_step(self.editing.redo())
+        self._turn(self.document.redo)
 
-    def _show_step(self, step: UndoStep | None) -> None:
+    def _turn(self, turn: Callable[[], Step | None]) -> None:
+        self.text_page.flush()
+        step = turn()
         if step is not None and step.path and isinstance(self.stack.currentWidget(), SectionPage):
             self.reveal(step.path)
 
     def revert(self) -> None:
         self.text_page.flush()
         self.document.revert()
-        self.editing.emit_changes(reshaped=True)
 
-    # ---- saving
+    # ---- saving and closing
 
     def save(self) -> None:
         self.saving.save()
@@ -372,8 +383,6 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         if title := " ".join(self.name.text().split()):
             self.saving.save_as(title)
 
-    # ---- closing
-
     def report_not_read(self, problem: str) -> None:
         """Report that the file has become unreadable; the scenario in force is shown."""
         notice = tr(
@@ -392,19 +401,19 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         self.after_closing = then
         self.notice.say(
             "closing", message or tr("Your changes are not saved."), "amber",
-            (tr("Save"), self._save_and_close), (tr("Discard"), self._throw_away),
-            (tr("Continue editing"), self._go_on),
+            (tr("Save"), self._save_and_close), (tr("Discard"), self._discard),
+            (tr("Continue editing"), self._continue),
         )  # fmt: skip
 
-    def _go_on(self) -> None:
+    def _continue(self) -> None:
         self.after_closing = None
         self.notice.take_back("closing")
 
     def _save_and_close(self) -> None:
         self.notice.take_back("closing")
-        self.saving.save_and_close()
+        self.saving.save(then_close=True)
 
-    def _throw_away(self) -> None:
+    def _discard(self) -> None:
         self.document.revert()
         self.close()
 
@@ -425,453 +434,48 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
     def _others(self) -> Sequence[Other]:  # reads files
         path, saved = self.document.path, Other(tr("Saved version"), lambda: self.document.saved_text)
         shipped = [
-            Other(tr("{name}, built-in version").format(name=file.stem), partial(text_of, file))
+            Other(tr("{name}, built-in version").format(name=file.stem), lambda file=file: opened_file(file).text)
             for file in sorted(layouts_dir().glob("*.yaml"), key=lambda file: (file.name != path.name, file.name))
         ]
         same_name = bool(shipped) and (layouts_dir() / path.name).is_file() and own_file(path) == path
         return [*shipped[:1], saved, *shipped[1:]] if same_name else [saved, *shipped]
 
-    # ---- style
+    def _on_file_names(self, names: dict[Known, tuple[str, ...]]) -> None:
+        self._file_names = names
+        self.document.history.changed.emit()
 
-    def _style(self) -> None:
-        theme = self._theme
-        self._title.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._state.setFont(theme.font(tokens.STATUS_PX))
-        self.preview.setFont(theme.font(tokens.STATUS_PX + 1))
-        colors = theme.colors
-        self.nav.setStyleSheet(
-            f"QListWidget {{ border: 2px solid transparent; border-radius: {tokens.PANEL_RADIUS_PX}px; outline: 0; }}"
-            f" QListWidget:focus {{ border-color: {colors.blue}; }}"
-            f" QListWidget::item {{ border-radius: {tokens.CONTROL_RADIUS_PX}px;"
-            f" padding-left: 8px; color: {colors.text}; }} QListWidget::item:hover {{ background: {colors.raised}; }}"
-            f" QListWidget::item:selected {{ background: {colors.blue_soft}; color: {colors.text};"
-            f" border-left: 3px solid {colors.blue}; }}"
-        )
-        self.preview.setStyleSheet(
-            f"QTextBrowser {{ background: {colors.panel}; border: 1px solid {colors.line};"
-            f" border-radius: {tokens.PANEL_RADIUS_PX}px; padding: 6px 4px 6px 10px; }}"
-        )
-        names = [page.section.icon for page in self.pages] + ["code", "git-diff"]
-        for row, name in enumerate(names):
-            self.nav.item(row).setIcon(icon(name, theme.color("dim"), 18))
-        self._on_changed()
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        QPainter(self).fillRect(self.rect(), self._theme.color("window"))
-
-
-def _step_words(text: str, step: UndoStep | None) -> str:
-    return text.format(what=" › ".join(step.words) or tr("the text")) if step is not None else ""
-
-
-_DONE_AT_ONCE = ("button", "toggle")
-"""Kinds of controls that a phrase can trigger: others need a value."""
-
-
-class KnownNames(QObject):
-    """Names that fields may reference outside the file: of the connected robot, its face, and existing files.
-
-    Known names for the form of ``editing``; files are listed in a background thread.
-    """
-
-    def __init__(self, console: WizardConsole, editing: Editing) -> None:
-        super().__init__(editing)
-        self._state = console.state
-        self._editing = editing
-        self._files: dict[Known, tuple[str, ...]] = {}
-        read_for(self, console, names_of_files, self._on_read)
-
-    def _on_read(self, files: dict[Known, tuple[str, ...]]) -> None:
-        self._files = files
-        self._editing.emit_changes()
-
-    def of(self, kind: Known) -> Names:
-        state, data = self._state, self._editing.document.data
+    def _known_names(self, kind: Known) -> Names:
+        """Names that fields may reference outside the file: of the connected robot, its face, and existing files."""
+        state, document = self._console.state, self.document
         if kind == "gestures":
-            controls = data.get("controls")
-            scenario_names = [
+            controls = document.data.get("controls")
+            of_scenario = [
                 value_at(each, ("id",))
                 for each in (controls if isinstance(controls, list) else ())
                 if value_at(each, ("kind",)) in _DONE_AT_ONCE
             ]
-            robots = [control.id for control in state.controls.value if control.kind in _DONE_AT_ONCE]
-            found = tuple(
-                dict.fromkeys(name for name in (NOD, LOOK, *scenario_names, *robots) if isinstance(name, str))
-            )
-            return Names(found, state.link.value.state == "connected")
+            of_robot = [control.id for control in state.controls.value if control.kind in _DONE_AT_ONCE]
+            found = dict.fromkeys(name for name in (NOD, LOOK, *of_scenario, *of_robot) if isinstance(name, str))
+            return Names(tuple(found), state.link.value.state == "connected")
         if kind == "expressions":
-            return Names(
-                state.face.value.expressions, self._editing.document.value(("face", "face")) == state.face.value.face
-            )
+            return Names(state.face.value.expressions, document.value(("face", "face")) == state.face.value.face)
         # A robot may also be an address.
-        return Names(self._files.get(kind, ()), kind == "faces" and kind in self._files)
-
-
-_TITLE: KeyPath = ("title",)
-
-
-Answer = tuple[str, Callable[[], None]]
-
-
-class Notice(QWidget):
-    """Message line above the form, with buttons to answer it.
-
-    ``say`` replaces the message. ``what`` identifies it for ``take_back``.
-    """
-
-    accessible_role = QAccessible.Role.AlertMessage
-
-    def __init__(self, theme: Theme) -> None:
-        super().__init__()
-        self.setObjectName("editor_notice")
-        self._theme = theme
-        self._topic = ""
-        self._role = "blue"
-        self.text = QLabel(wordWrap=True)
-        self.text.setObjectName("editor_notice_text")
-        self.answers: list[ActionButton] = []
-        self._row = layouts.hbox(self, margins_px=(26, 8, 18, 8), spacing_px=8)
-        self._row.addWidget(self.text, 1)
-        theme.changed.connect(self.update)
-        self.hide()
-
-    def say(self, topic: str, text: str, role: str, *answers: Answer) -> None:
-        if (topic, text) == (self._topic, self.text.text()) and self.isVisible():
-            return
-        self._topic, self._role = topic, role
-        self.text.setText(text)
-        self.setAccessibleName(text)
-        for button in self.answers:
-            self._row.removeWidget(button)
-            button.hide()
-            button.deleteLater()
-        self.answers = [self._answer(words, do) for words, do in answers or ((tr("Dismiss"), self._dismiss),)]
-        self.show()
-        announce(self, text)
-        self.update()
-
-    def _answer(self, words: str, do: Callable[[], None]) -> ActionButton:
-        button = ActionButton(self._theme, words, height_px=30)
-        button.clicked.connect(do)
-        self._row.addWidget(button)
-        return button
-
-    def _dismiss(self) -> None:
-        self.take_back(self._topic)
-
-    def take_back(self, topic: str) -> None:
-        if topic == self._topic:
-            self._topic = ""
-            self.hide()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        self._theme.paint_box(
-            self,
-            ground=f"{self._role}_soft",
-            line=self._role,
-            radius_px=tokens.CONTROL_RADIUS_PX,
-            line_px=1.4,
-            inset_px=(16.7, 2.7),
-        )
-
-
-class Edits(Protocol):
-    """The part of the editor window that saving needs."""
-
-    editing: Editing
-    notice: Notice
-    text_page: TextPage
-    compare_page: ComparePage
-
-    @property
-    def document(self) -> ScenarioDocument: ...
-    @property
-    def unsaved(self) -> bool: ...
-    def show_mistake(self, number: int) -> None: ...
-    def ask_for_name(self) -> None: ...
-    def leave_name(self) -> None: ...
-    def close(self) -> bool: ...
-
-
-class Saving(QObject):
-    """Saving for one ``editor``, owned by ``parent``. ``opened``: the file from which the document was made; any other
-    contents are not overwritten without a question.
-    """
-
-    def __init__(self, editor: Edits, console: WizardConsole, opened: Opened, parent: QObject) -> None:
-        super().__init__(parent)
-        self._editor = editor
-        self._console = console
-        self._opened = opened
-        self._to: Path | None = None
-        self._sent = self._title = ""
-        self._close_when_saved = False
-        self._changed_elsewhere = False
-        console.state.saved_scenario.changed.connect(self._on_saved)
-        console.state.scenario.changed.connect(self._on_scenario_in_force)
-
-    def save(self) -> None:
-        """Save to the scenario's own file, or to the user's copy of a shipped one."""
-        if self._editor.unsaved:
-            target = own_file(self._editor.document.path)
-            self._save_to(target, self._opened.sha256 if target == self._opened.path else "")
-
-    def save_and_close(self) -> None:
-        self._close_when_saved = True
-        self.save()
-
-    def save_as(self, title: str) -> None:
-        """Save under another title, in a new file among the user's scenarios."""
-        self._save_to(own_file_called(title), "", title)
-
-    def _save_to(self, path: Path, replaces: str, title: str = "") -> None:
-        """Save, optionally with a new ``title``, which the document gets once the file is written."""
-        editor = self._editor
-        if self._to is not None:
-            return
-        editor.text_page.flush()
-        editor.document.pause()
-        if editor.document.mistakes:
-            self._close_when_saved = False
-            notice = tr("Nothing was saved. Errors to correct first: %n", "", len(editor.document.mistakes))
-            editor.notice.say("refused", notice, "red", (tr("Show the first"), lambda: editor.show_mistake(0)))
-            editor.show_mistake(0)
-            return
-        sent = ScenarioDocument(editor.document.text, editor.document.path)
-        if title:
-            sent.set(_TITLE, title)
-        if sent.mistakes:
-            editor.notice.say("name", as_sentence(sent.mistakes[0].message), "amber")
-            return
-        self._to, self._sent, self._title = path, sent.text, title
-        refused = self._console.do(intents.SaveScenario(self._sent, path, editor.document.path, replaces))
-        if refused:
-            self._on_saved(SavedScenario(path, problem=refused))
-
-    def _on_saved(self, saved: SavedScenario | None) -> None:
-        if saved is None or saved.path != self._to:
-            return
-        editor, self._to = self._editor, None
-        self._changed_elsewhere &= bool(saved.problem)
-        if saved.problem:
-            self._on_not_saved(saved)
-            return
-        self._opened = Opened(saved.path, saved.text, saved.sha256)
-        if self._title:
-            editor.document.pause()
-            editor.document.set(_TITLE, self._title)
-        editor.document.note_saved(self._sent, saved.text, saved.path)
-        editor.leave_name()
-        editor.editing.emit_changes(reshaped=True)
-        editor.compare_page.offer_again()
-        notice = tr("Saved in {file}.")
-        if self._title and self._console.state.recording.value.state in IN_SESSION:
-            notice = tr("Saved in {file}. The recording continues with its current scenario; open this one afterwards.")
-        editor.notice.say("saved", notice.format(file=saved.path), "green")
-        if self._close_when_saved and not editor.document.changed:
-            editor.close()
-        self._close_when_saved = False
-
-    def _on_not_saved(self, saved: SavedScenario) -> None:
-        editor, self._close_when_saved = self._editor, False
-        if saved.taken and saved.path == self._opened.path:
-            read_for(self, self._console, partial(reopened, saved.path, self._opened), self._on_other_file)
-            return
-        if self._changed_elsewhere:
-            self._on_scenario_in_force(self._console.scenario)
-        if saved.taken:
-            editor.ask_for_name()
-            notice = tr("“{file}” already contains a scenario and was not changed. Choose another title.")
-            editor.notice.say("name", notice.format(file=saved.path.name), "amber")
-            return
-        notice = tr("Not saved: {reason} Your changes are still here.").format(reason=saved.problem)
-        editor.notice.say("saving", notice, "red", (tr("Save as…"), editor.ask_for_name))
-
-    def _on_other_file(self, found: Opened | str | None) -> None:
-        """Handle a conflict: the file has changed meanwhile and may be unreadable."""
-        notice, reason = self._editor.notice, found if isinstance(found, str) else ""
-        if isinstance(found, Opened):
-            try:
-                own_changes = self._rebase(found)
-            except ValueError as error:
-                reason = _error_text(error)
-            else:
-                message = tr(
-                    "Not saved yet: the file was changed elsewhere and has been reloaded. It includes your "
-                        "own changes: %n. Check them on the right, then save again.", "", own_changes,
-                )  # fmt: skip
-                notice.say("meanwhile", message, "amber")
-                return
-        message = tr(
-            "Not saved: the file was changed elsewhere and cannot be read: {reason} Your changes are still "
-            "here. Save again once the file is valid, or choose:"
-        ).format(reason=as_sentence(reason))
-        answers = [(tr("Save as…"), self._editor.ask_for_name)]
-        if isinstance(found, Opened):
-            answers.insert(0, (tr("Overwrite"), partial(self._write_over, found)))
-        notice.say("saving", message, "red", *answers)
-
-    def _write_over(self, broken: Opened) -> None:
-        self._editor.notice.take_back("saving")
-        self._save_to(broken.path, broken.sha256)
-
-    # ---- changes from elsewhere
-
-    def _on_scenario_in_force(self, scenario: Scenario | None) -> None:
-        """Merge what the console itself wrote to the file meanwhile, for example a place."""
-        if scenario is None or scenario.path is None or self._to is not None:
-            return
-        if scenario.sha256 != self._opened.sha256:
-            read_for(self, self._console, partial(reopened, scenario.path, self._opened), self._on_reread)
-
-    def _on_reread(self, found: Opened | str | None) -> None:
-        self._changed_elsewhere = found is not None and self._to is not None
-        if found is None or self._changed_elsewhere:
-            return
-        notice, broken = self._editor.notice, tr("The file has changed and cannot be read: {reason}")
-        if isinstance(found, str):
-            notice.say("meanwhile", broken.format(reason=found), "red")
-            return
-        try:
-            own_changes = self._rebase(found)
-        except ValueError as error:
-            notice.say("meanwhile", broken.format(reason=_error_text(error)), "red")
-            return
-        message = tr("The file was changed elsewhere and has been reloaded.")
-        if own_changes:
-            message = tr(
-                "The file was changed elsewhere and has been reloaded. It includes your own changes: %n",
-                "",
-                own_changes,
-            )
-        notice.say("meanwhile", message, "blue")
-
-    def _rebase(self, found: Opened) -> int:
-        """Rebase the edits onto the file's current contents; returns how many remain. Raises ValueError."""
-        own_changes = self._editor.document.rebase(found.text)
-        self._opened = found
-        self._editor.editing.emit_changes(reshaped=True)
-        self._editor.compare_page.offer_again()
-        return len(own_changes)
-
-
-def _error_text(error: ValueError) -> str:
-    if isinstance(error, YamlSourceError):
-        return tr("line {line}: {message}").format(line=error.line, message=error)
-    return str(error)
-
-
-def as_sentence(text: str) -> str:
-    return text if text.endswith(".") else f"{text}."
-
-
-_WIDEST_PX, _LEAST_WORDS_PX, _SIDE_PX = 900, 200, 24
-
-
-class SectionPage(QScrollArea):
-    """Form page of one section, built when first shown.
-
-    Form page; refreshes only while visible.
-    """
-
-    def __init__(self, context: FormContext, section: Section) -> None:
-        super().__init__()
-        self.section = section
-        self._context = context
-        self.parts: list[FormPart] = []
-        self._column: QVBoxLayout | None = None
-        self._stale = False
-        self._next = QTimer(self, singleShot=True, interval=0)
-        self._next.timeout.connect(self._make_next)
-        self.setObjectName("section_page")
-        self.setWidgetResizable(True)
-        self.setFrameShape(QFrame.Shape.NoFrame)
-        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        context.theme.changed.connect(self._style)
-        context.editing.changed.connect(self._on_changed)
-
-    def build(self) -> None:
-        """Create all fields now."""
-        self._begin()
-        while len(self.parts) < len(self.section.keys):
-            self._make_next()
-        if self._stale:
-            self.refresh()
-
-    def _begin(self) -> None:
-        if self._column is not None:
-            return
-        holder = QWidget()
-        holder.setObjectName("section_holder")
-        column = layouts.vbox(holder, margins_px=(_SIDE_PX, 16, _SIDE_PX, 24), spacing_px=20)
-        self._title = QLabel(tr(self.section.title))
-        self._words = QLabel(tr(self.section.words), wordWrap=True, textFormat=Qt.TextFormat.PlainText)
-        column.addWidget(self._title)
-        if self.section.words:
-            column.addWidget(self._words)
-        column.addStretch(1)
-        self._column = column
-        self.setWidget(holder)
-        self._style()
-
-    def _make_next(self) -> None:
-        """Create one field per event loop turn, so that keys are still handled."""
-        if len(self.parts) == len(self.section.keys) or self._column is None:
-            return
-        key = self.section.keys[len(self.parts)]
-        part = part_for(self._context, (key.name,), key)
-        part.setMaximumWidth(_WIDEST_PX)
-        self.parts.append(part)
-        self._column.insertWidget(self._column.count() - 1, part)
-        show_at_once(part)
-        part.refresh()
-        if len(self.parts) < len(self.section.keys):
-            self._next.start()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        if self._column is not None:
-            self._fit_words()
-
-    def _fit_words(self) -> None:
-        """Fit the explanation to the visible width, however wide the lists are."""
-        room_px = max(_LEAST_WORDS_PX, self.viewport().width() - 2 * _SIDE_PX)
-        self._words.setMaximumWidth(room_px)
-        self._words.setMinimumHeight(self._words.heightForWidth(room_px))
-
-    def refresh(self) -> None:
-        self._stale = False
-        for part in self.parts:
-            part.refresh()
-        self.setEnabled(self._context.editing.document.unreadable is None)
-
-    def _on_changed(self) -> None:
-        self._stale = True
-        if self.isVisible():
-            self.refresh()
-
-    def showEvent(self, event: object) -> None:
-        self._begin()
-        self._next.start()
-        if self._stale:
-            self.refresh()
-        super().showEvent(event)  # type: ignore[arg-type]
-
-    def reveal(self, path: KeyPath) -> Field | None:
-        """Field of a path, or of the closest enclosing one."""
-        self.build()
-        for cut in range(len(path), 0, -1):
-            for part in self.parts:
-                if path[:1] == part.path:
-                    field = part.reveal(path[:cut])
-                    if field is not None:
-                        return field
-        return None
+        return Names(self._file_names.get(kind, ()), kind == "faces" and kind in self._file_names)
 
     def _style(self) -> None:
-        if self._column is not None:
-            theme = self._context.theme
-            self._title.setFont(theme.font(tokens.SPEECH_PX + 2, tokens.WEIGHT_SEMIBOLD))
-            theme.style_text(self._words, "dim", tokens.BODY_PX)
-            self._fit_words()
+        self.setStyleSheet(_style_sheet(self._theme.colors))
+        icons = [*(page.section.icon for page in self.pages), "code", "git-diff"]
+        for row, name in enumerate(icons):
+            self.nav.item(row).setIcon(icon(name, self._theme.color("dim"), 18))
+        self.document.history.changed.emit()
+
+
+def _nav_item(title: str) -> QListWidgetItem:
+    item = QListWidgetItem(title)
+    item.setSizeHint(QSize(_NAV_PX, tokens.CONTROL_HEIGHT_PX))
+    return item
+
+
+def _names_of_files() -> dict[Known, tuple[str, ...]]:
+    """Names of existing robot profiles and faces. Reads files."""
+    return {"robots": tuple(profile.name for profile in list_profiles()), "faces": face_names()}

@@ -21,9 +21,9 @@ from caris_desktop.live.status import LinkStatus, SavedScenario
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_library import user_scenarios_dir
 from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor
-from caris_desktop.ui.scenario_editor.groups import ListPart
-from caris_desktop.ui.scenario_editor.opened_scenario import opened_file
+from caris_desktop.ui.scenario_editor.form import ListPart
 from caris_desktop.ui.scenario_editor.preview import consequences
+from caris_desktop.ui.scenario_editor.saving import opened_file
 from caris_desktop.ui.theme import Theme
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
@@ -78,7 +78,7 @@ def field(editor: ScenarioEditor, *path: str | int) -> Any:
 
 
 def type_over(editor: ScenarioEditor, text: str, *path: str | int) -> None:
-    line = field(editor, *path).line
+    line = field(editor, *path).control
     line.selectAll()
     QTest.keyClicks(line, text) if text else QTest.keyClick(line, Qt.Key.Key_Delete)
 
@@ -112,13 +112,13 @@ def test_bad_input_is_refused_at_its_field_and_nothing_of_it_is_lost(
     assert console.named("save_scenario") == []
     assert "Errors to correct first: 1" in editor.notice.text.text()
     # Shown in place with the invalid text.
-    assert QApplication.focusWidget() is field(editor, "driving", "max_forward_mps").line
-    assert field(editor, "driving", "max_forward_mps").line.text() == "fast"
+    assert QApplication.focusWidget() is field(editor, "driving", "max_forward_mps").control
+    assert field(editor, "driving", "max_forward_mps").control.text() == "fast"
     type_over(editor, "0,25", "driving", "max_forward_mps")
     assert wrong(editor) == []
     assert editor.document.data["driving"] == {"max_forward_mps": 0.25}
     editor.preview.anchorClicked.emit(QUrl("change:0"))
-    assert QApplication.focusWidget() is field(editor, "driving", "max_forward_mps").line
+    assert QApplication.focusWidget() is field(editor, "driving", "max_forward_mps").control
 
 
 def test_undo_and_redo_go_over_fields_lists_and_text_alike(editor: ScenarioEditor) -> None:
@@ -126,11 +126,11 @@ def test_undo_and_redo_go_over_fields_lists_and_text_alike(editor: ScenarioEdito
     type_over(editor, "Hm", "filler")
     QTest.keyClick(QApplication.focusWidget(), Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     assert "filler" not in editor.document.data
-    assert field(editor, "filler").line.text() == ""
-    QTest.keyClick(field(editor, "title").line, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert field(editor, "filler").control.text() == ""
+    QTest.keyClick(field(editor, "title").control, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     assert editor.document.text == TEXT
     assert not editor.undo_button.isEnabled()
-    line = field(editor, "title").line
+    line = field(editor, "title").control
     QTest.keyClick(line, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
     assert line.text() == "Large"
     editor.revert_button.click()
@@ -138,7 +138,7 @@ def test_undo_and_redo_go_over_fields_lists_and_text_alike(editor: ScenarioEdito
 
 
 def test_entries_are_added_moved_and_taken_out_by_keys(editor: ScenarioEditor) -> None:
-    line = field(editor, "phrases", 0, "say").line
+    line = field(editor, "phrases", 0, "say").control
     QTest.keyClick(line, Qt.Key.Key_Return)
     QTest.keyClicks(QApplication.focusWidget(), "Between")
     assert editor.document.data["phrases"] == ["Hello", "Between", {"say": "Bye", "key": "Ctrl+B"}]
@@ -153,7 +153,7 @@ def test_entries_are_added_moved_and_taken_out_by_keys(editor: ScenarioEditor) -
 
 
 def test_more_along_with_a_phrase_is_entered_by_pressing_its_key(editor: ScenarioEditor) -> None:
-    key = field(editor, "phrases", 0, "key").line
+    key = field(editor, "phrases", 0, "key").control
     QTest.keyClick(key, Qt.Key.Key_P, Qt.KeyboardModifier.ControlModifier)
     assert editor.document.data["phrases"][0] == {"say": "Hello", "key": "Ctrl+P"}
     assert "Ctrl+P already has another function: Photo" in editor.preview.toPlainText()
@@ -197,7 +197,7 @@ def test_a_place_is_where_the_robot_is_now(editor: ScenarioEditor, console: Fake
     here = find(editor, "place_from_robot")
     assert not here.isEnabled()
     console.state.add(RobotPose(clock.now_ns(), None, Pose2D(3.456, -1.0, 1.5708)))
-    editor.editing.emit_changes()
+    editor.document.history.changed.emit()
     QTest.mouseClick(here, Qt.MouseButton.LeftButton)
     assert editor.document.data["places"] == [{"name": "Door", "x_m": 3.46, "y_m": -1, "heading_deg": 90}]
 
@@ -219,9 +219,9 @@ def test_the_steps_of_the_protocol_are_reported_as_the_strip_has_them(editor: Sc
     told = editor.preview.toPlainText()
     assert "3 min · go to Door" in told
     names = field(editor, "protocol", "steps", 0, "go_to")
-    assert [names.box.itemText(number) for number in range(names.box.count())] == ["none", "Door"]
+    assert [names.control.itemText(number) for number in range(names.control.count())] == ["none", "Door"]
     then = field(editor, "protocol", "steps", 0, "then")
-    assert [then.box.itemText(number) for number in range(then.box.count())] == ["not set", "Greet", "End"]
+    assert [then.control.itemText(number) for number in range(then.control.count())] == ["not set", "Greet", "End"]
     then.enter("end")
     assert editor.document.data["protocol"]["steps"][0]["then"] == "end"
 
@@ -230,13 +230,13 @@ def test_places_prompts_and_marks_are_reported_as_the_wizard_has_them(editor: Sc
     type_over(editor, "Gate", "places", 0, "name")
     assert "Alt+1  Gate · used in step Greet" in told_now(editor)
     field(editor, "recording", "lsl")
-    editor.editing.set(("recording",), {"labels": ["Laughs"], "errors": [{"kind": "Slip", "meaning": "A wrong key."}]})
-    editor.editing.set(("preflight",), ["The form is signed"])
+    editor.document.set(("recording",), {"labels": ["Laughs"], "errors": [{"kind": "Slip", "meaning": "A wrong key."}]})
+    editor.document.set(("preflight",), ["The form is signed"])
     told = told_now(editor)
     assert "Shift+F1  Laughs" in told and "F  Slip\nA wrong key." in told and "☐ The form is signed" in told
     field(editor, "assistant", "system_prompt").enter("Be kind.")
-    editor.editing.set(("assistant", "templates"), [{"name": "Meant", "text": "What is {said}?"}])
-    editor.editing.set(("assistance",), {"replies": "act", "countdown_s": 5})
+    editor.document.set(("assistant", "templates"), [{"name": "Meant", "text": "What is {said}?"}])
+    editor.document.set(("assistance",), {"replies": "act", "countdown_s": 5})
     told = told_now(editor)
     assert "Instructions to the model before a question\n“Be kind.”" in told
     assert "Meant: “What is the participant's last utterance?”" in told
@@ -252,7 +252,7 @@ def told_now(editor: ScenarioEditor) -> str:
 
 def test_a_step_is_renamed_with_what_leads_to_it_in_one_step(editor: ScenarioEditor) -> None:
     field(editor, "protocol", "steps", 0, "then")
-    editor.editing.add(("protocol", "steps", 1), {"title": "Wait", "then": "Greet"})
+    editor.document.add(("protocol", "steps", 1), {"title": "Wait", "then": "Greet"})
     before = editor.document.text
     type_over(editor, "Welcome", "protocol", "steps", 0, "title")
     assert editor.document.text == before.replace("Greet", "Welcome")
@@ -269,9 +269,9 @@ def test_text_and_form_are_two_sides_of_one_thing(editor: ScenarioEditor) -> Non
     assert code._changed == {2}
     code.setPlainText(code.toPlainText().replace("- Hello", "- Good day"))
     editor.show_page(editor.pages[1])
-    assert field(editor, "phrases", 0, "say").line.text() == "Good day"
+    assert field(editor, "phrases", 0, "say").control.text() == "Good day"
     editor.undo()
-    assert field(editor, "phrases", 0, "say").line.text() == "Hello"
+    assert field(editor, "phrases", 0, "say").control.text() == "Hello"
 
 
 def test_text_with_a_mistake_leaves_the_form_as_it_was_and_says_where(
@@ -283,7 +283,7 @@ def test_text_with_a_mistake_leaves_the_form_as_it_was_and_says_where(
     editor.show_page(editor.pages[1])
     assert editor.notice.text.text().startswith("Line 6 of the text: not valid YAML")
     phrase_field = field(editor, "phrases", 0, "say")
-    assert (phrase_field.line.text(), phrase_field.line.isEnabled()) == ("Hello", False)
+    assert (phrase_field.control.text(), phrase_field.control.isEnabled()) == ("Hello", False)
     editor.save()
     assert console.named("save_scenario") == []
     editor.notice.answers[0].click()

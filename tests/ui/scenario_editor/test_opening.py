@@ -58,7 +58,7 @@ def test_it_opens_from_the_menu_and_driving_and_the_emergency_stop_go_past_it(
     assert window.editor.editor is editor
     # The next opened scenario is edited next, and unsaved changes are not lost without a question.
     assert console.open_scenario(samples.MENTAL.path)
-    editor.editing.set(("title",), "Another")
+    editor.document.set(("title",), "Another")
     window.editor.open()
     assert window.editor.editor is editor
     assert "The editor shows a different scenario than “Mental health check”" in editor.notice.text.text()
@@ -72,7 +72,7 @@ def test_it_opens_from_the_menu_and_driving_and_the_emergency_stop_go_past_it(
     editor = window.editor.editor
     assert editor is not None and editor.document.data["title"] == "Tour guide"
     # The main window does not close with unsaved changes.
-    editor.editing.set(("title",), "Another")
+    editor.document.set(("title",), "Another")
     monkeypatch.setattr(QCloseEvent, "spontaneous", lambda _event: True)
     monkeypatch.setattr(window.closing, "asks_first", lambda _event: False)
     assert not window.close()

@@ -11,12 +11,11 @@ from caris_desktop.domain.schema_fields import ValueForm, keys_of
 from caris_desktop.domain.schema_paths import ABSENT
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.status import SavedScenario
-from caris_desktop.scenario.document import ScenarioDocument
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor
-from caris_desktop.ui.scenario_editor.opened_scenario import opened_file
-from caris_desktop.ui.scenario_editor.sections import sections
+from caris_desktop.ui.scenario_editor.pages import sections
+from caris_desktop.ui.scenario_editor.saving import EditedDocument, opened_file
 from caris_desktop.ui.theme import Theme
 from tests.support.scenario_edits import assert_only_that_field_changed, edited_leaves, other_value, sampled
 from tests.ui.fake_console import FakeConsole
@@ -63,7 +62,7 @@ def test_each_field_is_in_the_form_and_changes_its_own_lines_alone(
     editor: ScenarioEditor, sampled: Callable[[list[tuple[KeyPath, ValueForm]]], list[tuple[KeyPath, ValueForm]]]
 ) -> None:
     text = editor.document.text
-    judge = ScenarioDocument(text, editor.document.path)
+    judge = EditedDocument(text, editor.document.path)
     for path, form in sampled(edited_leaves(judge)):
         field = editor.reveal(path)
         assert field is not None and field.path == path, path
@@ -88,7 +87,7 @@ def test_shipped_files_are_written_only_as_a_copy_of_ones_own(theme: Theme, isol
     shipped = SHIPPED[-1]
     console = FakeConsole(load_scenario(shipped))
     window = ScenarioEditor(theme, console, opened_file(shipped))
-    window.editing.set(("title",), "Mine")
+    window.document.set(("title",), "Mine")
     window.save()
     ((text, path, edited, replaces),) = console.named("save_scenario")
     assert "title: Mine" in text
