@@ -60,6 +60,7 @@ READ_ASIDE = {
     "ui/scenario_editor/saving.py: opened_as_form": "read aside",
     "ui/scenario_editor/saving.py: reopened": "read aside",
     "ui/scenario_editor/editor_window.py: _names_of_files": "read aside",
+    "ui/scenario_editor/editor_window.py: _text_of": "read aside",
     "ui/scenario_editor/editor_window.py: ScenarioEditor._others": "read aside",
     "ui/shortcuts/shortcut_reference.py": "writes the pages of the guide, without a window",
 }

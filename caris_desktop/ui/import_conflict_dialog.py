@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from PySide6.QtCore import QSize, Qt
-from PySide6.QtWidgets import QDialog, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QScrollArea, QWidget
+from PySide6.QtWidgets import QDialog, QLabel, QLineEdit, QPlainTextEdit, QScrollArea, QWidget
 
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.schema_paths import differences
@@ -41,7 +41,8 @@ class ImportConflictDialog(VisualTabOrderMixin, QDialog):
         heading = QLabel(tr("Some names in {file} already exist").format(file=question.path.name))
         heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
         hint = QLabel(tr("Nothing has been changed yet. Replaced files are set aside, not deleted."), wordWrap=True)
-        theme.color_text(hint, "dim")
+        self._refusal = QLabel(wordWrap=True)
+        self._refusal.setObjectName("same_names_refusal")
         holder = QWidget()
         column = layouts.vbox(holder, margins_px=(0, 0, 8, 0), spacing_px=16)
         self.parts = [_Part(theme, conflict, self._check) for conflict in question.conflicts]
@@ -53,25 +54,24 @@ class ImportConflictDialog(VisualTabOrderMixin, QDialog):
         scroll.setFrameShape(QScrollArea.Shape.NoFrame)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(holder)
-        self._refusal = QLabel(wordWrap=True)
-        self._refusal.setObjectName("same_names_refusal")
-        theme.color_text(self._refusal, "amber")
         cancel = ActionButton(theme, tr("Cancel"), height_px=40)
         cancel.setObjectName("same_names_cancel")
         cancel.clicked.connect(self.reject)
         self._import = ActionButton(theme, tr("Import"), role="primary", height_px=40)
         self._import.setObjectName("same_names_import")
         self._import.clicked.connect(self._on_import)
-        buttons = QHBoxLayout()
+        buttons = layouts.hbox()
         buttons.addStretch(1)
         buttons.addWidget(cancel)
         buttons.addWidget(self._import)
         layout = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
-        for widget in (heading, hint):
-            layout.addWidget(widget)
+        layout.addWidget(heading)
+        layout.addWidget(hint)
         layout.addWidget(scroll, 1)
         layout.addWidget(self._refusal)
         layout.addLayout(buttons)
+        theme.color_text(hint, "dim")
+        theme.color_text(self._refusal, "amber")
         self._check()
 
     def sizeHint(self) -> QSize:
@@ -92,32 +92,26 @@ class _Part(QWidget):
     """One conflict: keep both or replace, with the differences."""
 
     def __init__(self, theme: Theme, conflict: NameConflict, changed: Callable[[], None]) -> None:
+        kind, name = conflict.part.kind, conflict.part.name
         super().__init__()
+        self.setObjectName(f"same_name_{kind}")
         self._conflict = conflict
-        part = conflict.part
-        self.setObjectName(f"same_name_{part.kind}")
-        question = QLabel(tr(_ASKED[part.kind]).format(name=part.name))
-        question.setWordWrap(True)
+        self._changed = changed
+        question = QLabel(tr(_ASKED[kind]).format(name=name), wordWrap=True)
         question.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
-        self.choice = DropDown(
-            theme, f"same_name_choice_{part.kind}", tr("How to import {name}").format(name=part.name)
-        )
+        self.choice = DropDown(theme, f"same_name_choice_{kind}", tr("How to import {name}").format(name=name))
         self.choice.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
         self.choice.setMinimumSize(320, 36)
         self.choice.addItem(tr("Keep both; name of the imported one:"), False)
-        if conflict.own:
-            self.choice.addItem(tr("Replace the existing one"), True)
-        came = QLabel(tr("It comes with the program and cannot be replaced."))
-        theme.color_text(came, "dim")
         self.name = QLineEdit(conflict.free, maxLength=_LONGEST_NAME)
-        self.name.setObjectName(f"new_name_{part.kind}")
-        self.name.setAccessibleName(tr("New name for {name}").format(name=part.name))
+        self.name.setObjectName(f"new_name_{kind}")
+        self.name.setAccessibleName(tr("New name for {name}").format(name=name))
         self.name.setMinimumHeight(36)
         self.differs = ActionButton(theme, tr("Show differences"), icon="git-diff", height_px=32)
-        self.differs.setObjectName(f"what_differs_{part.kind}")
+        self.differs.setObjectName(f"what_differs_{kind}")
         self.differs.clicked.connect(self._show_differences)
         self.differences = QPlainTextEdit(readOnly=True)
-        self.differences.setObjectName(f"differences_{part.kind}")
+        self.differences.setObjectName(f"differences_{kind}")
         self.differences.setAccessibleName(tr("Differences between the imported and the existing version"))
         self.differences.setMinimumHeight(180)
         self.differences.hide()
@@ -127,16 +121,20 @@ class _Part(QWidget):
         column = layouts.vbox(self, margins_px=0, spacing_px=6)
         column.addWidget(question)
         column.addLayout(named)
-        if not conflict.own:
-            column.addWidget(came)
+        if conflict.own:
+            self.choice.addItem(tr("Replace the existing one"), True)
+        else:
+            shipped = QLabel(tr("It comes with the program and cannot be replaced."))
+            theme.color_text(shipped, "dim")
+            column.addWidget(shipped)
         column.addWidget(self.differs, 0, Qt.AlignmentFlag.AlignLeft)
         column.addWidget(self.differences)
-        self.name.textChanged.connect(lambda _text: changed())
-        self.choice.currentIndexChanged.connect(lambda _index: self._on_chosen(changed))
+        self.name.textChanged.connect(self._on_changed)
+        self.choice.currentIndexChanged.connect(self._on_changed)
 
-    def _on_chosen(self, changed: Callable[[], None]) -> None:
+    def _on_changed(self) -> None:
         self.name.setVisible(not self._replaces)
-        changed()
+        self._changed()
 
     @property
     def _replaces(self) -> bool:
@@ -163,23 +161,17 @@ class _Part(QWidget):
         # Imported late: the first window does not need it.
         from caris_desktop.ui.scenario_editor.preview import difference_words
 
-        conflict = self._conflict
-        difference_lines = []
-        if conflict.part.kind == "scenario":
-            there, theirs = _data(conflict.text), _data(conflict.part.text)
-            difference_lines = [
-                f"{' › '.join(map(str, one.path))}: {difference_words(one)}"
-                for one in differences(Scenario, there, theirs)
-            ]
-        lines = difflib.unified_diff(
-            conflict.text.splitlines(),
-            conflict.part.text.splitlines(),
-            tr("existing"),
-            tr("imported"),
-            lineterm="",
-            n=2,
+        there, theirs = self._conflict.text, self._conflict.part.text
+        lines = list(
+            difflib.unified_diff(
+                there.splitlines(), theirs.splitlines(), tr("existing"), tr("imported"), lineterm="", n=2
+            )
         )
-        self.differences.setPlainText("\n".join([*difference_lines, *([""] if difference_lines else []), *lines]))
+        if self._conflict.part.kind == "scenario":
+            found = differences(Scenario, _data(there), _data(theirs))
+            summary = [f"{' › '.join(map(str, each.path))}: {difference_words(each)}" for each in found]
+            lines = [*summary, *([""] if summary else []), *lines]
+        self.differences.setPlainText("\n".join(lines))
         self.differences.show()
         self.differs.hide()
 

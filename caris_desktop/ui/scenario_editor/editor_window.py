@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QSize, Qt, QUrl, Signal
@@ -32,7 +33,7 @@ from caris_desktop.scenario.scenario_library import own_file
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.icons import icon
-from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, InputKeys, Names
+from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, InputKeys, Names, named
 from caris_desktop.ui.scenario_editor.pages import ComparePage, Other, SectionPage, TextPage, sections
 from caris_desktop.ui.scenario_editor.preview import preview_page
 from caris_desktop.ui.scenario_editor.saving import EditedDocument, Notice, Opened, Saving, as_sentence, opened_file
@@ -66,7 +67,7 @@ QLabel#page_words, QLabel#help, QLabel#switch_help, QLabel#row_title {{ color: {
 QLabel#help, QLabel#switch_help, QLabel#row_title, QLabel#mistake, QLabel#known_names, QLabel#editor_state {{
     font-size: {status}px;
 }}
-QLabel#switch_help {{ padding: 0 0 4px 28px; }}
+QLabel#switch_help {{ padding: 0 0 4px 25px; }}
 QLabel#mistake {{ color: {colors.red}; }}
 QWidget#entry_card {{
     background: {colors.panel}; border: 1px solid {colors.line}; border-radius: {radius}px;
@@ -110,16 +111,15 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         self.compare_page = ComparePage(self.context, console, self._others)
         self.notice = Notice(theme)
         self.saving = Saving(console, self.document, self.notice, opened, self)
-        self.saving.refused.connect(self._show_first_mistake)
+        self.saving.refused.connect(partial(self.show_mistake, 0))
         self.saving.title_requested.connect(self.ask_for_name)
         self.saving.saved.connect(self.leave_name)
         self.saving.version_changed.connect(self.compare_page.offer_again)
         self.saving.finished.connect(self.close)
         self.stack = QStackedWidget()
         self.nav = self._make_nav()
-        self.preview = QTextBrowser(openLinks=False)
-        self.preview.setObjectName("scenario_preview")
-        self.preview.setAccessibleName(tr("Preview for the wizard, and changes"))
+        preview = QTextBrowser(openLinks=False)
+        self.preview = named(preview, "scenario_preview", tr("Preview for the wizard, and changes"))
         self.preview.setMinimumWidth(280)
         self.preview.anchorClicked.connect(self._on_link)
         self._lay_out()
@@ -143,8 +143,8 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         return button
 
     def _make_nav(self) -> QListWidget:
-        nav = QListWidget(objectName="editor_sections", iconSize=QSize(18, 18))
-        nav.setAccessibleName(tr("Sections of the scenario"))
+        nav = named(QListWidget(), "editor_sections", tr("Sections of the scenario"))
+        nav.setIconSize(QSize(18, 18))
         nav.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         titles = [*(tr(page.section.title) for page in self.pages), tr("Text of the file"), tr("Compare")]
         for title, page in zip(titles, (*self.pages, self.text_page, self.compare_page), strict=True):
@@ -154,10 +154,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         return nav
 
     def _lay_out(self) -> None:
-        self._title = ElidedLabel()
-        self._title.setObjectName("editor_title")
-        self._state = ElidedLabel()
-        self._state.setObjectName("editor_state")
+        self._title, self._state = named(ElidedLabel(), "editor_title"), named(ElidedLabel(), "editor_state")
         titles = layouts.vbox(spacing_px=0)
         for label in (self._title, self._state):
             label.setMinimumWidth(_LEAST_TITLE_PX)
@@ -178,9 +175,8 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         ):  # fmt: skip
             head.addWidget(button)
         self._name_row = QWidget()
-        self.name = QLineEdit(placeholderText=tr("Title of the new scenario, for example “Second study”"))
-        self.name.setObjectName("editor_name")
-        self.name.setAccessibleName(tr("Title of the new scenario"))
+        name = QLineEdit(placeholderText=tr("Title of the new scenario, for example “Second study”"))
+        self.name = named(name, "editor_name", tr("Title of the new scenario"))
         self.name.returnPressed.connect(self.save_as)
         name_row = layouts.hbox(self._name_row, margins_px=(16, 0, 16, 8))
         name_row.addWidget(self.name, 1)
@@ -326,9 +322,6 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
             self.show_page(self.text_page)
             self.text_page.show_line(mistake.line)
 
-    def _show_first_mistake(self) -> None:
-        self.show_mistake(0)
-
     def _report_unreadable(self) -> None:
         mistake = self.document.unreadable
         if not self.document.mistakes:
@@ -341,7 +334,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         )
         self.notice.say(
             "unreadable", notice, "red",
-            (tr("Show the line"), self._show_first_mistake), (tr("Undo typing"), self.undo),
+            (tr("Show the line"), partial(self.show_mistake, 0)), (tr("Undo typing"), self.undo),
         )  # fmt: skip
 
     # ---- undo
@@ -434,7 +427,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
     def _others(self) -> Sequence[Other]:  # reads files
         path, saved = self.document.path, Other(tr("Saved version"), lambda: self.document.saved_text)
         shipped = [
-            Other(tr("{name}, built-in version").format(name=file.stem), lambda file=file: opened_file(file).text)
+            Other(tr("{name}, built-in version").format(name=file.stem), partial(_text_of, file))
             for file in sorted(layouts_dir().glob("*.yaml"), key=lambda file: (file.name != path.name, file.name))
         ]
         same_name = bool(shipped) and (layouts_dir() / path.name).is_file() and own_file(path) == path
@@ -474,6 +467,11 @@ def _nav_item(title: str) -> QListWidgetItem:
     item = QListWidgetItem(title)
     item.setSizeHint(QSize(_NAV_PX, tokens.CONTROL_HEIGHT_PX))
     return item
+
+
+def _text_of(path: Path) -> str:
+    """Text of a file. Raises OSError, UnicodeDecodeError."""
+    return opened_file(path).text
 
 
 def _names_of_files() -> dict[Known, tuple[str, ...]]:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from html import escape
-from typing import Any
+from typing import Any, TypeVar
 
 from PySide6.QtCore import QEvent, QObject, QSignalBlocker, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent
@@ -26,7 +26,7 @@ from caris_desktop.domain.schema_labels import (
 from caris_desktop.domain.schema_paths import ABSENT, blank_group, blank_of, default_of, entry_name, text_key, value_at
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
+from caris_desktop.domain.yaml_source import parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.scenario.document import Mistake
 from caris_desktop.ui import layouts, tokens
@@ -38,6 +38,7 @@ from caris_desktop.ui.widgets.check_box import CheckBox
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.key_cap import KeyCap
 
+W = TypeVar("W", bound=QWidget)
 _MORE_PX = 104
 _ROWS_AT_ONCE = 4
 _MOST_IN_A_ROW = 5
@@ -121,7 +122,7 @@ class FormPart(QWidget):
         self._mistake_label: QLabel | None = None
 
     def add_text(self, text: str, style: str) -> QLabel:
-        label = QLabel(text, wordWrap=True, objectName=style)
+        label = named(QLabel(text, wordWrap=True), style)
         self.texts.addWidget(label)
         return label
 
@@ -203,8 +204,8 @@ class Field(FormPart):
         self.column.addLayout(self._head)
         if self.title and not self.names_itself:
             unit = _SHORT_UNITS.get(form.rule.unit, "") if compact else ""
-            self._title_label = QLabel(f"{self.title} ({unit})" if unit else self.title)
-            self._title_label.setObjectName("row_title" if compact else "field_title")
+            title = QLabel(f"{self.title} ({unit})" if unit else self.title)
+            self._title_label = named(title, "row_title" if compact else "field_title")
             self._title_label.setBuddy(self.control)
             self._head.addWidget(self._title_label)
             self._head.addStretch(1)
@@ -300,32 +301,57 @@ class Prose(QPlainTextEdit):
 
 
 class TextField(Field):
-    """Text in one line, or several, in which names may be known."""
+    """Value typed in one line, or several: text, a number with its unit, or YAML. Invalid text stays as it is."""
 
     control: QLineEdit | Prose
 
     def make(self) -> tuple[QWidget, QWidget]:
         self._known: QLabel | None = None
-        if self.form.rule.prose or self.form.is_free:
-            control: QLineEdit | Prose = Prose()
-        else:
-            control = QLineEdit(placeholderText=self.default if isinstance(self.default, str) else "")
-            control.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
+        self.control = control = self.make_input()
         control.installEventFilter(self.context.input_keys)
         control.textEdited.connect(lambda: self.document.set(self.path, self.read(control.text())))
-        return control, control
+        if kind_of(self.form) != "number" or self.compact:
+            return control, control
+        holder = QWidget()
+        row = layouts.hbox(holder, margins_px=0, spacing_px=8)
+        row.addWidget(control)
+        row.addWidget(named(QLabel(unit_of(self.form)), "help"))
+        row.addStretch(1)
+        return control, holder
+
+    def make_input(self) -> QLineEdit | Prose:
+        if self.form.rule.prose or self.form.is_free:
+            return Prose()
+        line = QLineEdit(placeholderText=self.default if isinstance(self.default, str) else "")
+        line.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
+        if kind_of(self.form) == "number":
+            line.setMaximumWidth(78 if self.compact else 150)
+            line.setAlignment(Qt.AlignmentFlag.AlignRight)
+        return line
 
     def read(self, text: str) -> Any:
-        """Value of the text."""
-        leaves_out = not text and self.may_be_left_out and self.default is ABSENT
-        return ABSENT if leaves_out and not self.form.rule.prose else text
-
-    def shown(self, value: Any) -> str:
-        """Text of a value."""
-        return shown_text(value)
+        """Value of the text; the text if it is none."""
+        bare, kind = text.strip(), kind_of(self.form)
+        if not bare and kind in ("free", "mixed"):
+            return {} if kind == "free" else ""
+        if not bare and kind == "number" and self.may_be_left_out:
+            return self.default
+        if not text and self.may_be_left_out and self.default is ABSENT and not self.form.rule.prose:
+            return ABSENT
+        try:
+            match kind:
+                case "free" | "mixed":
+                    return parse_yaml(text).data
+                case "number" if int in self.form.scalars:
+                    return int(bare)
+                case "number":  # a decimal comma is accepted
+                    return plain_number(float(bare.replace(",", ".")))
+        except ValueError:
+            return bare if kind == "number" else text
+        return text
 
     def show_value(self, value: Any) -> None:
-        text = "" if value is ABSENT else self.shown(value)
+        text = "" if value is ABSENT else shown_text(value)
         typed = self.control.text()
         # While typing, "1." equals "1".
         if text != typed and not (self.control.hasFocus() and self.read(typed) == value):
@@ -335,7 +361,7 @@ class TextField(Field):
 
     def enter(self, value: Any) -> None:
         self.control.selectAll()
-        self.control.insert(self.shown(value))
+        self.control.insert(shown_text(value))
 
     def refresh(self) -> None:
         super().refresh()
@@ -371,59 +397,15 @@ class TextField(Field):
         self.setFocus(_BY_PROGRAM)
 
 
-class NumberField(TextField):
-    """Number with unit. Invalid text stays, with the permitted range below."""
-
-    def make(self) -> tuple[QWidget, QWidget]:
-        control, _shown = super().make()
-        assert isinstance(control, QLineEdit)
-        control.setMaximumWidth(78 if self.compact else 150)
-        control.setAlignment(Qt.AlignmentFlag.AlignRight)
-        if self.compact:
-            return control, control
-        holder = QWidget()
-        row = layouts.hbox(holder, margins_px=0, spacing_px=8)
-        row.addWidget(control)
-        row.addWidget(QLabel(unit_of(self.form), objectName="help"))
-        row.addStretch(1)
-        return control, holder
-
-    def read(self, text: str) -> Any:
-        """Parse a number; a decimal comma is accepted."""
-        text = text.strip()
-        if not text and self.may_be_left_out:
-            return self.default
-        try:
-            return int(text) if int in self.form.scalars else plain_number(float(text.replace(",", ".")))
-        except ValueError:
-            return text
-
-
-class YamlField(TextField):
-    """Value that may be a number, boolean or text, by its appearance, or keys outside the schema."""
-
-    def shown(self, value: Any) -> str:
-        return "" if value == {} else shown_text(value)
-
-    def read(self, text: str) -> Any:
-        if not text.strip():
-            return {} if self.form.is_free else ""
-        try:
-            return parse_yaml(text).data
-        except YamlSourceError:
-            return text
-
-
 class KeyField(TextField):
     """Key combination, entered by pressing it."""
 
-    def make(self) -> tuple[QWidget, QWidget]:
-        control, shown = super().make()
-        assert isinstance(control, QLineEdit)
-        control.setPlaceholderText(tr("Press a key"))
-        control.setMaximumWidth(170)
-        control.installEventFilter(self)
-        return control, shown
+    def make_input(self) -> QLineEdit:
+        line = QLineEdit(placeholderText=tr("Press a key"))
+        line.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
+        line.setMaximumWidth(170)
+        line.installEventFilter(self)
+        return line
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         pressed = event.type() in (QEvent.Type.ShortcutOverride, QEvent.Type.KeyPress)
@@ -522,12 +504,12 @@ def shown_text(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (dict, list)):
-        return yaml_text(value).rstrip("\n")
+        return yaml_text(value).rstrip("\n") if value != {} else ""
     return f"{plain_number(value):.10g}" if isinstance(value, float) else str(value)
 
 
 FIELDS: dict[str, type[Field]] = {
-    "choice": ChoiceField, "free": YamlField, "key": KeyField, "mixed": YamlField, "number": NumberField,
+    "choice": ChoiceField, "free": TextField, "key": KeyField, "mixed": TextField, "number": TextField,
     "switch": SwitchField, "text": TextField,
 }  # fmt: skip
 
@@ -696,8 +678,7 @@ class ListPart(Holder):
         self.column.addLayout(buttons)
         for number, (words, blank) in enumerate(kinds_of_entries(form.item)):
             button = ActionButton(context.theme, tr("Add {what}").format(what=words), icon="plus", height_px=30)
-            button.setObjectName(f"add_{'_'.join(map(str, path))}_{number}")
-            button.setAccessibleName(self.context.spoken(button.text()))
+            named(button, f"add_{'_'.join(map(str, path))}_{number}", self.context.spoken(button.text()))
             button.clicked.connect(lambda _checked=False, blank=blank: self.add_entry(len(self.entries), blank))
             buttons.addWidget(button)
             self._adders.append(button)
@@ -732,8 +713,7 @@ class ListPart(Holder):
 
     def complete(self) -> None:
         """Create all rows now."""
-        self.refresh()
-        while self._more_rows.isActive():
+        while self._more_rows.isActive() or len(self.rows) != len(self.entries):
             self.refresh()
 
     def refresh(self) -> None:
@@ -820,9 +800,7 @@ class EntryRow(FormPart):
             fields = [field_for(self.context, self.path, self.form, compact=True)]
         self.parts = fields
         for field in fields:
-            narrow = field.form.scalars in ((float,), (int,)) or (
-                self.group is None and kind_of(field.form) == "choice"
-            )
+            narrow = kind_of(field.form) in (("number",) if keys else ("number", "choice"))
             self._head.addWidget(field, 0 if narrow else 1, _BOTTOM)
             if self._index or self._is_text:
                 field.without_title()
@@ -837,8 +815,8 @@ class EntryRow(FormPart):
             self._robot_button = ActionButton(
                 self.context.theme, tr("Here"), icon="robot", height_px=32, text_px=tokens.STATUS_PX
             )
-            self._robot_button.setObjectName("place_from_robot")
-            self._robot_button.setAccessibleName(self.context.spoken(tr("Use the robot's current position")))
+            here = self.context.spoken(tr("Use the robot's current position"))
+            named(self._robot_button, "place_from_robot", here)
             self._robot_button.clicked.connect(self._use_robot_pose)
             self._head.addWidget(self._robot_button, 0, _BOTTOM)
 
@@ -994,23 +972,28 @@ def key_of_entry(data: Any, path: KeyPath) -> str:
     match path:
         case ("phrases", int(index)):
             entries = value_at(data, ("phrases",))
-            if not isinstance(entries, list) or not 0 <= index < len(entries) or "group" in _keys_in(entries[index]):
-                return ""
-            return _KEYS.get(f"phrase_{sum('group' not in _keys_in(each) for each in entries[: index + 1])}", "")
+            entries = entries if isinstance(entries, list) else []
+            sentences = [value_at(each, ("group",)) is ABSENT for each in entries]
+            number = sum(sentences[: index + 1]) if index < len(sentences) and sentences[index] else 0
+            return _KEYS.get(f"phrase_{number}", "")
         case ("phrases", int(), "phrases", int(index)):
             return _KEYS.get(f"phrase_{index + 1}", "")
+        case ("gestures", int(index)):
+            key = value_at(data, (*path, "key"))
+            return _KEYS.get(f"gesture_{index + 1}", "") if key in (ABSENT, "") else str(key)
         case ("recording", "labels", int(index)):
             return _KEYS.get(f"label_{index + 1}", "")
-        case ("gestures", int(index)):
-            key = _keys_in(value_at(data, path)).get("key")
-            return str(key) if key else _KEYS.get(f"gesture_{index + 1}", "")
         case ("places", int(index)):
             return _KEYS.get(f"place_{index + 1}", "")
     return ""
 
 
-def _keys_in(entry: Any) -> Any:
-    return entry if isinstance(entry, dict) else {}
+def named(widget: W, name: str, accessible_name: str = "") -> W:
+    """Set the object name, by which the style sheet finds the widget, and what a screen reader says."""
+    widget.setObjectName(name)
+    if accessible_name:
+        widget.setAccessibleName(accessible_name)
+    return widget
 
 
 def drop(part: QWidget) -> None:

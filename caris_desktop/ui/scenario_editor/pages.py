@@ -32,7 +32,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.background_reading import read_for
-from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, drop, part_for, show_at_once
+from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, drop, named, part_for, show_at_once
 from caris_desktop.ui.scenario_editor.preview import difference_words
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -143,9 +143,9 @@ class SectionPage(QScrollArea):
         holder = QWidget()
         holder.setObjectName("section_holder")
         self._column = layouts.vbox(holder, margins_px=(_SIDE_PX, 16, _SIDE_PX, 24), spacing_px=20)
-        self._words = QLabel(tr(self.section.words), wordWrap=True, textFormat=Qt.TextFormat.PlainText)
-        self._words.setObjectName("page_words")
-        self._column.addWidget(QLabel(tr(self.section.title), objectName="page_title"))
+        words = QLabel(tr(self.section.words), wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        self._words = named(words, "page_words")
+        self._column.addWidget(named(QLabel(tr(self.section.title)), "page_title"))
         if self.section.words:
             self._column.addWidget(self._words)
         self._column.addStretch(1)
@@ -210,14 +210,9 @@ class SectionPage(QScrollArea):
 def changed_lines(before: str, after: str) -> tuple[set[int], set[int]]:
     """Changed or new lines of ``after``, and lines that follow a deletion; counted from 0."""
     matcher = difflib.SequenceMatcher(None, before.splitlines(), after.splitlines(), autojunk=False)
-    changed: set[int] = set()
-    deletions: set[int] = set()
-    for tag, _from, _to, start, end in matcher.get_opcodes():
-        if tag in ("replace", "insert"):
-            changed.update(range(start, end))
-        elif tag == "delete":
-            deletions.add(start)
-    return changed, deletions
+    blocks = [(tag, start, end) for tag, _from, _to, start, end in matcher.get_opcodes()]
+    changed = {line for tag, start, end in blocks if tag != "equal" for line in range(start, end)}
+    return changed, {start for tag, start, _end in blocks if tag == "delete"}
 
 
 class TextPage(QWidget):
@@ -228,9 +223,7 @@ class TextPage(QWidget):
     def __init__(self, context: FormContext) -> None:
         super().__init__()
         self._document = context.document
-        self.editor = CodeEditor(context)
-        self.editor.setObjectName("scenario_text")
-        self.editor.setAccessibleName(tr("The text of the scenario file"))
+        self.editor = CodeEditor(context, "scenario_text", tr("The text of the scenario file"))
         layouts.vbox(self, margins_px=12).addWidget(self.editor)
         self._typing = QTimer(self, singleShot=True, interval=_TYPING_PAUSE_MS)
         self._typing.timeout.connect(self._apply)
@@ -288,17 +281,17 @@ class TextPage(QWidget):
 class CodeEditor(QPlainTextEdit):
     """Plain text editor with line numbers. Tab moves on, and undo is the document's."""
 
-    def __init__(self, context: FormContext, *, read_only: bool = False) -> None:
-        super().__init__()
+    def __init__(self, context: FormContext, name: str, title: str, *, read_only: bool = False) -> None:
+        super().__init__(
+            readOnly=read_only, tabChangesFocus=True, undoRedoEnabled=False,
+            lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap,
+        )  # fmt: skip
+        named(self, name, title)
         self._theme = context.theme
         self._changed: set[int] = set()
         self._deletions: set[int] = set()
         self._wrong: set[int] = set()
-        self.setTabChangesFocus(True)
-        self.setUndoRedoEnabled(False)
         self.installEventFilter(context.input_keys)
-        self.setReadOnly(read_only)
-        self.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
         font = QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont)
         font.setPixelSize(tokens.BODY_PX - 1)
         font.setStyleHint(QFont.StyleHint.Monospace)
@@ -416,9 +409,7 @@ class ComparePage(QWidget):
         column.addStretch(1)
         area = _scroll_area(QScrollArea(), holder)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.diff = CodeEditor(context, read_only=True)
-        self.diff.setObjectName("scenario_diff")
-        self.diff.setAccessibleName(tr("Differences line by line"))
+        self.diff = CodeEditor(context, "scenario_diff", tr("Differences line by line"), read_only=True)
         splitter = QSplitter(Qt.Orientation.Vertical, childrenCollapsible=False)
         for part, stretch in ((area, 3), (self.diff, 2)):
             splitter.addWidget(part)
@@ -498,11 +489,10 @@ class ComparePage(QWidget):
         line = layouts.hbox(row, margins_px=(0, 2, 0, 2))
         texts = layouts.vbox(spacing_px=0)
         line.addLayout(texts, 1)
-        texts.addWidget(QLabel(where, objectName="field_title"))
-        texts.addWidget(QLabel(difference_words(difference), wordWrap=True, objectName="help"))
+        texts.addWidget(named(QLabel(where), "field_title"))
+        texts.addWidget(named(QLabel(difference_words(difference), wordWrap=True), "help"))
         take = ActionButton(self._context.theme, tr("Take theirs"), icon="arrow-left", height_px=30)
-        take.setObjectName("take_value")
-        take.setAccessibleName(tr("Take theirs: {what}").format(what=where))
+        named(take, "take_value", tr("Take theirs: {what}").format(what=where))
         take.setEnabled(self._document.unreadable is None)
         theirs = value_at(self._other_data, difference.path)
         take.clicked.connect(lambda: self._document.replace(difference.path, theirs))

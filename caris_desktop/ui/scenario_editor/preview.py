@@ -1,9 +1,9 @@
 """Preview of the edited scenario: errors, consequences for the wizard, and changes, as HTML."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from html import escape
-from itertools import zip_longest
+from itertools import chain, repeat
 from typing import Any, Literal
 
 from caris_desktop.domain.intents import INTENTS, Intent
@@ -31,203 +31,7 @@ _BEFORE_DIFFERENCE = 20
 
 def preview_page(document: ScenarioDocument, section: str, colors: Colors) -> str:
     """HTML with errors, consequences of the section, and changes since the last save."""
-    return "".join((_mistakes(document, colors), _of_section(document, section, colors), _changes(document, colors)))
-
-
-def _heading(text: str, colors: Colors, role: str = "text") -> str:
-    return f'<p style="margin:14px 0 6px 0; font-weight:600; color:{getattr(colors, role)}">{escape(text)}</p>'
-
-
-def _line(html: str, colors: Colors, role: str = "text") -> str:
-    return f'<p style="margin:3px 0; color:{getattr(colors, role)}">{html}</p>'
-
-
-def _cap(key: str, colors: Colors) -> str:
-    if not key:
-        return ""
-    return (
-        f'<span style="background:{colors.raised}; color:{colors.text}; font-size:12px; font-weight:600">'
-        f"&nbsp;{escape(key)}&nbsp;</span>"
-    )
-
-
-def _mistakes(document: ScenarioDocument, colors: Colors) -> str:
-    if not document.mistakes:
-        return ""
-    count = len(document.mistakes)
-    parts = [_heading(tr("Errors to correct before saving: %n", "", count), colors, "red")]
-    for number, mistake in enumerate(document.mistakes):
-        message = tr("Line {line}: {message}").format(line=mistake.line, message=mistake.message)
-        link = f'<a href="mistake:{number}" style="color:{colors.red}">{escape(message)}</a>'
-        parts.append(_line(link, colors, "red"))
-    return "".join(parts)
-
-
-def _of_section(document: ScenarioDocument, section: str, colors: Colors) -> str:
-    show = {
-        "Phrases": _phrases, "Protocol": _protocol, "Places": _places, "What is allowed": _allowed,
-        "Assistant": _assistant, "Recording": _recording,
-    }.get(section)  # fmt: skip
-    return "" if show is None else show(document, colors)
-
-
-def _valued(document: ScenarioDocument, name: str) -> Any:
-    """Parsed value of a key, regardless of errors elsewhere; if it has an error itself, the last valid value."""
-    (key,) = (key for key in keys_of(Scenario) if key.name == name)
-    if not any(mistake.path[:1] == (name,) for mistake in document.mistakes):
-        value = document.value((name,))
-        return key.default if value is ABSENT else value_from(key.form, value)
-    return getattr(document.scenario, key.attribute) if document.scenario is not None else key.default
-
-
-def _phrases(document: ScenarioDocument, colors: Colors) -> str:
-    parts = [_heading(tr("On the wizard's keys"), colors)]
-    keys = [spec.keys[0] for spec in ACTIONS if spec.id.startswith("phrase_")]
-    groups = phrase_groups(_valued(document, "phrases"))
-    taken = _taken(document)
-    if not groups:
-        parts.append(_line(escape(tr("No phrases yet. The first phrase you add is on F1.")), colors, "dim"))
-    for group in groups:
-        if group.title:
-            parts.append(
-                _line(escape(tr("Group “{group}”, selected with F10").format(group=group.title)), colors, "dim")
-            )
-        rows = []
-        for key, phrase in zip(keys, group.phrases, strict=False):
-            key_html = f" {_cap(phrase.key, colors)}" if phrase.key else ""
-            remark = _reported_taken(phrase.key, taken, colors)
-            rows.append(
-                f'<tr><td style="padding:3px 8px 3px 0">{_cap(key, colors)}</td>'
-                f'<td style="padding:3px 0">{escape(phrase.say)}{key_html}{remark}</td></tr>'
-            )
-        parts.append(f"<table>{''.join(rows)}</table>")
-    filler = _valued(document, "filler")
-    fillers = (filler, *_valued(document, "fillers")) if filler else ()
-    if fillers:
-        parts.append(_line(escape(tr("While the wizard thinks, in rotation:")), colors, "dim"))
-        parts.append(_line(f"{_cap('F9', colors)} {escape(' · '.join(fillers))}", colors))
-    gestures = _valued(document, "gestures")
-    if gestures:
-        parts.append(_line(escape(tr("Gestures, if the robot supports them:")), colors, "dim"))
-        keys = [spec.keys[0] for spec in ACTIONS if spec.intent is perform_nth_gesture]
-        for key, gesture in zip(keys, gestures, strict=False):
-            remark = _reported_taken(gesture.key, taken, colors)
-            parts.append(_line(f"{_cap(gesture.key or key, colors)} {escape(gesture.title)}{remark}", colors))
-    return "".join(parts)
-
-
-def _reported_taken(key: str, taken: dict[str, str], colors: Colors) -> str:
-    if key not in taken:
-        return ""
-    remark = escape(tr("{key} already has another function: {what}").format(key=key, what=taken[key]))
-    return f'<br><span style="color:{colors.amber}">{remark}</span>'
-
-
-def _taken(document: ScenarioDocument) -> dict[str, str]:
-    """Commands by key, except for phrases and gestures with their own key, which yield to them."""
-    rows = ACTIONS if document.scenario is None else rows_of(document.scenario)
-    return {key: spec.text for spec in rows if not spec.own_key for key in spec.keys}
-
-
-def _protocol(document: ScenarioDocument, colors: Colors) -> str:
-    steps = _valued(document, "protocol").steps
-    if not steps:
-        return _line(escape(tr("Without steps, the protocol strip is not shown.")), colors, "dim")
-    parts = [_heading(tr("Protocol strip above the panels"), colors)]
-    rows = []
-    for number, step in enumerate(steps, start=1):
-        more = [tr("{minutes} min").format(minutes=f"{step.minutes:g}")] if step.minutes else []
-        more += [tr("go to {place}").format(place=step.go_to)] if step.go_to else []
-        more += [tr("%n to tick off", "", len(step.tick))] if step.tick else []
-        lines = [f"<b>{escape(step.title)}</b>"]
-        if more:
-            lines.append(f'<span style="color:{colors.dim}">{escape(" · ".join(more))}</span>')
-        if step.say:
-            lines.append(escape(f"“{step.say}”"))
-        for digit, branch in enumerate(step.branches, start=1):
-            to = step_named(steps, branch.to)
-            words = tr("{what} → {step}").format(what=branch.title, step=branch.to if to is None else to.title)
-            lines.append(f"{_cap(f'B {digit}', colors)} {escape(words)}")
-        rows.append(
-            f'<tr><td style="padding:4px 8px 4px 0; color:{colors.dim}">{number}</td>'
-            f'<td style="padding:4px 0">{"<br>".join(lines)}</td></tr>'
-        )
-    parts.append(f"<table>{''.join(rows)}</table>")
-    minutes = sum(step.minutes for step in steps)
-    if minutes:
-        words = tr("Expected duration: {minutes} minutes in total.")
-        if any(step.branches or step.then for step in steps):
-            words = tr("Expected duration if every step is done: {minutes} minutes.")
-        parts.append(_line(escape(words.format(minutes=f"{minutes:g}")), colors))
-    return "".join(parts)
-
-
-def _places(document: ScenarioDocument, colors: Colors) -> str:
-    steps = _valued(document, "protocol").steps
-    keys = [spec.keys[0] for spec in ACTIONS if spec.intent is go_to_nth_place]
-    parts = [_heading(tr("On the wizard's keys"), colors)]
-    for place, key in zip_longest(_valued(document, "places"), keys):
-        if place is None:
-            break
-        led = ", ".join(step.title for step in steps if step.go_to == place.name)
-        remark = tr(" · used in step {steps}").format(steps=led) if led else ""
-        dim = f'<span style="color:{colors.dim}">{escape(remark)}</span>'
-        parts.append(_line(f"{_cap(key or '', colors)} {escape(place.name)}{dim}", colors))
-    if len(parts) == 1:
-        parts.append(_line(escape(tr("No places yet. The first place you add is on Alt+1.")), colors, "dim"))
-    return "".join(parts)
-
-
-def _recording(document: ScenarioDocument, colors: Colors) -> str:
-    settings = _valued(document, "recording")
-    labels = [spec.keys[0] for spec in ACTIONS if spec.intent is mark_with_label]
-    error = next(spec.keys[0] for spec in ACTIONS if spec.id == "wizard_error")
-    parts = [_heading(tr("On the wizard's keys"), colors)]
-    parts += [
-        _line(f"{_cap(key, colors)} {escape(label)}", colors)
-        for key, label in zip(labels, settings.labels, strict=False)
-    ]
-    then = escape(tr("Wizard error, then its kind:"))
-    parts.append(_line(f"{_cap(error, colors)} {then}", colors, "dim"))
-    for key, kind in zip(ERROR_KEYS, settings.error_kinds, strict=False):
-        meaning = f'<br><span style="color:{colors.dim}">{escape(tr(kind.meaning))}</span>' if kind.meaning else ""
-        parts.append(_line(f"{_cap(key, colors)} {escape(tr(kind.kind))}{meaning}", colors))
-    checks = manual_checks(_valued(document, "preflight"))
-    if checks:
-        parts.append(_heading(tr("Manual checks before a recording"), colors))
-        parts += [_line(f"☐ {escape(check.check)}", colors) for check in checks]
-    return "".join(parts)
-
-
-def _assistant(document: ScenarioDocument, colors: Colors) -> str:
-    permissions = _valued(document, "permissions")
-    if not permissions.assistant:
-        template = tr("This scenario does not allow the assistant, so none of this is used.")
-        return _heading(template, colors, "amber")
-    settings, levels = _valued(document, "assistant"), _valued(document, "assistance")
-    parts = [_heading(tr("Instructions to the model before a question"), colors)]
-    texts = [("", settings.system_prompt)]
-    texts += [(tr("as {role}").format(role=role.name), role.text) for role in settings.roles]
-    texts += [(tr("in the style {style}").format(style=style.name), style.text) for style in settings.styles]
-    texts += [(tr("notes"), settings.notes)]
-    for when, text in texts:
-        if text:
-            head = f'<span style="color:{colors.dim}">{escape(when)}: </span>' if when else ""
-            parts.append(_line(f"{head}“{escape(text)}”", colors))
-    if settings.templates:
-        parts.append(_heading(tr("Prepared questions"), colors))
-        last = escape(tr("the participant's last utterance"))
-        example = f'<span style="color:{colors.green}">{last}</span>'
-        parts += [
-            _line(f"{escape(each.name)}: “{escape(each.text).replace('{said}', example)}”", colors)
-            for each in settings.templates
-        ]
-    parts.append(_heading(tr("Automation"), colors))
-    for words in _LEVELS:
-        countdown_s, late_s = f"{levels.countdown_s:g}", f"{levels.filler_after_s:g}"
-        template = tr(_LEVELS[words][getattr(levels, words)])
-        parts.append(_line(escape(template.format(countdown_s=countdown_s, late_s=late_s)), colors))
-    return "".join(parts)
+    return _Preview(document, colors).html(section)
 
 
 _LEVELS = {
@@ -252,35 +56,239 @@ _LEVELS = {
 }
 
 
-def _allowed(document: ScenarioDocument, colors: Colors) -> str:
-    before, now = _permissions_of(document.saved_data), _valued(document, "permissions")
-    titles = {key.attribute: title_of(key) for key in keys_of(Permissions)}
-    parts = []
-    for name, on in changed_permissions(before, now):
-        words = tr("{permission} is now on. This appears:") if on else tr("{permission} is now off. This disappears:")
-        parts.append(_heading(words.format(permission=titles[name]), colors, "green" if on else "amber"))
-        parts += _consequences(consequences(name), colors, sign="+" if on else "−")
-    parts.append(_heading(tr("Not available in this scenario"), colors))
-    off = [name for name in titles if not getattr(now, name)]
-    if not off:
-        parts.append(_line(escape(tr("Everything is allowed.")), colors, "dim"))
-    for name in off:
-        effects = [each.words for each in consequences(name) if each.sort != "act"]
-        words = tr("{permission}: {what}").format(
-            permission=titles[name], what=", ".join(effects) or tr("no key or panel")
+class _Preview:
+    """HTML of the preview in these colours, paragraph by paragraph. Texts are escaped when they are added."""
+
+    def __init__(self, document: ScenarioDocument, colors: Colors) -> None:
+        self._document = document
+        self._colors = colors
+        self._parts: list[str] = []
+
+    def html(self, section: str) -> str:
+        self._show_mistakes()
+        show = {
+            "Phrases": self._show_phrases, "Protocol": self._show_protocol, "Places": self._show_places,
+            "What is allowed": self._show_permissions, "Assistant": self._show_assistant,
+            "Recording": self._show_recording,
+        }.get(section)  # fmt: skip
+        if show is not None:
+            show()
+        self._show_changes()
+        return "".join(self._parts)
+
+    # ---- pieces of HTML
+
+    def _heading(self, text: str, role: str = "text") -> None:
+        style = f"margin:14px 0 6px 0; font-weight:600; color:{getattr(self._colors, role)}"
+        self._parts.append(f'<p style="{style}">{escape(text)}</p>')
+
+    def _line(self, text: str, role: str = "text", *, before: str = "", after: str = "") -> None:
+        """Paragraph with HTML ``before`` and ``after`` the text."""
+        style = f"margin:3px 0; color:{getattr(self._colors, role)}"
+        self._parts.append(f'<p style="{style}">{before}{escape(text)}{after}</p>')
+
+    def _ink(self, text: str, role: str) -> str:
+        return f'<span style="color:{getattr(self._colors, role)}">{escape(text)}</span>'
+
+    def _link(self, target: str, text: str, role: str) -> str:
+        return f'<a href="{target}" style="color:{getattr(self._colors, role)}">{escape(text)}</a>'
+
+    def _cap(self, key: str) -> str:
+        style = f"background:{self._colors.raised}; color:{self._colors.text}; font-size:12px; font-weight:600"
+        return f'<span style="{style}">&nbsp;{escape(key)}&nbsp;</span>' if key else ""
+
+    def _table(self, rows: Iterable[tuple[str, str]], cell: str) -> None:
+        cells = (
+            f'<tr><td style="{cell}; padding-right:8px">{first}</td><td style="{cell}">{second}</td></tr>'
+            for first, second in rows
         )
-        parts.append(_line(escape(words), colors, "dim"))
-    return "".join(parts)
+        self._parts.append(f"<table>{''.join(cells)}</table>")
+
+    # ---- document
+
+    def _value(self, name: str) -> Any:
+        """Parsed value of a key, regardless of errors elsewhere; if it has an error itself, the last valid value."""
+        document = self._document
+        (key,) = (key for key in keys_of(Scenario) if key.name == name)
+        if not any(mistake.path[:1] == (name,) for mistake in document.mistakes):
+            value = document.value((name,))
+            return key.default if value is ABSENT else value_from(key.form, value)
+        return getattr(document.scenario, key.attribute) if document.scenario is not None else key.default
+
+    def _show_mistakes(self) -> None:
+        mistakes = self._document.mistakes
+        if mistakes:
+            self._heading(tr("Errors to correct before saving: %n", "", len(mistakes)), "red")
+        for number, mistake in enumerate(mistakes):
+            message = tr("Line {line}: {message}").format(line=mistake.line, message=mistake.message)
+            self._line("", "red", after=self._link(f"mistake:{number}", message, "red"))
+
+    def _show_changes(self) -> None:
+        changes = self._document.differences()
+        if not changes:
+            words = tr("No changes since the last save.")
+            if self._document.changed:
+                words = tr("Only comments or formatting have changed since the last save.")
+            self._heading(tr("Changes"))
+            self._line(words, "dim")
+            return
+        self._heading(tr("Changes since the last save: %n", "", len(changes)))
+        for number, change in enumerate(changes):
+            link = self._link(f"change:{number}", " › ".join(self._document.words(change.path)), "blue")
+            self._line(difference_words(change), before=f"{link}<br>")
+
+    # ---- sections
+
+    def _show_phrases(self) -> None:
+        self._heading(tr("On the wizard's keys"))
+        keys = [spec.keys[0] for spec in ACTIONS if spec.id.startswith("phrase_")]
+        groups = phrase_groups(self._value("phrases"))
+        if not groups:
+            self._line(tr("No phrases yet. The first phrase you add is on F1."), "dim")
+        for group in groups:
+            if group.title:
+                self._line(tr("Group “{group}”, selected with F10").format(group=group.title), "dim")
+            rows = (
+                (self._cap(key), f"{escape(each.say)} {self._cap(each.key)}{self._other_use(each.key)}")
+                for key, each in zip(keys, group.phrases, strict=False)
+            )
+            self._table(rows, "padding:3px 0")
+        filler = self._value("filler")
+        if filler:
+            self._line(tr("While the wizard thinks, in rotation:"), "dim")
+            self._line(" · ".join((filler, *self._value("fillers"))), before=f"{self._cap('F9')} ")
+        gestures = self._value("gestures")
+        if gestures:
+            self._line(tr("Gestures, if the robot supports them:"), "dim")
+            keys = [spec.keys[0] for spec in ACTIONS if spec.intent is perform_nth_gesture]
+            for key, gesture in zip(keys, gestures, strict=False):
+                cap = self._cap(gesture.key or key)
+                self._line(gesture.title, before=f"{cap} ", after=self._other_use(gesture.key))
+
+    def _other_use(self, key: str) -> str:
+        """Remark that a key is taken, except by phrases and gestures with their own key, which yield to it."""
+        rows = ACTIONS if self._document.scenario is None else rows_of(self._document.scenario)
+        taken = next((spec.text for spec in reversed(rows) if not spec.own_key and key in spec.keys), "")
+        remark = tr("{key} already has another function: {what}").format(key=key, what=taken)
+        return f"<br>{self._ink(remark, 'amber')}" if taken else ""
+
+    def _show_protocol(self) -> None:
+        steps = self._value("protocol").steps
+        if not steps:
+            self._line(tr("Without steps, the protocol strip is not shown."), "dim")
+            return
+        self._heading(tr("Protocol strip above the panels"))
+        rows = []
+        for number, step in enumerate(steps, start=1):
+            more = [tr("{minutes} min").format(minutes=f"{step.minutes:g}")] if step.minutes else []
+            more += [tr("go to {place}").format(place=step.go_to)] if step.go_to else []
+            more += [tr("%n to tick off", "", len(step.tick))] if step.tick else []
+            lines = [f"<b>{escape(step.title)}</b>"]
+            lines += [self._ink(" · ".join(more), "dim")] if more else []
+            lines += [escape(f"“{step.say}”")] if step.say else []
+            for digit, branch in enumerate(step.branches, start=1):
+                to = step_named(steps, branch.to)
+                words = tr("{what} → {step}").format(what=branch.title, step=branch.to if to is None else to.title)
+                lines.append(f"{self._cap(f'B {digit}')} {escape(words)}")
+            rows.append((self._ink(str(number), "dim"), "<br>".join(lines)))
+        self._table(rows, "padding:4px 0")
+        minutes = sum(step.minutes for step in steps)
+        if minutes:
+            words = tr("Expected duration: {minutes} minutes in total.")
+            if any(step.branches or step.then for step in steps):
+                words = tr("Expected duration if every step is done: {minutes} minutes.")
+            self._line(words.format(minutes=f"{minutes:g}"))
+
+    def _show_places(self) -> None:
+        steps, places = self._value("protocol").steps, self._value("places")
+        keys = [spec.keys[0] for spec in ACTIONS if spec.intent is go_to_nth_place]
+        self._heading(tr("On the wizard's keys"))
+        for place, key in zip(places, chain(keys, repeat("")), strict=False):
+            led = ", ".join(step.title for step in steps if step.go_to == place.name)
+            remark = tr(" · used in step {steps}").format(steps=led) if led else ""
+            self._line(place.name, before=f"{self._cap(key)} ", after=self._ink(remark, "dim"))
+        if not places:
+            self._line(tr("No places yet. The first place you add is on Alt+1."), "dim")
+
+    def _show_recording(self) -> None:
+        settings = self._value("recording")
+        labels = [spec.keys[0] for spec in ACTIONS if spec.intent is mark_with_label]
+        error = next(spec.keys[0] for spec in ACTIONS if spec.id == "wizard_error")
+        self._heading(tr("On the wizard's keys"))
+        for key, label in zip(labels, settings.labels, strict=False):
+            self._line(label, before=f"{self._cap(key)} ")
+        self._line(tr("Wizard error, then its kind:"), "dim", before=f"{self._cap(error)} ")
+        for key, kind in zip(ERROR_KEYS, settings.error_kinds, strict=False):
+            meaning = f"<br>{self._ink(tr(kind.meaning), 'dim')}" if kind.meaning else ""
+            self._line(tr(kind.kind), before=f"{self._cap(key)} ", after=meaning)
+        checks = manual_checks(self._value("preflight"))
+        if checks:
+            self._heading(tr("Manual checks before a recording"))
+        for check in checks:
+            self._line(f"☐ {check.check}")
+
+    def _show_assistant(self) -> None:
+        if not self._value("permissions").assistant:
+            self._heading(tr("This scenario does not allow the assistant, so none of this is used."), "amber")
+            return
+        settings, levels = self._value("assistant"), self._value("assistance")
+        self._heading(tr("Instructions to the model before a question"))
+        texts = [("", settings.system_prompt)]
+        texts += [(tr("as {role}").format(role=role.name), role.text) for role in settings.roles]
+        texts += [(tr("in the style {style}").format(style=style.name), style.text) for style in settings.styles]
+        texts += [(tr("notes"), settings.notes)]
+        for when, text in texts:
+            if text:
+                self._line(f"“{text}”", before=self._ink(f"{when}: ", "dim") if when else "")
+        if settings.templates:
+            self._heading(tr("Prepared questions"))
+        example = self._ink(tr("the participant's last utterance"), "green")
+        for each in settings.templates:
+            self._line(f"{each.name}: “", after=f"{escape(each.text).replace('{said}', example)}”")
+        self._heading(tr("Automation"))
+        for name, words in _LEVELS.items():
+            template = tr(words[getattr(levels, name)])
+            self._line(template.format(countdown_s=f"{levels.countdown_s:g}", late_s=f"{levels.filler_after_s:g}"))
+
+    def _show_permissions(self) -> None:
+        now, titles = self._value("permissions"), {key.attribute: title_of(key) for key in keys_of(Permissions)}
+        try:
+            before = value_from(Permissions, migrate(self._document.saved_data).get("permissions", {}))
+        except (TypeError, ValueError):
+            before = Permissions()
+        for name, title in titles.items():
+            on = getattr(now, name)
+            if on != getattr(before, name):
+                words = (
+                    tr("{permission} is now on. This appears:")
+                    if on
+                    else tr("{permission} is now off. This disappears:")
+                )
+                self._heading(words.format(permission=title), "green" if on else "amber")
+                self._show_consequences(name, "+" if on else "−")
+        self._heading(tr("Not available in this scenario"))
+        off = [name for name in titles if not getattr(now, name)]
+        if not off:
+            self._line(tr("Everything is allowed."), "dim")
+        for name in off:
+            effects = [each.words for each in consequences(name) if each.sort != "act"]
+            what = ", ".join(effects) or tr("no key or panel")
+            self._line(tr("{permission}: {what}").format(permission=titles[name], what=what), "dim")
+
+    def _show_consequences(self, permission: str, sign: str) -> None:
+        found = consequences(permission)
+        for each in found:
+            words = tr("panel {panel}").format(panel=each.words) if each.sort == "panel" else each.words
+            self._line(f"{sign} {words} ", after=self._cap(each.key))
+        if not found:
+            self._line(tr("No button and no key; background functions start or stop."), "dim")
 
 
 Sort = Literal["panel", "key", "act"]
 
 
 class Consequence(Value):
-    """Consequences of a permission, derived from the tables of intents, actions and panels.
-
-    Feature that requires a permission.
-    """
+    """Feature that requires a permission, from the tables of intents, actions and panels."""
 
     sort: Sort
     words: str
@@ -311,43 +319,6 @@ def _found(permission: str) -> Iterator[Consequence]:
 
 def _intent_of(spec: ActionSpec) -> type[Intent] | None:
     return type(spec.intent) if isinstance(spec.intent, Intent) else None
-
-
-def changed_permissions(before: Permissions, after: Permissions) -> list[tuple[str, bool]]:
-    """Changed permissions with their new values."""
-    names: Any = Permissions.__dataclass_fields__
-    return [(name, getattr(after, name)) for name in names if getattr(before, name) != getattr(after, name)]
-
-
-def _consequences(found: tuple[Consequence, ...], colors: Colors, sign: str) -> Iterator[str]:
-    for each in found:
-        words = tr("panel {panel}").format(panel=each.words) if each.sort == "panel" else each.words
-        yield _line(f"{sign} {escape(words)} {_cap(each.key, colors)}", colors)
-    if not found:
-        yield _line(escape(tr("No button and no key; background functions start or stop.")), colors, "dim")
-
-
-def _permissions_of(data: dict[str, Any]) -> Permissions:
-    try:
-        found: Permissions = value_from(Permissions, migrate(data).get("permissions", {}))
-    except (TypeError, ValueError):
-        found = Permissions()
-    return found
-
-
-def _changes(document: ScenarioDocument, colors: Colors) -> str:
-    changes = document.differences()
-    if not changes:
-        words = tr("No changes since the last save.")
-        if document.changed:
-            words = tr("Only comments or formatting have changed since the last save.")
-        return _heading(tr("Changes"), colors) + _line(escape(words), colors, "dim")
-    parts = [_heading(tr("Changes since the last save: %n", "", len(changes)), colors)]
-    for number, change in enumerate(changes):
-        where = " › ".join(document.words(change.path))
-        link = f'<a href="change:{number}" style="color:{colors.blue}">{escape(where)}</a>'
-        parts.append(_line(f"{link}<br>{escape(difference_words(change))}", colors))
-    return "".join(parts)
 
 
 def difference_words(change: Difference) -> str:

@@ -163,7 +163,8 @@ class Notice(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._theme = theme
         self._topic = ""
-        self.text = QLabel(wordWrap=True, objectName="editor_notice_text")
+        self.text = QLabel(wordWrap=True)
+        self.text.setObjectName("editor_notice_text")
         self.answers: list[ActionButton] = []
         self._row = layouts.hbox(self, margins_px=(26, 8, 18, 8), spacing_px=8)
         self._row.addWidget(self.text, 1)
