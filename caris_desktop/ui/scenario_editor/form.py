@@ -1,4 +1,4 @@
-"""Form of a scenario, made from the schema: fields by kind of value, groups, lists and alternatives, nested."""
+"""Form of a scenario, made from the schema: fields by kind of value, groups and lists, nested."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -538,15 +538,12 @@ def part_for(context: FormContext, path: KeyPath, key: Key) -> FormPart:
     form = key.form
     if form.item is not None:
         return ListPart(context, path, form, key)
-    optional = bool(form.groups) and default_of(key) is ABSENT and not key.required
-    if optional or form.alternatives:
-        return UnionPart(context, path, form, key, optional=optional)
-    if is_group(form.kind):
-        return GroupPart(context, path, form, key)
+    if form.groups:
+        return GroupPart(context, path, form, key, optional=default_of(key) is ABSENT and not key.required)
     return field_for(context, path, form, key)
 
 
-# ---- groups, alternatives and lists
+# ---- groups and lists
 
 
 class Holder(FormPart):
@@ -568,55 +565,28 @@ class Holder(FormPart):
 
 
 class GroupPart(Holder):
-    """Keys of a group, one below another. Dependent keys are shown while permitted."""
+    """Keys of a group, one below another; dependent keys are shown while permitted. The group may be ``optional`` as a
+    whole, and one of several: the choice is above the keys. ``group`` is known if a list entry shows it.
+    """
 
     def __init__(
-        self, context: FormContext, path: KeyPath, form: ValueForm, key: Key | None = None, group: Group | None = None
-    ) -> None:
+        self, context: FormContext, path: KeyPath, form: ValueForm, key: Key | None = None, *,
+        optional: bool = False, group: Group | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(context, path, form, key)
-        self._keys = keys_of(form.kind if group is None else group)
-        self.parts = [part_for(self.context, (*path, each.name), each) for each in self._keys]
-        for part in self.parts:
-            self.column.addWidget(part)
-
-    def refresh(self) -> None:
-        data = self.value
-        for key, part in zip(self._keys, self.parts, strict=True):
-            shown = is_permitted(key, data) or value_at(data, (key.name,)) is not ABSENT
-            if part.isHidden() is shown:
-                part.setVisible(shown)
-        super().refresh()
-
-
-def is_permitted(key: Key, data: Any) -> bool:
-    """Whether the schema permits the key given the others."""
-    rule = key.form.rule
-    if any(value_at(data, (other,)) is not ABSENT for other in rule.instead_of):
-        return False
-    if not rule.beside:
-        return True
-    other, *words = rule.beside
-    found = value_at(data, (other,))
-    return found in words if words else found not in (ABSENT, "")
-
-
-class UnionPart(Holder):
-    """Value that is ``optional`` as a whole, or one of several groups, with the choice above its keys."""
-
-    def __init__(
-        self, context: FormContext, path: KeyPath, form: ValueForm, key: Key | None = None, *, optional: bool = False
-    ) -> None:
-        super().__init__(context, path, form, key)
+        self._known_group = group
         self._group: Group | None = None
+        self._keys: Sequence[Key] = ()
         self._button = ActionButton(context.theme, icon="plus") if optional else None
         if self._button is not None:
             self._button.clicked.connect(self._on_clicked)
             self.column.addWidget(self._button)
-        self._kind = DropDown(context.theme, "", self.context.spoken(tr("Kind"))) if form.alternatives else None
+        chooses = group is None and form.alternatives
+        self._kind = DropDown(context.theme, "", self.context.spoken(tr("Kind"))) if chooses else None
         if self._kind is not None:
             self._kind.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
             self._kind.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-            self._kind.addItems([words_of(group) for group in form.alternatives])
+            self._kind.addItems([words_of(each) for each in form.alternatives])
             self._kind.activated.connect(self._on_chosen)
             self._kind.hide()
             self.column.addWidget(self._kind)
@@ -630,23 +600,32 @@ class UnionPart(Holder):
             self.document.replace(self.path, blank_group(group))
 
     def refresh(self) -> None:
-        there = self.value is not ABSENT
-        group = self.form.group_at(self.value) if there or self._button is None else None
-        if group is not self._group:
-            self._group = group
-            for old in self.parts:
-                drop(old)
-            self.parts = [] if group is None else [GroupPart(self.context, self.path, self.form, group=group)]
-            for part in self.parts:
-                self.column.addWidget(part)
-                show_at_once(part)
-            if self._kind is not None:
-                self._kind.setVisible(group is not None)
-                self._kind.setCurrentIndex(self.form.alternatives.index(group) if group is not None else -1)
+        data = self.value
+        absent = self._button is not None and data is ABSENT
+        self._use_group(None if absent else self._known_group or self.form.group_at(data))
         if self._button is not None:
-            words = tr("Remove: {title}") if there else tr("Add: {title}")
-            self._button.set_label(words.format(title=self.title), icon="x" if there else "plus")
+            words = tr("Add: {title}") if absent else tr("Remove: {title}")
+            self._button.set_label(words.format(title=self.title), icon="plus" if absent else "x")
+        for key, part in zip(self._keys, self.parts, strict=True):
+            shown = is_permitted(key, data) or value_at(data, (key.name,)) is not ABSENT
+            if part.isHidden() is shown:
+                part.setVisible(shown)
         super().refresh()
+
+    def _use_group(self, group: Group | None) -> None:
+        if group is self._group:
+            return
+        self._group = group
+        self._keys = () if group is None else keys_of(group)
+        for part in self.parts:
+            drop(part)
+        self.parts = [part_for(self.context, (*self.path, each.name), each) for each in self._keys]
+        for part in self.parts:
+            self.column.addWidget(part)
+            show_at_once(part)
+        if self._kind is not None:
+            self._kind.setVisible(group is not None)
+            self._kind.setCurrentIndex(self.form.alternatives.index(group) if group is not None else -1)
 
     def reveal(self, path: KeyPath) -> FormPart | None:
         return self if path == self.path and self._button is not None else super().reveal(path)
@@ -654,6 +633,18 @@ class UnionPart(Holder):
     def enter(self, _value: Any) -> None:
         if self._button is not None:
             self._button.click()
+
+
+def is_permitted(key: Key, data: Any) -> bool:
+    """Whether the schema permits the key given the others."""
+    rule = key.form.rule
+    if any(value_at(data, (other,)) is not ABSENT for other in rule.instead_of):
+        return False
+    if not rule.beside:
+        return True
+    other, *words = rule.beside
+    found = value_at(data, (other,))
+    return found in words if words else found not in (ABSENT, "")
 
 
 class ListPart(Holder):
@@ -887,12 +878,8 @@ class EntryRow(FormPart):
                 row.addWidget(field, 1, _TOP)
             self.parts = [*self.parts, *fields]
             return body
-        grouped = self.form.text is not None or is_group(self.form.kind)
-        part: FormPart = (
-            GroupPart(self.context, self.path, self.form, group=self.group)
-            if grouped
-            else UnionPart(self.context, self.path, self.form)
-        )
+        known = self.form.text is not None or is_group(self.form.kind)
+        part = GroupPart(self.context, self.path, self.form, group=self.group if known else None)
         self.parts = [part]
         return part
 
