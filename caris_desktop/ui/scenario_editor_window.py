@@ -30,12 +30,8 @@ class ScenarioEditorWindow(QObject):
         self._theme = theme
         self._console = console
         self._window = window
-        self._editor: ScenarioEditor | None = None
+        self.editor: ScenarioEditor | None = None
         self._opening = False
-
-    @property
-    def editor(self) -> "ScenarioEditor | None":
-        return self._editor
 
     def open(self) -> None:
         """Edit the current scenario. An open editor is raised with its contents; one of another scenario is closed,
@@ -43,8 +39,8 @@ class ScenarioEditorWindow(QObject):
         """
         from caris_desktop.ui.scenario_editor.saving import opened_as_form
 
-        if self._editor is not None:
-            self._show_again(self._editor)
+        if self.editor is not None:
+            self._show_again(self.editor)
         elif not self._opening:
             self._opening = True
             read_for(self, self._console, partial(opened_as_form, self._console.scenario), self._show, self._on_failed)
@@ -68,11 +64,11 @@ class ScenarioEditorWindow(QObject):
             return  # the window is closing
         self._opening = False
         opened, problem = found
-        self._editor = ScenarioEditor(self._theme, self._console, opened, self._window)
-        self._editor.closed.connect(self._on_closed)
+        self.editor = ScenarioEditor(self._theme, self._console, opened, self._window)
+        self.editor.closed.connect(self._on_closed)
         if problem:
-            self._editor.report_not_read(problem)
-        bring_up(self._editor)
+            self.editor.report_not_read(problem)
+        bring_up(self.editor)
 
     def _on_failed(self, failure: UserFacingError) -> None:
         self._opening = False
@@ -80,21 +76,21 @@ class ScenarioEditorWindow(QObject):
 
     def asks_first(self, *, by_a_person: bool) -> bool:
         """Whether a person closes the main window and is now asked about unsaved changes."""
-        if self._editor is None or not by_a_person or not self._editor.unsaved:
+        if self.editor is None or not by_a_person or not self.editor.unsaved:
             return False
-        bring_up(self._editor)
-        self._editor.ask_before_closing()
+        bring_up(self.editor)
+        self.editor.ask_before_closing()
         return True
 
     def close(self) -> None:
         self._opening = False
-        if self._editor is not None:
-            self._editor.close()
+        if self.editor is not None:
+            self.editor.close()
 
     def _on_closed(self) -> None:
-        if self._editor is not None:
-            then = self._editor.after_closing
-            self._editor.deleteLater()
-            self._editor = None
+        if self.editor is not None:
+            then = self.editor.after_closing
+            self.editor.deleteLater()
+            self.editor = None
             if then is not None:
                 then()

@@ -100,7 +100,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         self._theme = theme
         self._console = console
         self.after_closing: Callable[[], None] | None = None
-        self.document = EditedDocument(opened.text, opened.path)
+        self.document = EditedDocument(opened.text, opened.path, self)
         self._file_names: dict[Known, tuple[str, ...]] = {}
         read_for(self, console, _names_of_files, self._on_file_names)
         self.context = FormContext(

@@ -104,18 +104,20 @@ class History(QUndoStack):
     changed = Signal()
     flush_requested = Signal()
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, parent: QObject | None) -> None:
+        super().__init__(parent)
         self.setUndoLimit(_MOST_STEPS)
         self.indexChanged.connect(self.changed)
 
 
 class EditedDocument(ScenarioDocument):
-    """Document with an undo history, in the GUI thread. All edits, in the form or as text, are in the one history."""
+    """Document with an undo history, in the GUI thread. All edits, in the form or as text, are in the one history.
+    ``parent`` owns the history, whose steps hold the document.
+    """
 
-    def __init__(self, text: str, path: Path) -> None:
+    def __init__(self, text: str, path: Path, parent: QObject | None = None) -> None:
         super().__init__(text, path)
-        self.history = History()
+        self.history = History(parent)
 
     def _on_step(self, step: Step) -> None:
         self.history.push(_Edit(self, step))

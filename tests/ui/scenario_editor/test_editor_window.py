@@ -137,6 +137,20 @@ def test_undo_and_redo_go_over_fields_lists_and_text_alike(editor: ScenarioEdito
     assert editor.document.text == TEXT
 
 
+def test_the_buttons_name_the_step_that_they_undo_or_redo(editor: ScenarioEditor) -> None:
+    assert (editor.undo_button.toolTip(), editor.redo_button.isEnabled()) == ("", False)
+    type_over(editor, "Large", "title")
+    assert editor.undo_button.toolTip() == "Undo: Title"
+    editor.show_page(editor.text_page)
+    editor.text_page.editor.setPlainText(editor.document.text.replace("Hello", "Good day"))
+    editor.undo()
+    assert editor.document.text == TEXT.replace("Small", "Large")
+    assert (editor.undo_button.toolTip(), editor.redo_button.toolTip()) == ("Undo: Title", "Redo: the text")
+    editor.redo_button.click()
+    assert "Good day" in editor.document.text
+    assert editor.undo_button.toolTip() == "Undo: the text"
+
+
 def test_entries_are_added_moved_and_taken_out_by_keys(editor: ScenarioEditor) -> None:
     line = field(editor, "phrases", 0, "say").control
     QTest.keyClick(line, Qt.Key.Key_Return)
