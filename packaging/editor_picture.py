@@ -27,8 +27,8 @@ def main(scenario: str, picture: Path, theme: str) -> int:
                 QTimer.singleShot(_LOOK_MS, change)
                 return
             editor.resize(*_SIZE_PX)
-            editor.editing.set(("permissions", "photos"), False)
-            editor.editing.set(("phrases", 1, "key"), "Ctrl+G")
+            editor.document.set(("permissions", "photos"), False)
+            editor.document.set(("phrases", 1, "key"), "Ctrl+G")
             editor.reveal(("phrases", 1, "key"))
             QTimer.singleShot(_SETTLED_MS, lambda: take(editor))
 

@@ -119,6 +119,7 @@ class FormPart(QWidget):
         self.title = title_of(key) if key is not None else ""
         self.parts: Sequence[FormPart] = ()
         self.column = self.texts = layouts.vbox(self, margins_px=0, spacing_px=spacing_px)
+        self.mistake = ""
         self._mistake_label: QLabel | None = None
 
     def add_text(self, text: str, style: str) -> QLabel:
@@ -134,12 +135,12 @@ class FormPart(QWidget):
 
     def show_mistakes(self) -> None:
         here = (each for each in self.document.mistakes if each.path == self.path)
-        message = "\n".join(_sentence_at(mistake, self.title) for mistake in here)
-        if self._mistake_label is None and message:
+        self.mistake = "\n".join(_sentence_at(mistake, self.title) for mistake in here)
+        if self._mistake_label is None and self.mistake:
             self._mistake_label = self.add_text("", "mistake")
         if self._mistake_label is not None:
-            self._mistake_label.setText(message)
-            self._mistake_label.setVisible(bool(message))
+            self._mistake_label.setText(self.mistake)
+            self._mistake_label.setVisible(bool(self.mistake))
 
     def reveal(self, path: KeyPath) -> "FormPart | None":
         """Part where the value of a path is entered, created and unfolded."""
@@ -193,6 +194,7 @@ class Field(FormPart):
         super().__init__(context, path, form, key, spacing_px=4)
         self.compact = compact
         self.help = help_of(form)
+        self.remark = ""
         self.may_be_left_out = key is not None and not key.required
         self.default = ABSENT if key is None else default_of(key)
         self.setObjectName("field_" + "_".join(map(str, path)))
@@ -218,7 +220,6 @@ class Field(FormPart):
             self.add_text(self.help, "switch_help" if self.names_itself else "help")
         name = self.title or tr("Entry")
         self.control.setAccessibleName(context.spoken(f"{name} ({unit_of(form)})" if form.rule.unit else name))
-        self.control.setAccessibleDescription(self.help)
 
     def make(self) -> tuple[QWidget, QWidget]:
         """Create the control that gets the focus, and the widget that contains it."""
@@ -238,15 +239,11 @@ class Field(FormPart):
     def refresh(self) -> None:
         self.show_value(self.document.value(self.path))
         self.show_mistakes()
+        # A screen reader reads the error at the field, not only on leaving it.
+        self.control.setAccessibleDescription(" ".join(filter(None, (self.mistake, self.help, self.remark))))
         changed = value_at(self.document.saved_data, self.path) != value_at(self.document.data, self.path)
         if not self.compact and (changed or self._back is not None):
             self._show_back(changed)
-
-    def show_mistakes(self) -> None:
-        super().show_mistakes()
-        if self._mistake_label is not None:
-            # A screen reader reads the error at the field, not only on leaving it.
-            self.control.setAccessibleDescription(f"{self._mistake_label.text()} {self.help}".strip())
 
     def _show_back(self, changed: bool) -> None:
         if self._back is None:
@@ -358,15 +355,12 @@ class TextField(Field):
             self.control.setText(text)
             if isinstance(self.control, QLineEdit):
                 self.control.setCursorPosition(0)
+        if self.form.rule.knows is not None:
+            self._show_known(self.context.known(self.form.rule.knows))
 
     def enter(self, value: Any) -> None:
         self.control.selectAll()
         self.control.insert(shown_text(value))
-
-    def refresh(self) -> None:
-        super().refresh()
-        if self.form.rule.knows is not None:
-            self._show_known(self.context.known(self.form.rule.knows))
 
     def _show_known(self, known: Names) -> None:
         """Show known names as links, and whether the current one is unknown."""
@@ -385,10 +379,8 @@ class TextField(Field):
         ink = color("amber" if missing else "dim").name()
         html = escape(template).format(name=escape(value), names=names)
         self._known.setText(f'<span style="color:{ink}">{html}</span>')
-        spoken = template.format(name=value, names=", ".join(known.names))
-        self._known.setAccessibleName(self.context.spoken(spoken))
-        wrong = "" if self._mistake_label is None else self._mistake_label.text()
-        self.control.setAccessibleDescription(" ".join(part for part in (wrong, self.help, spoken) if part))
+        self.remark = template.format(name=value, names=", ".join(known.names))
+        self._known.setAccessibleName(self.context.spoken(self.remark))
         # A row without choices left stays a row.
         self._known.setVisible(bool(known.names) and (missing or not (self.compact and value)))
 
@@ -400,9 +392,9 @@ class TextField(Field):
 class KeyField(TextField):
     """Key combination, entered by pressing it."""
 
-    def make_input(self) -> QLineEdit:
-        line = QLineEdit(placeholderText=tr("Press a key"))
-        line.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
+    def make_input(self) -> QLineEdit | Prose:
+        line = super().make_input()
+        line.setPlaceholderText(tr("Press a key"))
         line.setMaximumWidth(170)
         line.installEventFilter(self)
         return line
