@@ -97,6 +97,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         super().__init__(parent, Qt.WindowType.Window)
         self.setObjectName("scenario_editor")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self.setStyleSheet(_style_sheet(theme.colors))
         self._theme = theme
         self._console = console
         self.after_closing: Callable[[], None] | None = None
@@ -125,7 +126,9 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         self._lay_out()
         self._make_keys()
         self.document.history.changed.connect(self._on_changed)
-        theme.restyle_on_change(self._style)
+        theme.changed.connect(self._on_theme_changed)
+        self._show_icons()
+        self._on_changed()
         self.nav.setCurrentRow(0)
         self.nav.setFocus(Qt.FocusReason.OtherFocusReason)
         self.resize(self.sizeHint().boundedTo(self.screen().availableSize() - QSize(24, 56)))
@@ -455,12 +458,15 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         # A robot may also be an address.
         return Names(self._file_names.get(kind, ()), kind == "faces" and kind in self._file_names)
 
-    def _style(self) -> None:
+    def _on_theme_changed(self) -> None:
         self.setStyleSheet(_style_sheet(self._theme.colors))
+        self._show_icons()
+        self.document.history.changed.emit()
+
+    def _show_icons(self) -> None:
         icons = [*(page.section.icon for page in self.pages), "code", "git-diff"]
         for row, name in enumerate(icons):
             self.nav.item(row).setIcon(icon(name, self._theme.color("dim"), 18))
-        self.document.history.changed.emit()
 
 
 def _nav_item(title: str) -> QListWidgetItem:

@@ -2,13 +2,12 @@
 
 import difflib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QRect, Qt, QTimer
 from PySide6.QtGui import (
-    QColor,
     QFont,
     QFontDatabase,
     QHideEvent,
@@ -106,12 +105,11 @@ def sections() -> tuple[Section, ...]:
     )
 
 
-def _scroll_area(area: QScrollArea, holder: QWidget) -> QScrollArea:
+def _hold(area: QScrollArea, holder: QWidget) -> None:
     area.setWidgetResizable(True)
     area.setFrameShape(QFrame.Shape.NoFrame)
     area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
     area.setWidget(holder)
-    return area
 
 
 class SectionPage(QScrollArea):
@@ -138,18 +136,18 @@ class SectionPage(QScrollArea):
             self.refresh()
 
     def _begin(self) -> None:
+        """Create the head: not in the constructor, since each move of a new page into its parents styles it again."""
         if self._column is not None:
             return
-        holder = QWidget()
-        holder.setObjectName("section_holder")
+        holder = named(QWidget(), "section_holder")
         self._column = layouts.vbox(holder, margins_px=(_SIDE_PX, 16, _SIDE_PX, 24), spacing_px=20)
         words = QLabel(tr(self.section.words), wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self._words = named(words, "page_words")
         self._column.addWidget(named(QLabel(tr(self.section.title)), "page_title"))
         if self.section.words:
-            self._column.addWidget(self._words)
+            self._column.addWidget(words)
         self._column.addStretch(1)
-        _scroll_area(self, holder)
+        _hold(self, holder)
         self._fit_words()
 
     def _make_next(self) -> None:
@@ -348,21 +346,19 @@ class CodeEditor(QPlainTextEdit):
         block = self.firstVisibleBlock()
         top = self.blockBoundingGeometry(block).translated(self.contentOffset()).top()
         while block.isValid() and top <= event.rect().bottom():
-            height = self.blockBoundingRect(block).height()
+            line, height = block.blockNumber(), self.blockBoundingRect(block).height()
             rect = QRect(0, round(top), self._numbers.width(), round(height))
-            self._paint_number(painter, block.blockNumber(), rect)
+            wrong, changed = line in self._wrong, line in self._changed
+            painter.setPen(self._theme.color("red" if wrong else "green" if changed else "dim"))
+            if not self.isReadOnly():
+                sign = "!" if wrong else "+" if changed else ""
+                painter.drawText(rect.adjusted(4, 0, 0, 0), Qt.AlignmentFlag.AlignLeft, sign)
+            painter.drawText(rect.adjusted(0, 0, -8, 0), Qt.AlignmentFlag.AlignRight, str(line + 1))
+            if line in self._deletions:
+                painter.setPen(self._theme.color("amber"))
+                painter.drawLine(rect.topLeft(), rect.topRight())
             top += height
             block = block.next()
-
-    def _paint_number(self, painter: QPainter, line: int, rect: QRect) -> None:
-        role = "red" if line in self._wrong else "green" if line in self._changed else "dim"
-        sign = "" if self.isReadOnly() else "!" if line in self._wrong else "+" if line in self._changed else ""
-        painter.setPen(QColor(self._theme.color(role)))
-        painter.drawText(rect.adjusted(4, 0, 0, 0), Qt.AlignmentFlag.AlignLeft, sign)
-        painter.drawText(rect.adjusted(0, 0, -8, 0), Qt.AlignmentFlag.AlignRight, str(line + 1))
-        if line in self._deletions:
-            painter.setPen(self._theme.color("amber"))
-            painter.drawLine(rect.topLeft(), rect.topRight())
 
 
 class _LineNumbers(QWidget):
@@ -407,7 +403,8 @@ class ComparePage(QWidget):
         self._list = layouts.vbox(spacing_px=6)
         column.addLayout(self._list)
         column.addStretch(1)
-        area = _scroll_area(QScrollArea(), holder)
+        area = QScrollArea()
+        _hold(area, holder)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.diff = CodeEditor(context, "scenario_diff", tr("Differences line by line"), read_only=True)
         splitter = QSplitter(Qt.Orientation.Vertical, childrenCollapsible=False)
@@ -471,18 +468,15 @@ class ComparePage(QWidget):
             row = self._row(difference, " › ".join(self._document.words(difference.path)))
             self.rows.append(row)
             self._list.addWidget(row)
-        lines = list(self._diff_lines())
+        texts = (self._other_text.splitlines(), self._document.text.splitlines())
+        names = (self.choice.currentText(), self._document.path.name)
+        lines = list(difflib.unified_diff(*texts, *names, lineterm="", n=2))
         self.diff.setVisible(bool(lines))
         self.diff.show_text("\n".join(lines))
         added, removed = (
             {number for number, line in enumerate(lines) if line.startswith(sign) and number > 1} for sign in "+-"
         )
         self.diff.mark(added, set(), removed)
-
-    def _diff_lines(self) -> Iterator[str]:
-        there, here = self.choice.currentText(), self._document.path.name
-        texts = (self._other_text.splitlines(), self._document.text.splitlines())
-        return difflib.unified_diff(*texts, there, here, lineterm="", n=2)
 
     def _row(self, difference: Difference, where: str) -> QWidget:
         row = QWidget()
