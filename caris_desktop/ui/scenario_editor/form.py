@@ -371,14 +371,13 @@ class TextField(Field):
             self._known = self.add_text("", "known_names")
             self._known.setTextInteractionFlags(Qt.TextInteractionFlag.LinksAccessibleByMouse)
             self._known.linkActivated.connect(self._on_known)
-        value, color = self.control.text(), self.context.theme.color
+        value, theme = self.control.text(), self.context.theme
         missing = known.all_of_them and value not in ("", *known.names)
         template = tr("Unknown: {name}. Available: {names}") if missing else tr("Available: {names}")
-        link = f'<a href="{{0}}" style="color:{color("blue").name()}; text-decoration:none">{{0}}</a>'
+        link = f'<a href="{{0}}" style="color:{theme.colors.blue}; text-decoration:none">{{0}}</a>'
         names = " · ".join(link.format(escape(name)) for name in known.names)
-        ink = color("amber" if missing else "dim").name()
-        html = escape(template).format(name=escape(value), names=names)
-        self._known.setText(f'<span style="color:{ink}">{html}</span>')
+        self._known.setText(escape(template).format(name=escape(value), names=names))
+        theme.color_text(self._known, "amber" if missing else "dim")
         self.remark = template.format(name=value, names=", ".join(known.names))
         self._known.setAccessibleName(self.context.spoken(self.remark))
         # A row without choices left stays a row.

@@ -56,7 +56,7 @@ def opened_as_form(scenario: Scenario) -> tuple[Opened, str]:
             sha256 = opened.sha256
             ScenarioDocument(opened.text, path)
         except YamlSourceError as error:
-            problem = f"{path.name}, line {error.line}: {error}"
+            problem = tr("{file}, line {line}: {message}").format(file=path.name, line=error.line, message=error)
         except (OSError, ValueError) as error:
             problem = str(error)
         else:
