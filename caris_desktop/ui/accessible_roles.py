@@ -3,8 +3,11 @@ readers skip.
 
 A widget class sets ``accessible_role`` (:func:`has_role` for a class that is not ours) and, where its name does not say
 what it shows, ``accessible_words()``, which is called only when a screen reader asks; setting a description makes a
-screen reader ask.
+screen reader ask. ``accessible_parts()`` returns widgets that Qt does not report: those in a table, which has only
+cells.
 """
+
+from collections.abc import Sequence
 
 from PySide6.QtCore import QObject
 from PySide6.QtGui import QAccessible, QAccessibleInterface
@@ -19,6 +22,17 @@ class _Interface(QAccessibleWidget):
     def text(self, kind: QAccessible.Text) -> str:
         words = getattr(self.object(), "accessible_words", None) if kind == QAccessible.Text.Description else None
         return super().text(kind) if words is None else str(words())
+
+    def childCount(self) -> int:
+        return super().childCount() + len(self._parts())
+
+    def child(self, index: int) -> QAccessibleInterface | None:
+        own = super().childCount()
+        return super().child(index) if index < own else QAccessible.queryAccessibleInterface(self._parts()[index - own])
+
+    def _parts(self) -> Sequence[QWidget]:
+        parts = getattr(self.object(), "accessible_parts", None)
+        return () if parts is None else parts()
 
 
 def install_accessible_roles() -> None:

@@ -169,6 +169,7 @@ applies when a label is first laid out or shown: one that is asked for its heigh
 QLabel, QToolTip {{ qproperty-textFormat: PlainText; }}
 QLabel#known_names, QLabel#map_legend {{ qproperty-textFormat: RichText; }}
 QWidget#split_handle {{ background: transparent; }}
+QFrame#people_undo {{ background: {colors.blue_soft}; margin: 0 1px; }}
 QWidget#split_handle:hover:enabled {{ background: {colors.line_strong}; }}
 QPushButton#more_tabs {{ background: transparent; color: {colors.dim}; border: 0; border-radius: {radius}px; }}
 QPushButton#more_tabs:hover, QPushButton#more_tabs:focus {{ color: {colors.text}; background: {colors.raised}; }}
@@ -216,6 +217,7 @@ QTableView {{
     selection-color: {colors.text};
 }}
 QTableView::item {{ padding: 0 7px; border: 0; border-bottom: 1px solid {colors.line}; }}
+QTableView#person_history::item {{ padding: 0; border: 0; }}
 QTableView::item:selected {{
     background: {colors.blue_soft}; color: {colors.text}; border-bottom: 1px solid {colors.blue};
 }}

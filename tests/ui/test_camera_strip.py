@@ -169,9 +169,9 @@ def test_the_people_panel_continues_while_another_camera_sees(
     show(console, "front", "desk")
     show(console, "front", age_s=4.0)
     console.state.check_freshness()
-    people._refresh()
+    people.update_view()
     assert "no picture" not in people.fact[0]
     show(console, "desk", age_s=4.0)
     console.state.check_freshness()
-    people._refresh()
+    people.update_view()
     assert people.fact[0].startswith("no picture")

@@ -364,10 +364,9 @@ def names(panel: PeoplePanel) -> list[str]:
 
 
 def press_name_button(qtbot: QtBot, panel: PeoplePanel, person_id: str) -> QWidget:
-    row = panel.model.row_of(person_id)
-    assert row is not None
-    at = panel.list.button_rect(row).center()
-    qtbot.mouseClick(panel.list.viewport(), Qt.MouseButton.LeftButton, pos=at)
+    button = find(panel.list.controls[person_id], "person_name")
+    qtbot.mouseMove(button)
+    click(qtbot, button)
     return find(panel, "person_name_field")
 
 
@@ -468,10 +467,8 @@ def test_no_row_moves_under_the_mouse(qtbot: QtBot, window: MainWindow, console:
     console.state.persons.set((dataclasses.replace(luis, here=False), third, new, gone))
     assert names(panel) == ["Luis", "Ana Torres", "Person 3", "Person 9"]
     assert panel.list.row_rect(pointed) == place
-    row = panel.model.row_of(ana.person_id)
-    assert row is not None
-    QTest.mouseClick(viewport, Qt.MouseButton.LeftButton, pos=panel.list.button_rect(row).center())
-    assert not panel.list.naming, "who is gone cannot be named"
+    assert panel.model.row_of(ana.person_id) is not None
+    assert not panel.list.controls[ana.person_id].buttons, "who is gone cannot be named"
     QApplication.sendEvent(viewport, QEvent(QEvent.Type.Leave))
     assert names(panel) == ["Person 9", "Person 3", "Luis"], "those who left go to the end"
     # The pointer keeps its position after the test.

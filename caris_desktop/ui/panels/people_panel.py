@@ -1,18 +1,19 @@
 """People panel: people present, former and known, with their names."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QKeySequence, QPainter, QPaintEvent, QShortcut
-from PySide6.QtWidgets import QLabel, QStackedLayout, QWidget
+from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtWidgets import QFrame, QLabel, QStackedWidget, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import PeopleUndone, PersonForgotten, PersonIdentified
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
-from caris_desktop.people.presence import PersonRow
+from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.focus_widget import focus_widget, main_of, window_of
@@ -21,10 +22,9 @@ from caris_desktop.ui.people.pending_identity_question import IdentityQuestion, 
 from caris_desktop.ui.people.people_list import PeopleList
 from caris_desktop.ui.people.people_model import PeopleModel
 from caris_desktop.ui.people.person_card import PersonCard
-from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
+from caris_desktop.ui.people.portraits import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import as_permitted, everyone, found, is_nameless_past, seen_elsewhere
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.accessible_regions import AccessibleRegions
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
@@ -58,70 +58,61 @@ class PeoplePanel(Panel):
         self._search.hide()
         self._empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)
         self._empty.setObjectName("people_empty")
-        self._pixmaps = PortraitPixmaps(self.state.portraits.get, lambda: self.state.load.value.pays_small)
+        self._empty.setContentsMargins(24, 8, 24, 8)
+        self._portraits = PortraitPixmaps(self.state.portraits.get, lambda: self.state.load.value.pays_small)
         self.model = PeopleModel(self.state.present, self)
-        self.list = PeopleList(self.theme, self.model, self._pixmaps)
+        self.list = PeopleList(self.theme, self.model, self._portraits)
         self.list.setObjectName("people_list")
         self.list.named.connect(lambda person_id, name: self.console.do(intents.NamePerson(person_id, name)))
-        self.list.let_go.connect(self.update_view)
+        self.list.let_go.connect(self._refresh)
         self.list.naming_changed.connect(self.state.named_person.set)
         self.list.picked.connect(self._on_picked)
         self.list.action_requested.connect(self._on_action_requested)
-        self._card: PersonCard | None = None
+        self.card: PersonCard | None = None
+        """The popup, once opened."""
         self._decided: object = None
         self._undo = UndoBar(self.theme)
         self._undo.undone.connect(self._take_back)
         self.hold.escape_pressed.connect(self._on_escape)
-        holder = QWidget()
-        self._stack = QStackedLayout(holder)
-        centered = QWidget()
-        column = layouts.vbox(centered, margins_px=(24, 8, 24, 8))
-        column.addWidget(self._empty)
-        self._stack.addWidget(centered)
+        self._stack = QStackedWidget()
+        self._stack.addWidget(self._empty)
         self._stack.addWidget(self.list)
-        self._regions = AccessibleRegions(
-            holder, self.list.viewport(), self.list.accessible_spots, self.list.press_accessible
-        )
         layout = layouts.vbox(self, margins_px=(2, 6, 2, 8), spacing_px=4)
         layout.addWidget(self._search)
-        layout.addWidget(holder, 1)
+        layout.addWidget(self._stack, 1)
         layout.addWidget(self._undo)
         self._offer_names()
-        self._listen()
-        self.every(1000, self._on_second)
-        self.update_view()
-
-    def _listen(self) -> None:
         state = self.state
-        state.persons.changed.connect(self._show_everyone)
-        state.everybody.changed.connect(self._show_everyone)
-        state.camera.changed.connect(self.update_view)
-        state.perception.changed.connect(self._refresh)
-        state.frame.freshness_changed.connect(self._refresh)
-        state.selected_person.changed.connect(self._show_selected)
-        state.asked_person.changed.connect(self._show_asked)
-        state.going_on.changed.connect(self._show_unconfirmed)
+        for changed in (
+            state.persons.changed, state.everybody.changed, state.camera.changed, state.perception.changed,
+            state.frame.freshness_changed, state.selected_person.changed, state.asked_person.changed,
+            state.going_on.changed, self.table.keys_changed, self.theme.changed,
+        ):  # fmt: skip
+            changed.connect(self._refresh)
         state.event_happened.connect(self._on_event)
         state.person_history.changed.connect(self._on_history_found)
-        self.table.keys_changed.connect(self._show_asked)
-        self.theme.changed.connect(self._refresh)
+        self.every(1000, self._on_second)
+        self.update_view()
 
     def _on_second(self) -> None:
         """Refresh ages."""
         self.model.refresh_ages()
-        if self._pixmaps.put_off:
-            self._pixmaps.put_off = False
+        if self._portraits.put_off:
+            self._portraits.put_off = False
             self.list.viewport().update()
         self._renew_card()
 
     def title_widgets(self) -> list[QWidget]:
         return [button for button in (self._unfold_button, self._search_button) if button is not None]
 
+    def accessible_parts(self) -> list[QWidget]:
+        return list(self.list.controls.values()) if self.list.isVisible() else []
+
     def show_scenario(self) -> None:
-        if self._card is not None:
-            self._card.close_card()
-            self._card.deleteLater()
-            self._card = None
+        if self.card is not None:
+            self.card.close_card()
+            self.card.deleteLater()
+            self.card = None
         self._offer_names()
         super().show_scenario()
 
@@ -136,41 +127,31 @@ class PeoplePanel(Panel):
         for shortcut in self._shortcuts:
             shortcut.setKey(QKeySequence())  # effective now, not only once the object is deleted
             shortcut.deleteLater()
+        context = Qt.ShortcutContext.WidgetWithChildrenShortcut
         acts = (("Ctrl+Z", self._take_back), ("Ctrl+F", self._open_search)) if decides else ()
-        self._shortcuts = [self._new_shortcut(keys, slot) for keys, slot in acts]
-        self._search_button = self._new_search_button() if permitted else None
-        self._unfold_button = self._new_unfold_button() if permitted else None
+        self._shortcuts = [QShortcut(QKeySequence(keys), self, slot, context=context) for keys, slot in acts]
+        self._search_button = self._unfold_button = None
+        if permitted:
+            search = ActionButton(self.theme, "", icon="magnifying-glass", role="ghost", height_px=30)
+            search.setObjectName("people_search_button")
+            search.setAccessibleName(tr("Find a person"))
+            search.setToolTip(tr("Find by name, group or tag (Ctrl+F in this panel)"))
+            search.clicked.connect(self._toggle_search)
+            unfold = ActionButton(self.theme, "", role="ghost", height_px=30, text_px=tokens.STATUS_PX)
+            unfold.setObjectName("people_unfold")
+            unfold.setCheckable(True)
+            unfold.setChecked(self._unfolded)
+            unfold.toggled.connect(self._on_unfolded)
+            unfold.hide()
+            self._search_button, self._unfold_button = search, unfold
         self._undo.put_away()
         self._search.clear()
         self._search.hide()
         self.controls_changed.emit()
 
-    def _new_shortcut(self, keys: str, slot: Callable[[], None]) -> QShortcut:
-        shortcut = QShortcut(QKeySequence(keys), self)
-        shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-        shortcut.activated.connect(slot)
-        return shortcut
-
-    def _new_search_button(self) -> ActionButton:
-        button = ActionButton(self.theme, "", icon="magnifying-glass", role="ghost", height_px=30)
-        button.setObjectName("people_search_button")
-        button.setAccessibleName(tr("Find a person"))
-        button.setToolTip(tr("Find by name, group or tag (Ctrl+F in this panel)"))
-        button.clicked.connect(self._toggle_search)
-        return button
-
-    def _new_unfold_button(self) -> ActionButton:
-        button = ActionButton(self.theme, "", role="ghost", height_px=30, text_px=tokens.STATUS_PX)
-        button.setObjectName("people_unfold")
-        button.setCheckable(True)
-        button.setChecked(self._unfolded)
-        button.toggled.connect(self._on_unfolded)
-        button.hide()
-        return button
-
     def _on_unfolded(self, unfolded: bool) -> None:
         self._unfolded = unfolded
-        self._show_everyone()
+        self._refresh()
 
     def sizeHint(self) -> QSize:
         return QSize(340, 220)
@@ -182,14 +163,12 @@ class PeoplePanel(Panel):
         super().set_in_view(in_view)
         if not in_view:
             self._undo.put_away()
-            if self._card is not None:
-                self._card.close_card()
+            if self.card is not None:
+                self.card.close_card()
 
-    def update_view(self) -> None:
-        self._show_everyone()
-        self._show_selected()
-        self._show_asked()
-        self._show_unconfirmed()
+    def _refresh(self, _value: object = None) -> None:
+        if self.in_view:
+            self.update_view()
 
     # ---- rows
 
@@ -201,31 +180,33 @@ class PeoplePanel(Panel):
             return as_permitted(state.persons.value, naming=False)
         return everyone(state.persons.value, state.everybody.value, state.present.now_ns())
 
-    def _show_everyone(self, _persons: object = None) -> None:
-        if not self.in_view:
-            return
-        persons = with_one_question(self.everyone, self.state.asked_person.value)
+    def update_view(self) -> None:
+        everybody = self.everyone
+        question: IdentityQuestion | None = self.state.asked_person.value
+        persons = with_one_question(everybody, question)
         query = "" if self._search.isHidden() else self._search.text()
-        listed = tuple(person for person in persons if found(person, query) and not self._is_folded(person, query))
-        known = frozenset(person.person_id for person in persons)
+        self.model.show_unconfirmed(frozenset(self.state.going_on.value.unconfirmed_people))
         self.model.show_persons(
-            listed,
-            known=known,
+            [person for person in persons if found(person, query) and not self._is_folded(person, query)],
+            known=frozenset(person.person_id for person in persons),
             held_rows=0 if self._search.hasFocus() else self.list.held_rows,
             camera=self.state.camera.value,
         )
-        self._report_folded(persons)
+        self.list.highlight_selected(self.state.selected_person.value)
+        keys = self.table.key_text("answer_yes"), self.table.key_text("answer_no")
+        self.list.show_asked("" if question is None else question.person_id, *keys)
         self.list.discard_orphaned_name()
+        self._report_folded(persons)
+        self._report_presence(everybody)
         self._renew_card()
         if not self._undo.isHidden():
             self._report_decision()
-        self._refresh()
 
-    def _is_folded(self, person: PersonRow, query: str = "") -> bool:
+    def _is_folded(self, person: PersonRow, query: str) -> bool:
         """Whether a nameless former person is only counted: unless expanded, searched for or in use."""
         if self._unfolded or query.strip() or not is_nameless_past(person):
             return False
-        card = self._card.person_id if self._card is not None else ""
+        card = self.card.person_id if self.card is not None else ""
         return person.person_id not in (self.list.naming, self.state.selected_person.value, card)
 
     def _report_folded(self, persons: Sequence[PersonRow]) -> None:
@@ -235,48 +216,31 @@ class PeoplePanel(Panel):
         count = sum(is_nameless_past(person) for person in persons)
         button.setVisible(count > 0)
         button.setText(tr("+ %n left", "", count))
-        if self._unfolded:
-            button.setToolTip(tr("Hide %n who left without a name", "", count))
-        else:
-            button.setToolTip(tr("Show %n who left without a name", "", count))
+        hide = tr("Hide %n who left without a name", "", count)
+        button.setToolTip(hide if self._unfolded else tr("Show %n who left without a name", "", count))
         button.setAccessibleName(button.toolTip())
 
-    def _show_selected(self, _person_id: object = None) -> None:
-        if self.in_view:
-            self.list.highlight_selected(self.state.selected_person.value)
-
-    def _show_asked(self, _question: object = None) -> None:
-        question: IdentityQuestion | None = self.state.asked_person.value
-        if self.in_view:
-            keys = self.table.key_text("answer_yes"), self.table.key_text("answer_no")
-            self._show_everyone()
-            self.list.show_asked("" if question is None else question.person_id, *keys)
-
-    def _show_unconfirmed(self, _status: object = None) -> None:
-        if self.in_view:
-            self.model.show_unconfirmed(frozenset(self.state.going_on.value.unconfirmed_people))
-            self.list.viewport().update()
-
-    def _refresh(self) -> None:
-        if not self.in_view:
-            return
-        persons: tuple[PersonRow, ...] = self.state.persons.value
-        here = [person for person in persons if person.here]
+    def _report_presence(self, everybody: Sequence[PersonRow]) -> None:
+        """Say in the title who is here, and in an empty list why it is."""
+        here = [person for person in self.state.persons.value if person.here]
         elsewhere = sum(bool(seen_elsewhere(person, self.state.camera.value)) for person in here)
         others = (self.state.frame_of(camera).freshness for camera in self.state.cameras.value)
         blind = self.state.frame.freshness == "lost" and "fresh" not in others
-        parts = [tr("no picture") if blind else tr("%n here", "", len(here)) if here else tr("nobody here")]
-        if not (blind or here) and self._detection_starting():
-            parts = [tr("detection is starting")]
-        if elsewhere:
-            parts.append(tr("%n in another camera", "", elsewhere))
-        known = sum(person.known for person in self.everyone)
-        if known:
-            parts.append(tr("%n known", "", known))
+        known = sum(person.known for person in everybody)
         late_s = 0.0 if blind else self._late_s()
-        if late_s:
-            parts.append(tr("{seconds} s behind").format(seconds=round(late_s)))
-        self.set_fact(" · ".join(parts), "amber" if late_s else "dim")
+        if blind:
+            first = tr("no picture")
+        elif here:
+            first = tr("%n here", "", len(here))
+        else:
+            first = tr("detection is starting") if self._detection_starting() else tr("nobody here")
+        facts = (
+            first,
+            tr("%n in another camera", "", elsewhere) if elsewhere else "",
+            tr("%n known", "", known) if known else "",
+            tr("{seconds} s behind").format(seconds=round(late_s)) if late_s else "",
+        )
+        self.set_fact(" · ".join(filter(None, facts)), "amber" if late_s else "dim")
         self._stack.setCurrentIndex(1 if self.model.rowCount() else 0)
         if not self.model.rowCount():
             self._empty.setText(self._why_empty(blind=blind, late_s=late_s))
@@ -337,16 +301,16 @@ class PeoplePanel(Panel):
         if self._search.hasFocus():
             self.list.setFocus(Qt.FocusReason.OtherFocusReason)
         self._search.hide()
-        self.update_view()
+        self._refresh()
 
     def _on_search_changed(self, _text: str) -> None:
-        self.update_view()
+        self._refresh()
         self.list.scrollToTop()
 
     def _pick_first(self) -> None:
         """Enter in the search field selects the first result, as in other lists."""
         if self.model.persons:
-            self._select(self.model.persons[0].person_id)
+            self.console.do(intents.AttendPerson(self.model.persons[0].person_id))
 
     # ---- person popup
 
@@ -355,62 +319,49 @@ class PeoplePanel(Panel):
         if person is None:
             return
         window = main_of(window_of(self))  # a floating panel has no room for it and would take it along
-        if self._card is None:
-            self._card = PersonCard(
+        if self.card is None:
+            self.card = PersonCard(
                 self.theme,
                 window,
                 do=self.console.do,
-                pixmaps=self._pixmaps,
+                portraits=self._portraits,
                 everyone=lambda: self.everyone,
                 recognise=self.console.scenario.perception.recognise,
                 recording=lambda: self.state.recording.value.state in ("starting", "recording", "paused"),
             )
-            self._card.about.history_requested.connect(
-                lambda person_id, text: self.console.do(intents.LookUpPerson(person_id, text))
-            )
-            self.destroyed.connect(self._card.deleteLater)
-        self._card.about.use_networks(self.state.perception.value.recognises)
+            self.destroyed.connect(self.card.deleteLater)
+        self.card.about.recognises = self.state.perception.value.recognises
         beside = QRect(window.mapFromGlobal(self.mapToGlobal(QPoint())), self.size())
-        self._card.open_for(person, self.state.present.now_ns(), beside)
-
-    @property
-    def card(self) -> PersonCard | None:
-        """The popup, once opened."""
-        return self._card
+        self.card.open_for(person, self.state.present.now_ns(), beside)
 
     def _find(self, person_id: str) -> PersonRow | None:
         return next((person for person in self.everyone if person.person_id == person_id), None)
 
     def _renew_card(self) -> None:
-        card = self._card
-        if card is None or not card.person_id:
-            return
-        person = self._find(card.person_id)
-        if person is not None:
-            card.show_person(person, self.state.present.now_ns())
+        if self.card is not None and (person := self._find(self.card.person_id)) is not None:
+            self.card.show_person(person, self.state.present.now_ns())
 
     def _follow_with_card(self, person_id: str, now_id: str) -> None:
         """Keep the popup on its person after identification; close it if the person is missing."""
-        card = self._card
-        if card is None or card.person_id != person_id:
+        if self.card is None or self.card.person_id != person_id:
             return
         person = self._find(now_id)
         if person is None:
-            card.close_card()
+            self.card.close_card()
         else:
-            card.show_person(person, self.state.present.now_ns())
+            self.card.show_person(person, self.state.present.now_ns())
 
     def _on_history_found(self, history: PersonHistory | None) -> None:
-        if self._card is not None and history is not None and history.person_id == self._card.person_id:
+        if self.card is not None and history is not None and history.person_id == self.card.person_id:
             entries = tuple(
                 replace(entry, text=text_formatting.with_names(entry.text, self._name_of)) for entry in history.entries
             )
-            self._card.show_history(replace(history, entries=entries))
+            self.card.show_history(replace(history, entries=entries))
 
     def _on_escape(self) -> None:
         self.list.give_up_naming()
-        if self._card is not None:
-            self._card.step_back()
+        if self.card is not None:
+            self.card.step_back()
         if not self._search.isHidden():
             self._close_search()
 
@@ -427,26 +378,24 @@ class PeoplePanel(Panel):
 
     def _on_picked(self, person_id: str) -> None:
         """Toggle the selection of a person."""
-        self._select("" if person_id == self.state.selected_person.value else person_id)
-
-    def _select(self, person_id: str) -> None:
-        self.console.do(intents.AttendPerson(person_id))
+        picked = "" if person_id == self.state.selected_person.value else person_id
+        self.console.do(intents.AttendPerson(picked))
 
     def _on_action_requested(self, act: str, person_id: str) -> None:
         person = self._find(person_id)
-        if act == "card":
-            self.open_card(person_id)
         if person is None:
             return
-        suggested = person.suggestion
-        if act == "yes" and suggested is not None:
-            self.console.do(intents.ConfirmPerson(person_id, suggested.person_id))
-        elif act == "no" and suggested is not None:
-            self.console.do(intents.RejectPerson(person_id, suggested.person_id))
-        elif act == "same":
-            self.console.do(intents.ConfirmAsBefore("people", person_id))
-        elif act == "not":
-            self.console.do(intents.RejectPerson(person_id, person_id))
+        match act, person.suggestion:
+            case "card", _:
+                self.open_card(person_id)
+            case "yes", Suggestion() as suggested:
+                self.console.do(intents.ConfirmPerson(person_id, suggested.person_id))
+            case "no", Suggestion() as suggested:
+                self.console.do(intents.RejectPerson(person_id, suggested.person_id))
+            case "same", _:
+                self.console.do(intents.ConfirmAsBefore("people", person_id))
+            case "not", _:
+                self.console.do(intents.RejectPerson(person_id, person_id))
 
     def _take_back(self) -> None:
         self._undo.put_away()
@@ -471,7 +420,7 @@ class PeoplePanel(Panel):
         """Describe the decision with the current name: the event precedes the rows that follow from it."""
         sentence = event_messages.event_sentence(self._decided, self._name_of)
         if sentence is not None:
-            self._undo.say(sentence[1])
+            self._undo.text.setText(sentence[1])
 
     def _name_of(self, person_id: str) -> str:
         row = self._find(person_id)
@@ -481,18 +430,14 @@ class PeoplePanel(Panel):
 _SHOWN_MS = 8_000
 
 
-class UndoBar(QWidget):
-    """Undo bar: the last decision about a person, with an undo button for some seconds.
-
-    Bar at the lower edge of a panel.
-    """
+class UndoBar(QFrame):
+    """Bar at the lower edge: the last decision about a person, with an undo button for some seconds."""
 
     undone = Signal()
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.setObjectName("people_undo")
-        self._theme = theme
         self.text = ElidedLabel()
         self.button = ActionButton(theme, tr("Undo"), icon="arrow-u-up-left", key=cap_text("Ctrl+Z"), height_px=28)
         self.button.setObjectName("people_undo_button")
@@ -502,11 +447,8 @@ class UndoBar(QWidget):
         row.addWidget(self.button)
         self._away = QTimer(self, singleShot=True, interval=_SHOWN_MS)
         self._away.timeout.connect(self.hide)
-        theme.restyle_on_change(self._style)
+        theme.restyle_on_change(partial(theme.style_text, self.text, "text", tokens.STATUS_PX))
         self.hide()
-
-    def say(self, text: str) -> None:
-        self.text.setText(text)
 
     def offer(self) -> None:
         self.show()
@@ -515,11 +457,3 @@ class UndoBar(QWidget):
     def put_away(self) -> None:
         self._away.stop()
         self.hide()
-
-    def _style(self) -> None:
-        self._theme.style_text(self.text, "text", tokens.STATUS_PX)
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.fillRect(self.rect().adjusted(1, 0, -1, 0), self._theme.color("blue_soft"))

@@ -1,34 +1,22 @@
-"""List view of the People panel: painting, mouse input, names edited in place."""
+"""List view of the People panel: painted rows, buttons over them, names edited in place."""
 
-from PySide6.QtCore import QEvent, QPoint, QRect, QRectF, Qt, Signal
-from PySide6.QtGui import (
-    QCursor,
-    QEnterEvent,
-    QFont,
-    QFontMetrics,
-    QHelpEvent,
-    QHideEvent,
-    QKeyEvent,
-    QMouseEvent,
-    QPainter,
-    QPen,
-    QResizeEvent,
-)
-from PySide6.QtWidgets import QStyle, QStyledItemDelegate, QStyleOptionViewItem, QToolTip
+from collections.abc import Sequence
+
+from PySide6.QtCore import QEvent, QModelIndex, QObject, QRect, QRectF, Qt, Signal
+from PySide6.QtGui import QCursor, QFont, QFontMetrics, QHideEvent, QKeyEvent, QPainter, QPen, QResizeEvent
+from PySide6.QtWidgets import QAbstractButton, QAbstractItemDelegate, QStyledItemDelegate, QStyleOptionViewItem, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting, tokens
 from caris_desktop.ui.focus_widget import focus_widget
-from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.people.people_model import PERSON_ROLE, Index, PeopleModel
-from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
+from caris_desktop.ui.people.portraits import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import SPEAKING, UNCONFIRMED, RowButton, buttons_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets import avatar
-from caris_desktop.ui.widgets.accessible_regions import AccessibleRegion
+from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.fast_table_view import FastTableView
-from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 from caris_desktop.ui.wrapped_tip import wrapped_tip
 
@@ -37,7 +25,8 @@ CAPTION_PX = 26
 _SIDE_PX = 14
 _GAP_PX = 12
 _BUTTON_PX = 30
-_ICON_PX = 17
+_BETWEEN_PX = 6
+_TEXT_LEFT_PX = _SIDE_PX + avatar.SIZE_PX + _GAP_PX
 _TEXT_AT_LEAST_PX = 96
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 _NAME_HINT = QT_TR_NOOP("Name, then Enter")
@@ -48,7 +37,7 @@ class PeopleList(FastTableView):
     """Rows with an in-place name field.
 
     Rows up to the mouse or the name field must not move: the first ``held_rows``; ``let_go`` ends that. New people
-    appear below them at once. Decisions need ``let_decide``: not without naming permission, and not in a replay.
+    appear below them at once.
     """
 
     named = Signal(str, str)  # person id, name
@@ -61,43 +50,40 @@ class PeopleList(FastTableView):
         super().__init__(row_px=ROW_PX)
         self._theme = theme
         self._people = model
-        self._may_decide = False
         self._naming = ""  # the person whose name is being edited
-        self._under_mouse: QPoint | None = None
-        self._pressed: tuple[str, str] | None = None
-        self._selected = ""
         self._question_id = ""
         self._not_seen_yet = ""
         self._keys = ("", "")
+        self.selected = ""
+        self.controls: dict[str, RowControls] = {}
+        """Real buttons by person: for the rows in view only, as there may be hundreds."""
         self.setAccessibleName(tr("People"))
         self.setModel(model)
-        self.setItemDelegate(PersonDelegate(theme, model, self, portraits))
-        self.setMouseTracking(True)
         self._field = SubmitLineEdit(self.viewport())
         self._field.setObjectName("person_name_field")
         self._field.setMaxLength(60)
         self._field.hide()
         self._field.returnPressed.connect(self._on_name_entered)
         # Leaving without Enter discards the name.
-        self._field.editingFinished.connect(self._close_field)
-        self.verticalScrollBar().valueChanged.connect(self._place_field)
-        for changed in (model.rowsInserted, model.rowsRemoved, model.rowsMoved, model.modelReset):
-            changed.connect(self._place_field)
-        model.arranged.connect(self._make_room_for_captions)
+        self._field.editingFinished.connect(self.give_up_naming)
+        self.setItemDelegate(PersonDelegate(theme, model, self, self._field, portraits))
+        self.clicked.connect(self._on_clicked)
+        self.doubleClicked.connect(self._on_double_clicked)
+        self.verticalScrollBar().valueChanged.connect(self._place_controls)
+        model.changed.connect(self._on_changed)
 
     def let_decide(self, may_decide: bool) -> None:
         """Enable decisions about people: identity and selection."""
-        self._may_decide = may_decide
+        self._people.may_decide = may_decide
         self.give_up_naming()
-        self.viewport().update()
+        self._place_controls()
 
     # ---- display
 
     def highlight_selected(self, person_id: str) -> None:
-        """Highlight the selected person."""
-        if person_id != self._selected:
-            self._selected = person_id
-            self.viewport().update()
+        if person_id != self.selected:
+            self.selected = person_id
+            self._place_controls()
 
     def show_asked(self, person_id: str, yes_key: str, no_key: str) -> None:
         """Set the row of the pending question, and its keys."""
@@ -105,7 +91,7 @@ class PeopleList(FastTableView):
             if person_id != self._question_id:
                 self._not_seen_yet = person_id
             self._question_id, self._keys = person_id, (yes_key, no_key)
-            self.viewport().update()
+            self._place_controls()
             self._bring_question()
 
     def _bring_question(self) -> None:
@@ -116,24 +102,21 @@ class PeopleList(FastTableView):
             self._not_seen_yet = ""
             self.scrollTo(self._people.index(row))
 
-    @property
-    def selected(self) -> str:
-        return self._selected
-
     def bring_into_view(self, person_id: str) -> None:
         row = self._people.row_of(person_id)
         if row is not None:
             self.setCurrentIndex(self._people.index(row))
             self.scrollTo(self._people.index(row))
 
-    def _make_room_for_captions(self) -> None:
-        rows, tall = self.verticalHeader(), self._people.captions
+    def _on_changed(self) -> None:
+        """Make room for captions: inserted or removed rows shift the heights of others."""
+        rows = self.verticalHeader()
         for row in range(self._people.rowCount()):
-            height_px = ROW_PX + CAPTION_PX if row in tall else ROW_PX
-            # Inserted or removed rows shift the heights of others.
+            height_px = ROW_PX + CAPTION_PX if row in self._people.captions else ROW_PX
             if rows.sectionSize(row) != height_px:
                 rows.resizeSection(row, height_px)
-        self._place_field()
+        self.updateEditorGeometries()
+        self._place_controls()
         self._bring_question()
 
     def row_rect(self, row: int) -> QRect:
@@ -141,106 +124,65 @@ class PeopleList(FastTableView):
         rect = self.visualRect(self._people.index(row))
         return rect.adjusted(0, CAPTION_PX, 0, 0) if row in self._people.captions else rect
 
-    def buttons(self, row: int) -> list[tuple[RowButton, QRect]]:
-        """Buttons of a row with their rectangles in the viewport."""
+    def buttons(self, row: int) -> tuple[RowButton, ...]:
+        """Buttons of a row, which exist while it is in view."""
         person = self._people.persons[row]
-        if not self._may_decide:
-            return []
+        if not self._people.may_decide or person.person_id == self._naming:
+            return ()
         yes_key, no_key = self._keys if person.person_id == self._question_id else ("", "")
-        buttons = buttons_of(
+        return buttons_of(
             person,
-            unconfirmed=self._people.is_unconfirmed(person.person_id) and person.person_id != self._naming,
-            can_be_named=person.person_id != self._naming and self._people.knows(person.person_id),
+            unconfirmed=self._people.is_unconfirmed(person.person_id),
+            can_be_named=self._people.knows(person.person_id),
             yes_key=yes_key,
             no_key=no_key,
         )
-        rect = self.row_rect(row)
-        room = rect.width() - 2 * _SIDE_PX - avatar.SIZE_PX - _GAP_PX - _TEXT_AT_LEAST_PX
-        for with_keys, with_texts in ((True, True), (False, True), (False, False)):
-            widths = [self._width(button, with_key=with_keys, with_text=with_texts) for button in buttons]
-            if sum(widths) + 6 * len(widths) <= room:
-                break
-        placed = []
-        right = rect.right() - _SIDE_PX + 4
-        for button, width in zip(reversed(buttons), reversed(widths), strict=True):
-            right -= width
-            placed.append((button, QRect(right, rect.center().y() - _BUTTON_PX // 2, width, _BUTTON_PX)))
-            right -= 6
-        return placed[::-1]
 
-    def accessible_spots(self) -> list[AccessibleRegion]:
-        """Accessible regions for clicks in visible rows; the row text is in the table's cells."""
-        spots = []
-        for row, person in enumerate(self._people.persons):
-            rect = self.row_rect(row)
-            if not rect.intersects(self.viewport().rect()):
-                continue
-            selected = tr("Selected") if person.person_id == self._selected else ""
-            name = text_formatting.person_name(person)
-            if self._may_decide:
-                spots.append(
-                    AccessibleRegion(("pick", person.person_id), tr("Select {name}").format(name=name), rect, selected)
-                )
-            for button, place in self.buttons(row):
-                spots.append(AccessibleRegion((button.act, person.person_id), button.tip, place, button.key))
-        return spots
-
-    def press_accessible(self, key: tuple[str, ...]) -> None:
-        """Handle an accessible press like a click."""
-        act, person_id = key
-        if self._people.row_of(person_id) is not None:
-            self._act(act, person_id)
-
-    def button_rect(self, row: int, act: str = "name") -> QRect:
-        """Rectangle of a row's button in the viewport; empty without such a button."""
-        return next((rect for button, rect in self.buttons(row) if button.act == act), QRect())
-
-    def _width(self, button: RowButton, *, with_key: bool, with_text: bool) -> int:
-        if not button.text or (button.icon and not with_text):
-            return _BUTTON_PX
-        width = QFontMetrics(self._theme.font(tokens.STATUS_PX + 1)).horizontalAdvance(button.text) + 20
-        width += _ICON_PX + 6 if button.icon else 0
-        return width + (round(key_cap_width(self._theme, button.key)) + 6 if button.key and with_key else 0)
+    def _place_controls(self) -> None:
+        """Put real buttons over the rows in view; a row keeps them while they stay the same."""
+        before, self.controls = self.controls, {}
+        last = self.rowAt(self.viewport().height() - 1)
+        in_view = range(max(0, self.rowAt(0)), (last if last >= 0 else self._people.rowCount() - 1) + 1)
+        for row in in_view if self._people.may_decide else ():
+            person, buttons = self._people.persons[row], self.buttons(row)
+            select = tr("Select {name}").format(name=text_formatting.person_name(person))
+            described = (select, tr("Selected") if person.person_id == self.selected else "", buttons)
+            controls = before.get(person.person_id)
+            if controls is None or controls.described != described:
+                controls = RowControls(self._theme, self, person.person_id, described)
+            else:
+                del before[person.person_id]
+            self.controls[person.person_id] = controls
+            controls.setGeometry(self.row_rect(row))
+            controls.show()
+        for gone in before.values():
+            gone.hide()
+            gone.deleteLater()
+        self.viewport().update()
 
     # ---- rows held in place
 
     @property
     def held_rows(self) -> int:
         rows = [self._people.row_of(self._naming)] if self._naming else []
-        if self._under_mouse is not None:
-            rows.append(self.indexAt(self._under_mouse).row())
+        if self.viewport().underMouse():
+            rows.append(self.rowAt(self.viewport().mapFromGlobal(QCursor.pos()).y()))
         return 1 + max((row for row in rows if row is not None), default=-1)
 
     def viewportEvent(self, event: QEvent) -> bool:
-        if isinstance(event, QEnterEvent | QMouseEvent):
-            self._under_mouse = event.position().toPoint()
-        elif event.type() == QEvent.Type.Leave:
-            self._on_mouse_away()
-        if event.type() == QEvent.Type.ToolTip and isinstance(event, QHelpEvent):
-            self._show_tip(event)
-            return True
+        if event.type() == QEvent.Type.Leave:
+            self.let_go.emit()
         return super().viewportEvent(event)
 
-    def _show_tip(self, event: QHelpEvent) -> None:
-        row = self.indexAt(event.pos()).row()
-        if row < 0:
-            QToolTip.hideText()
-            return
-        button = self._button_at(event.pos())
-        text = str(self._people.index(row).data(Qt.ItemDataRole.AccessibleTextRole))
-        if self._may_decide:
-            text = tr("{person}. Click to select this person.").format(person=text)
-        QToolTip.showText(event.globalPos(), wrapped_tip(button[0].tip if button else text), self)
-
     def hideEvent(self, event: QHideEvent) -> None:
-        # A hidden widget receives no leave event.
-        self._under_mouse = None
-        self._close_field()
+        self.give_up_naming()
         super().hideEvent(event)
 
-    def _on_mouse_away(self) -> None:
-        self._under_mouse = None
-        self.let_go.emit()
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._not_seen_yet = self._question_id
+        self._bring_question()
+        self._place_controls()
 
     # ---- name field
 
@@ -251,33 +193,17 @@ class PeopleList(FastTableView):
 
     def name(self, person_id: str) -> None:
         """Edit this person's name."""
+        self.give_up_naming()
         row = self._people.row_of(person_id)
-        if row is None or not self._may_decide or not self._people.knows(person_id):
+        if row is None or not self._people.flags(self._people.index(row)) & Qt.ItemFlag.ItemIsEditable:
             return
-        person = self._people.persons[row]
-        self._field.setReadOnly(False)
-        self._field.setPlaceholderText(tr(_NAME_HINT))
         self.scrollTo(self._people.index(row))
         self._naming = person_id
         self.naming_changed.emit(person_id)
-        self.viewport().update()
-        self._field.setAccessibleName(tr("Name of {name}").format(name=text_formatting.person_name(person)))
-        self._field.setText(person.name if text_formatting.has_given_name(person) else "")
-        self._place_field()
-        self._field.show()
+        self._place_controls()
+        self.edit(self._people.index(row))
         self._field.selectAll()
         focus_widget(self._field, Qt.FocusReason.OtherFocusReason)
-
-    def _place_field(self) -> None:
-        if not self._naming:
-            return
-        row = self._people.row_of(self._naming)
-        if row is None:
-            self._close_field()
-            return
-        rect = self.row_rect(row)
-        left = rect.left() + _SIDE_PX + avatar.SIZE_PX + _GAP_PX - 6
-        self._field.setGeometry(left, rect.top() + 8, max(80, rect.right() - _SIDE_PX - left), rect.height() - 16)
 
     def discard_orphaned_name(self) -> None:
         """Discard typing for a person who no longer exists: it must not reach another row or field."""
@@ -286,201 +212,224 @@ class PeopleList(FastTableView):
             self._field.setReadOnly(True)
             self._field.setPlaceholderText(tr(_NOBODY_HINT))
 
-    def give_up_naming(self) -> None:
-        """Cancel editing the name."""
-        self._close_field()
-
     def _on_name_entered(self) -> None:
-        name, person_id = " ".join(self._field.text().split()), self._naming
-        known = self._people.knows(person_id)
-        self._close_field()
-        if name and known:
-            self.named.emit(person_id, name)
+        self.commitData(self._field)
+        self.give_up_naming()
 
-    def _close_field(self) -> None:
-        if self._field.isHidden():
-            return
-        if self._field.hasFocus():
-            # Qt would focus the next widget, which may be the robot's speech field or driving.
-            self.setFocus(Qt.FocusReason.OtherFocusReason)
-        self._naming = ""
-        self._field.hide()
-        self.naming_changed.emit("")
-        self.viewport().update()
-        self.let_go.emit()
+    def give_up_naming(self) -> None:
+        """Close the name field, which puts the focus on the list: never on the robot's speech field or driving."""
+        if self._naming:
+            self._naming = ""
+            self.closeEditor(self._field, QAbstractItemDelegate.EndEditHint.NoHint)
+            self.naming_changed.emit("")
+            self._place_controls()
+            self.let_go.emit()
 
     # ---- mouse and keyboard
 
-    def _button_at(self, at: QPoint) -> tuple[RowButton, str] | None:
-        """Button at a point, with its person."""
-        row = self.indexAt(at).row()
-        if row < 0:
-            return None
-        person_id = self._people.persons[row].person_id
-        return next(((button, person_id) for button, rect in self.buttons(row) if rect.contains(at)), None)
-
-    def _spot(self, event: QMouseEvent) -> tuple[str, str]:
-        """Action and person of a click: a button's, else picking the row."""
-        at = event.position().toPoint()
-        button = self._button_at(at)
-        if button is not None:
-            return button[0].act, button[1]
-        row = self.indexAt(at).row()
-        return ("pick", self._people.persons[row].person_id) if row >= 0 else ("", "")
-
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        if event.button() == Qt.MouseButton.LeftButton:
-            self._pressed = self._spot(event)
-        super().mousePressEvent(event)
-
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        pressed, self._pressed = self._pressed, None
-        super().mouseReleaseEvent(event)
-        if pressed is not None and pressed == self._spot(event):
-            self._act(*pressed)
-
-    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
-        act, person_id = self._spot(event)
-        if act == "pick" and self._may_decide:
-            self.action_requested.emit("card", person_id)
-
-    def _act(self, act: str, person_id: str) -> None:
+    def act(self, act: str, person_id: str) -> None:
+        """Do what a button of the row is for, or with "pick" a click on the row itself."""
+        row = self._people.row_of(person_id)
+        if row is None:
+            return
+        # The current row changes as by a click, which does not scroll.
+        self.setAutoScroll(False)
+        self.setCurrentIndex(self._people.index(row))
+        self.setAutoScroll(True)
         if act == "name":
             self.name(person_id)
         elif act == "pick":
             self.picked.emit(person_id)
-        elif act:
+        else:
             self.action_requested.emit(act, person_id)
 
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        super().mouseMoveEvent(event)
-        self.viewport().update()  # hover highlight of buttons
+    def _on_clicked(self, index: QModelIndex) -> None:
+        self.picked.emit(self._people.persons[index.row()].person_id)
 
-    def leaveEvent(self, event: QEvent) -> None:
-        super().leaveEvent(event)
-        self.viewport().update()
+    def _on_double_clicked(self, index: QModelIndex) -> None:
+        if self._people.may_decide:
+            self.action_requested.emit("card", self._people.persons[index.row()].person_id)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        row = self.currentIndex().row()
+        row, key = self.currentIndex().row(), event.key()
         person_id = self._people.persons[row].person_id if row >= 0 else ""
-        key = event.key()
-        if not person_id:
-            super().keyPressEvent(event)
-        elif key in _ENTER and self._may_decide and self._people.is_unconfirmed(person_id):
+        may_decide = self._people.may_decide
+        if person_id and key in _ENTER and may_decide and self._people.is_unconfirmed(person_id):
             self.action_requested.emit("same", person_id)
-        elif key in (*_ENTER, Qt.Key.Key_F2):
+        elif person_id and key in (*_ENTER, Qt.Key.Key_F2):
             self.name(person_id)
-        elif key == Qt.Key.Key_Space:
+        elif person_id and key == Qt.Key.Key_Space:
             self.picked.emit(person_id)
-        elif key == Qt.Key.Key_Right and self._may_decide:
+        elif person_id and key == Qt.Key.Key_Right and may_decide:
             self.action_requested.emit("card", person_id)
         else:
             super().keyPressEvent(event)
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self._place_field()
-        self._not_seen_yet = self._question_id
-        self._bring_question()
+
+class RowControls(QAbstractButton):
+    """Buttons over a painted row. Pressed by a screen reader, it selects the person; clicks reach the list below.
+
+    ``described``: accessible name and description, and the buttons.
+    """
+
+    def __init__(
+        self, theme: Theme, view: PeopleList, person_id: str, described: tuple[str, str, Sequence[RowButton]]
+    ) -> None:
+        super().__init__(view.viewport())
+        self.described = described
+        select, state, buttons = described
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setAccessibleName(select)
+        self.setAccessibleDescription(state)
+        self.clicked.connect(lambda: view.act("pick", person_id))
+        self.buttons: list[ActionButton] = []
+        for button in buttons:
+            asks = button.act in ("yes", "same")
+            control = ActionButton(
+                theme, button.text, icon=button.icon, key=button.key, height_px=_BUTTON_PX,
+                role="amber" if asks else "plain" if button.text else "quiet", text_px=tokens.STATUS_PX + 1,
+                may_lose_words=bool(button.icon), parent=self,
+            )  # fmt: skip
+            control.setObjectName(f"person_{button.act}")
+            control.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            control.setAccessibleName(button.tip)
+            control.setToolTip(wrapped_tip(button.tip))
+            control.clicked.connect(lambda _checked=False, act=button.act: view.act(act, person_id))
+            self.buttons.append(control)
+
+    def hitButton(self, _at: object) -> bool:
+        return False
+
+    def resizeEvent(self, _event: QResizeEvent) -> None:
+        """Place the buttons, without key caps and without texts beside icons where they would hide the name."""
+        room_px = self.width() - _TEXT_LEFT_PX - _SIDE_PX - _TEXT_AT_LEAST_PX
+        for button in self.buttons:
+            button.set_key_shown(True)
+        fits = sum(button.sizeHint().width() + _BETWEEN_PX for button in self.buttons) <= room_px
+        right = self.width() - _SIDE_PX + 4
+        for button in reversed(self.buttons):
+            button.set_key_shown(fits)
+            width = (button.sizeHint() if fits else button.minimumSizeHint()).width()
+            right -= width
+            button.setGeometry(right, (self.height() - _BUTTON_PX) // 2, width, _BUTTON_PX)
+            right -= _BETWEEN_PX
+
+    def paintEvent(self, _event: object) -> None:
+        """Paint nothing: the row below is painted already."""
 
 
 class PersonDelegate(QStyledItemDelegate):
-    """Row with portrait, identity, state and buttons."""
+    """Painted row with portrait, identity and state, and the name field."""
 
-    def __init__(self, theme: Theme, model: PeopleModel, view: PeopleList, portraits: PortraitPixmaps) -> None:
+    def __init__(
+        self, theme: Theme, model: PeopleModel, view: PeopleList, field: SubmitLineEdit, portraits: PortraitPixmaps
+    ) -> None:
         super().__init__(view)
         self._theme = theme
         self._people = model
         self._view = view
+        self._field = field
         self._portraits = portraits
 
-    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
+    # ---- name field, one for all rows: what is typed in it survives changes of the rows
+
+    def createEditor(self, _parent: QWidget, _option: QStyleOptionViewItem, index: Index) -> QWidget:
+        person: PersonRow = index.data(PERSON_ROLE)
+        self._field.setReadOnly(False)
+        self._field.setPlaceholderText(tr(_NAME_HINT))
+        self._field.setAccessibleName(tr("Name of {name}").format(name=text_formatting.person_name(person)))
+        self._field.setText(person.name if text_formatting.has_given_name(person) else "")
+        return self._field
+
+    def destroyEditor(self, editor: QWidget, _index: Index) -> None:
+        editor.hide()
+
+    def setEditorData(self, _editor: QWidget, _index: Index) -> None:
+        """Keep what is typed: Qt asks at each change of the row."""
+
+    def setModelData(self, _editor: QWidget, _model: object, index: Index) -> None:
+        person: PersonRow = index.data(PERSON_ROLE)
+        name = " ".join(self._field.text().split())
+        if name and self._people.knows(person.person_id):
+            self._view.named.emit(person.person_id, name)
+
+    def updateEditorGeometry(self, editor: QWidget, _option: QStyleOptionViewItem, index: Index) -> None:
+        rect = self._view.row_rect(index.row())
+        left = rect.left() + _TEXT_LEFT_PX - 6
+        editor.setGeometry(left, rect.top() + 8, max(80, rect.right() - _SIDE_PX - left), rect.height() - 16)
+
+    def eventFilter(self, _editor: QObject, _event: QEvent) -> bool:
+        """Qt would save the name when the field is left, and at Ctrl+Enter, which answers a question."""
+        return False
+
+    # ---- painting
+
+    def paint(self, painter: QPainter, _option: QStyleOptionViewItem, index: Index) -> None:
         theme, rect = self._theme, self._view.row_rect(index.row())
         person: PersonRow = index.data(PERSON_ROLE)
-        named = text_formatting.has_given_name(person)
+        naming = person.person_id == self._view.naming
         painter.save()
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        caption = self._people.captions.get(index.row())
-        if caption:
-            self._paint_caption(painter, QRect(rect.left(), rect.top() - CAPTION_PX, rect.width(), CAPTION_PX), caption)
-        naming = person.person_id == self._view.naming
+        if caption := self._people.captions.get(index.row()):
+            above = QRect(rect.left() + _SIDE_PX, rect.top() - CAPTION_PX, rect.width() - 2 * _SIDE_PX, CAPTION_PX)
+            painter.setPen(QPen(theme.color("line"), 1))
+            painter.drawLine(above.left(), above.top() + 3, above.right(), above.top() + 3)
+            font = theme.font(tokens.STATUS_PX - 1, tokens.WEIGHT_SEMIBOLD)
+            self._paint_cut(painter, above.adjusted(0, 5, 0, 0), caption, font, "dim")
         if naming or person.person_id == self._view.selected:
             painter.fillRect(rect.adjusted(2, 1, -2, -1), theme.color("blue_soft"))
             painter.fillRect(QRect(rect.left() + 2, rect.top() + 1, 3, rect.height() - 2), theme.color("blue"))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
         if self._view.hasFocus() and index.row() == self._view.currentIndex().row():
             painter.setPen(QPen(theme.color("blue"), 2))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawRoundedRect(QRectF(rect).adjusted(3, 1, -3, -1), 6, 6)
         mark = QRect(rect.left() + _SIDE_PX, rect.center().y() - avatar.SIZE_PX // 2, avatar.SIZE_PX, avatar.SIZE_PX)
         if not self._portraits.draw(painter, mark, person.portrait, may_wait=True):
+            named = text_formatting.has_given_name(person)
             avatar.draw_avatar(painter, theme, mark.toRectF(), person.name, known=named, here=person.here)
-        if naming:
-            painter.setPen(QPen(theme.color("blue"), 2.5))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.drawEllipse(QRectF(mark).adjusted(-3, -3, 3, 3))
-        if self._people.is_unconfirmed(person.person_id):
-            pen = QPen(theme.color("amber"), 2)
-            pen.setDashPattern([2.5, 2.0])
+        if naming or self._people.is_unconfirmed(person.person_id):
+            pen = QPen(theme.color("blue"), 2.5)
+            if self._people.is_unconfirmed(person.person_id):
+                pen = QPen(theme.color("amber"), 2)
+                pen.setDashPattern([2.5, 2.0])
             painter.setPen(pen)
-            painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawEllipse(QRectF(mark).adjusted(-3, -3, 3, 3))
-        buttons = self._view.buttons(index.row())
-        left = mark.right() + _GAP_PX
-        right = buttons[0][1].left() - 8 if buttons else rect.right() - _SIDE_PX
-        if person.person_id != self._view.naming:
-            self._paint_words(painter, QRect(left, rect.center().y() - 20, right - left, 40), person)
-            hovered = bool(option.state & QStyle.StateFlag.State_MouseOver)
-            for button, place in buttons:
-                self._paint_button(painter, place, button, hovered=hovered)
+        if not naming:
+            controls = self._view.controls.get(person.person_id)
+            right = controls.buttons[0].x() - 8 if controls and controls.buttons else rect.right() - _SIDE_PX
+            left = rect.left() + _TEXT_LEFT_PX
+            self._paint_words(painter, QRect(left, rect.center().y() - 20, right - left, 20), person)
         painter.restore()
 
-    def _paint_caption(self, painter: QPainter, rect: QRect, text: str) -> None:
-        theme = self._theme
-        painter.setPen(QPen(theme.color("line"), 1))
-        painter.drawLine(rect.left() + _SIDE_PX, rect.top() + 3, rect.right() - _SIDE_PX, rect.top() + 3)
-        painter.setFont(theme.font(tokens.STATUS_PX - 1, tokens.WEIGHT_SEMIBOLD))
-        painter.setPen(theme.color("dim"))
-        painter.drawText(
-            rect.adjusted(_SIDE_PX, 5, -_SIDE_PX, 0), int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter),
-            text,
-        )  # fmt: skip
-
-    def _paint_words(self, painter: QPainter, rect: QRect, person: PersonRow) -> None:
+    def _paint_words(self, painter: QPainter, upper: QRect, person: PersonRow) -> None:
         """Paint the identity with group and tags, and the state below. A suggestion replaces the name."""
-        theme = self._theme
-        suggested = text_formatting.maybe(person)
-        head = theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
-        small = theme.font(tokens.STATUS_PX)
-        role = "amber" if suggested else "text" if person.here else "dim"
-        upper = QRect(rect.left(), rect.top(), rect.width(), 20)
-        used = self._paint_cut(painter, upper, suggested or text_formatting.person_name(person), head, role)
-        rest = upper.adjusted(used + 8, 1, 0, 1)
-        if person.group and not suggested:
-            used = self._paint_cut(painter, rest, person.group, small, "dim")
-            rest = rest.adjusted(used + 8, 0, 0, 0)
-        for tag in person.tags if not suggested else ():
-            width = QFontMetrics(small).horizontalAdvance(tag) + 12
-            if width > rest.width():
-                break
-            painter.setPen(QPen(theme.color("line_strong"), 1))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.drawRoundedRect(QRectF(rest.left() + 0.5, rest.top() + 1.5, width, 17), 5, 5)
-            painter.setFont(small)
-            painter.setPen(theme.color("dim"))
-            painter.drawText(QRect(rest.left(), rest.top(), width + 1, 20), Qt.AlignmentFlag.AlignCenter, tag)
-            rest = rest.adjusted(width + 6, 0, 0, 0)
-        last_seen = self._people.seen(person)
-        below = f"{text_formatting.person_name(person)} · {last_seen}" if suggested else last_seen
-        lower = QRect(rect.left(), rect.top() + 20, rect.width(), 20)
-        if self._people.is_unconfirmed(person.person_id):
-            mark = tr(UNCONFIRMED)
-            used = self._paint_cut(painter, lower, mark, small, "amber")
-            lower, below = lower.adjusted(used, 0, 0, 0), below.removeprefix(mark)
-        speaking = tr(SPEAKING)
-        if person.speaking and last_seen.startswith(speaking) and not suggested:
-            used = self._paint_cut(painter, lower, speaking, small, "green")
-            lower, below = lower.adjusted(used, 0, 0, 0), below.removeprefix(speaking)
-        self._paint_cut(painter, lower, below, small, "dim")
+        small = self._theme.font(tokens.STATUS_PX)
+        head = self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
+        name, suggested = text_formatting.person_name(person), text_formatting.maybe(person)
+        lower, below, lead, lead_role = upper.translated(0, 20), self._people.seen(person), "", ""
+        if suggested:
+            self._paint_cut(painter, upper, suggested, head, "amber")
+            below = f"{name} · {below}"
+        else:
+            used = self._paint_cut(painter, upper, name, head, "text" if person.here else "dim") + 8
+            rest = upper.adjusted(used, 1, 0, 1)
+            if person.group:
+                rest.setLeft(rest.left() + self._paint_cut(painter, rest, person.group, small, "dim") + 8)
+            for tag in person.tags:
+                width = QFontMetrics(small).horizontalAdvance(tag) + 12
+                if width > rest.width():
+                    break
+                painter.setPen(QPen(self._theme.color("line_strong"), 1))
+                painter.drawRoundedRect(QRectF(rest.left() + 0.5, rest.top() + 1.5, width, 17), 5, 5)
+                self._paint_cut(painter, rest.adjusted(6, 0, 0, 0), tag, small, "dim")
+                rest.setLeft(rest.left() + width + 6)
+            if self._people.is_unconfirmed(person.person_id):
+                lead, lead_role = tr(UNCONFIRMED), "amber"
+            elif person.speaking and below.startswith(tr(SPEAKING)):
+                lead, lead_role = tr(SPEAKING), "green"
+        if lead:
+            lower.setLeft(lower.left() + self._paint_cut(painter, lower, lead, small, lead_role))
+        self._paint_cut(painter, lower, below.removeprefix(lead), small, "dim")
 
     def _paint_cut(self, painter: QPainter, rect: QRect, text: str, font: QFont, role: str) -> int:
         """Paint elided text; returns its width."""
@@ -490,34 +439,3 @@ class PersonDelegate(QStyledItemDelegate):
         cut = metrics.elidedText(text, Qt.TextElideMode.ElideRight, max(0, rect.width()))
         painter.drawText(rect, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter), cut)
         return metrics.horizontalAdvance(cut)
-
-    def _paint_button(self, painter: QPainter, rect: QRect, button: RowButton, *, hovered: bool) -> None:
-        theme = self._theme
-        under = hovered and rect.contains(self._view.viewport().mapFromGlobal(QCursor.pos()))
-        asks = button.act in ("yes", "same")
-        bare = not button.text or rect.width() == _BUTTON_PX
-        painter.setPen(QPen(theme.color("amber" if asks else "line"), 1) if not bare or under else Qt.PenStyle.NoPen)
-        ground = "raised_hover" if under else "amber_soft" if asks else "raised"
-        painter.setBrush(theme.color(ground) if not bare or under else Qt.BrushStyle.NoBrush)
-        painter.drawRoundedRect(
-            QRectF(rect).adjusted(0.5, 0.5, -0.5, -0.5), tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX
-        )
-        if bare:
-            color = theme.color("text" if under else "dim")
-            draw_icon(painter, QRectF(rect.center().x() - 8, rect.center().y() - 8, 17, 17), button.icon, color)
-            return
-        font = theme.font(tokens.STATUS_PX + 1)
-        left = rect.left() + 10
-        if button.icon:
-            draw_icon(painter, QRectF(left, rect.center().y() - 8, 17, 17), button.icon, theme.color("text"))
-            left += _ICON_PX + 6
-        painter.setFont(font)
-        painter.setPen(theme.color("text"))
-        width = QFontMetrics(font).horizontalAdvance(button.text)
-        painter.drawText(
-            QRect(left, rect.top(), width + 2, rect.height()),
-            int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter), button.text,
-        )  # fmt: skip
-        left += width + 6
-        if button.key and left + key_cap_width(theme, button.key) < rect.right():
-            draw_key_cap(painter, theme, button.key, left, rect.center().y())

@@ -11,6 +11,7 @@ from caris_desktop.live.state import PresentClock
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.people.shown_people import UNCONFIRMED, captions, in_order, presence_of, what_is_seen
+from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 PERSON_ROLE = int(Qt.ItemDataRole.UserRole)
 _MANY = 20
@@ -20,129 +21,93 @@ Index = QModelIndex | QPersistentModelIndex
 
 
 class PeopleModel(QAbstractListModel):
-    """Persons in row order: present, former, known."""
+    """Persons in row order: present, former, known. ``captions`` are above the first row of a group.
 
-    arranged = Signal()  # rows inserted, removed or moved
+    Decisions need ``may_decide``: not without naming permission, and not in a replay.
+    """
+
+    changed = Signal()  # after all signals about single rows
 
     def __init__(self, present: PresentClock, parent: QObject) -> None:
         super().__init__(parent)
         self._present = present
         self._camera = ""
-        self._persons: list[PersonRow] = []
-        self._shown_states: list[tuple[object, ...]] = []
-        self._row_of: dict[str, int] = {}
         self._known: frozenset[str] = frozenset()
-        self._captions: dict[int, str] = {}
         self._unconfirmed: frozenset[str] = frozenset()
-
-    @property
-    def persons(self) -> Sequence[PersonRow]:
-        return self._persons
-
-    @property
-    def captions(self) -> dict[int, str]:
-        """Captions above the first row of each group."""
-        return self._captions
+        self._shown_states: dict[str, tuple[object, ...]] = {}
+        self.persons: list[PersonRow] = []
+        self.captions: dict[int, str] = {}
+        self.may_decide = False
 
     def row_of(self, person_id: str) -> int | None:
         """Row of this person; None if there is none."""
-        return self._row_of.get(person_id)
+        return next((row for row, person in enumerate(self.persons) if person.person_id == person_id), None)
 
     def knows(self, person_id: str) -> bool:
         """Whether this person can still be named."""
         return person_id in self._known
 
+    def is_unconfirmed(self, person_id: str) -> bool:
+        """Whether their identity has not been confirmed since a crash."""
+        return person_id in self._unconfirmed
+
     def show_unconfirmed(self, person_ids: frozenset[str]) -> None:
-        """Mark people whose identity has not been confirmed since a crash."""
         if person_ids != self._unconfirmed:
             self._unconfirmed = person_ids
             self.refresh_ages()
-
-    def is_unconfirmed(self, person_id: str) -> bool:
-        return person_id in self._unconfirmed
+            self.changed.emit()
 
     def show_persons(
         self, persons: Sequence[PersonRow], *, known: frozenset[str], held_rows: int = 0, camera: str = ""
     ) -> None:
-        """Set the persons. The first ``held_rows`` stay in place, even for people who left. ``known``: ids that can be
-        named; ``camera``: the one on display.
+        """Set the persons. The first ``held_rows`` stay in place, even for people who left, and their captions too.
+        ``known``: ids that can be named; ``camera``: the one on display.
         """
         self._known, self._camera = known, camera
-        held_rows = min(held_rows, len(self._persons))
-        ordered = self._in_place(persons, held_rows)
-        if [person.person_id for person in ordered] != [person.person_id for person in self._persons]:
-            self._arrange(ordered)
-            self._persons = ordered
-            self._row_of = {person.person_id: row for row, person in enumerate(ordered)}
-            self._caption(held_rows)
-            self.arranged.emit()
-        else:
-            self._persons = ordered
-            self._caption(held_rows)
-        self.refresh_ages()
-
-    def _caption(self, held_rows: int) -> None:
-        """Captions of held rows stay too."""
-        stay = {row: text for row, text in self._captions.items() if row < held_rows}
-        now = stay | {row: text for row, text in captions(self._persons).items() if row >= held_rows}
-        if now != self._captions:
-            self._captions = now
-            self.arranged.emit()
-
-    def _in_place(self, persons: Sequence[PersonRow], held_rows: int) -> list[PersonRow]:
         newest = {person.person_id: person for person in persons}
-        held = [newest.pop(row.person_id, replace(row, here=False)) for row in self._persons[:held_rows]]
-        return held + in_order(newest.values())
+        held = [newest.pop(row.person_id, replace(row, here=False)) for row in self.persons[:held_rows]]
+        ordered = held + in_order(newest.values())
+        self._arrange(ordered, may_reset=not held)
+        self.persons = ordered
+        stay = {row: text for row, text in self.captions.items() if row < len(held)}
+        self.captions = stay | {row: text for row, text in captions(ordered).items() if row >= len(held)}
+        self.refresh_ages()
+        self.changed.emit()
 
-    def _arrange(self, ordered: Sequence[PersonRow]) -> None:
-        """Remove, move and insert rows individually, so that the others persist."""
+    def _arrange(self, ordered: list[PersonRow], *, may_reset: bool) -> None:
+        """Remove, move and insert rows individually, so that the others persist, with the name field in one of them."""
         root, ids = QModelIndex(), {person.person_id for person in ordered}
-        there = {person.person_id for person in self._persons}
-        if len(there ^ ids) > _MANY:
+        if may_reset and len({person.person_id for person in self.persons} ^ ids) > _MANY:
             self.beginResetModel()
-            self._persons, self._shown_states = list(ordered), [()] * len(ordered)
+            self.persons = ordered
             self.endResetModel()
             return
-        for row in reversed(range(len(self._persons))):
-            if self._persons[row].person_id not in ids:
+        for row in reversed(range(len(self.persons))):
+            if self.persons[row].person_id not in ids:
                 self.beginRemoveRows(root, row, row)
-                del self._persons[row], self._shown_states[row]
+                del self.persons[row]
                 self.endRemoveRows()
         for place, person in enumerate(ordered):
-            if person.person_id not in there:
+            rows = range(place, len(self.persons))
+            came_from = next((row for row in rows if self.persons[row].person_id == person.person_id), None)
+            if came_from is None:
                 self.beginInsertRows(root, place, place)
-                self._persons.insert(place, person)
-                self._shown_states.insert(place, ())
+                self.persons.insert(place, person)
                 self.endInsertRows()
-            elif self._persons[place].person_id != person.person_id:
-                came_from = next(
-                    row for row in range(place, len(self._persons)) if self._persons[row].person_id == person.person_id
-                )
-                if self.beginMoveRows(root, came_from, came_from, root, place):
-                    self._persons.insert(place, self._persons.pop(came_from))
-                    self._shown_states.insert(place, self._shown_states.pop(came_from))
-                    self.endMoveRows()
+            elif came_from != place and self.beginMoveRows(root, came_from, came_from, root, place):
+                self.persons.insert(place, self.persons.pop(came_from))
+                self.endMoveRows()
 
     def refresh_ages(self) -> None:
         """Refresh ages; only rows with changed text are repainted."""
-        now_ns = self._present.now_ns()
-        for row, person in enumerate(self._persons):
-            # Rows of known people have no age: five hundred cost nothing per second.
-            if presence_of(person) == "known":
-                state: tuple[object, ...] = (
-                    person,
-                    self.knows(person.person_id),
-                    self.is_unconfirmed(person.person_id),
-                )
-            else:
-                state = (
-                    _without_time(person),
-                    *what_is_seen(person, now_ns, camera_on_show=self._camera),
-                    self.knows(person.person_id),
-                    self.is_unconfirmed(person.person_id),
-                )
-            if state != self._shown_states[row]:
-                self._shown_states[row] = state
+        shown, self._shown_states = self._shown_states, {}
+        for row, person in enumerate(self.persons):
+            # Five hundred known people, whose rows have no age, cost nothing per second. The rest change continually.
+            known = presence_of(person) == "known"
+            lasting = person if known else replace(person, last_seen_ns=0, distance_m=None, bearing_rad=None)
+            state = (lasting, self.knows(person.person_id), self.seen(person))
+            self._shown_states[person.person_id] = state
+            if state != shown.get(person.person_id):
                 self.dataChanged.emit(self.index(row), self.index(row))
 
     def seen(self, person: PersonRow) -> str:
@@ -151,24 +116,21 @@ class PeopleModel(QAbstractListModel):
         return " · ".join([tr(UNCONFIRMED), *parts] if self.is_unconfirmed(person.person_id) else parts)
 
     def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
-        return 0 if parent.isValid() else len(self._persons)
+        return 0 if parent.isValid() else len(self.persons)
+
+    def flags(self, index: Index) -> Qt.ItemFlag:
+        editable = self.may_decide and self.knows(self.persons[index.row()].person_id)
+        return super().flags(index) | (Qt.ItemFlag.ItemIsEditable if editable else Qt.ItemFlag.NoItemFlags)
 
     def data(self, index: Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
-        person = self._persons[index.row()]
+        person = self.persons[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
             return text_formatting.person_name(person)
-        if role == Qt.ItemDataRole.AccessibleTextRole:
-            parts = (
-                text_formatting.person_name(person),
-                text_formatting.maybe(person),
-                person.group,
-                *person.tags,
-                self.seen(person),
-            )
-            return ", ".join(filter(None, parts))
+        if role in (Qt.ItemDataRole.AccessibleTextRole, Qt.ItemDataRole.ToolTipRole):
+            name, maybe = text_formatting.person_name(person), text_formatting.maybe(person)
+            text = ", ".join(filter(None, (name, maybe, person.group, *person.tags, self.seen(person))))
+            if role == Qt.ItemDataRole.AccessibleTextRole:
+                return text
+            hint = tr("{person}. Click to select this person.") if self.may_decide else "{person}"
+            return wrapped_tip(hint.format(person=text))
         return person if role == PERSON_ROLE else None
-
-
-def _without_time(person: PersonRow) -> PersonRow:
-    """The row without values that change continually: last detection and exact position."""
-    return replace(person, last_seen_ns=0, distance_m=None, bearing_rad=None)

@@ -1,40 +1,66 @@
-"""Person popup: identity, notes, consents and history of one person.
+"""Person popup: identity, notes, consents and history of one person, merging and erasing.
 
 Part of the main window, not a separate window: driving continues, and Esc still stops the robot.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Literal
+from collections.abc import Callable, Collection, Sequence
+from datetime import datetime
+from functools import partial
+from typing import Any, Literal, NamedTuple, get_args
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt, Signal
-from PySide6.QtGui import QMouseEvent, QPaintEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QScrollArea, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QSignalBlocker, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QFocusEvent, QMouseEvent, QStandardItem, QStandardItemModel
+from PySide6.QtWidgets import (
+    QCompleter,
+    QFormLayout,
+    QHeaderView,
+    QLabel,
+    QLineEdit,
+    QPlainTextEdit,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
 
 from caris_desktop.domain import intents
+from caris_desktop.domain.events import ConsentKind
 from caris_desktop.domain.intents import Intent
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PersonHistory
+from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.focus_widget import give_focus_back
-from caris_desktop.ui.people.about_page import AboutPage
-from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
-from caris_desktop.ui.people.portrait_view import PortraitView
-from caris_desktop.ui.people.shown_people import found, in_order, what_is_seen
+from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
+from caris_desktop.ui.icons import icon
+from caris_desktop.ui.panel import show_part
+from caris_desktop.ui.people.portraits import PortraitPixmaps, PortraitView
+from caris_desktop.ui.people.shown_people import found, in_order, is_identified, what_is_seen
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.buttons import ActionButton, ButtonRole
+from caris_desktop.ui.widgets.check_box import CheckBox
+from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
+from caris_desktop.ui.widgets.fast_table_view import FastTableView
+from caris_desktop.ui.widgets.floating_card import FloatingCard
+from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.scroll_areas import Scrolled
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 WIDTH_PX = 400
 _BELOW_TOP_BAR_PX = 62
 _ABOVE_STATUS_BAR_PX = 38
 _PORTRAIT_PX = 56
+_COMPARED_PORTRAIT_PX = 120
+_OFFERED = 8
+_SEARCH_AFTER_MS = 250
+_HISTORY_ROWS = 6
+_HISTORY_ROW_PX = 26
+_MOST_SUGGESTED = 2
+_ICONS = {"visit": "user", "said": "robot", "heard": "chat-text", "photo": "camera", "note": "note-pencil"}
 
 PageName = Literal["about", "merge", "forget"]
 
 
-class PersonCard(QWidget):
+class PersonCard(FloatingCard):
     """Person popup. ``do`` sends intents; ``everyone`` returns candidates for a merger, ``recording`` whether a session
     is being recorded. ``recognise``: the scenario's setting.
     """
@@ -45,24 +71,21 @@ class PersonCard(QWidget):
         window: QWidget,
         *,
         do: Callable[[Intent], object],
-        pixmaps: PortraitPixmaps,
+        portraits: PortraitPixmaps,
         everyone: Callable[[], Sequence[PersonRow]],
         recognise: str,
         recording: Callable[[], bool],
     ) -> None:
-        super().__init__(window)
+        super().__init__(theme, window)
         self.setObjectName("person_card")
-        self.setAttribute(Qt.WidgetAttribute.WA_NoMousePropagation)
-        self._theme = theme
-        self._window = window
+        self._do = do
         self._everyone = everyone
         self._recording = recording
         self._person: PersonRow | None = None
         self._now_ns = 0
         self._beside = QRect()
         self._dragged: QPoint | None = None
-        self._focus_before: QWidget | None = None
-        self._face = PortraitView(theme, pixmaps, _PORTRAIT_PX)
+        self._face = PortraitView(theme, portraits, _PORTRAIT_PX)
         self._name = ElidedLabel()
         self._name.setObjectName("person_card_name")
         self._last_seen = ElidedLabel()
@@ -74,25 +97,14 @@ class PersonCard(QWidget):
         self.about = AboutPage(theme, do, recognise=recognise)
         self.about.merge_requested.connect(lambda: self.show_page("merge"))
         self.about.forget_requested.connect(lambda: self.show_page("forget"))
-        self.merge = MergePage(theme, pixmaps)
-        self.merge.back.connect(lambda: self.show_page("about"))
-        self.merge.merged.connect(lambda one, into: self._decide(do, intents.MergePeople(one, into), into))
-        self.forget = ForgetPage(theme)
-        self.forget.back.connect(lambda: self.show_page("about"))
-        self.forget.forgotten.connect(lambda person_id: self._decide(do, intents.ForgetPerson(person_id), ""))
+        self._merge = MergePage(theme, portraits)
+        self._merge.merged.connect(lambda one, into: self._decide(intents.MergePeople(one, into), into))
+        self._forget = ForgetPage(theme)
+        self._forget.forgotten.connect(lambda person_id: self._decide(intents.ForgetPerson(person_id), ""))
         self._pages = QStackedWidget()
-        for page in (self.about, self.merge, self.forget):
-            scroll = QScrollArea(widgetResizable=True)
-            scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-            scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-            scroll.setWidget(page)
-            self._pages.addWidget(scroll)
-        self._arrange(close)
-        window.installEventFilter(self)
-        theme.restyle_on_change(self._style)
-        self.hide()
-
-    def _arrange(self, close: QWidget) -> None:
+        for page in (self.about, self._merge, self._forget):
+            self._pages.addWidget(Scrolled(page))
+            page.back.connect(lambda: self.show_page("about"))
         texts = layouts.vbox(spacing_px=2)
         texts.addStretch(1)
         texts.addWidget(self._name)
@@ -105,6 +117,8 @@ class PersonCard(QWidget):
         column = layouts.vbox(self, margins_px=(1, 12, 1, 10), spacing_px=8)
         column.addLayout(head)
         column.addWidget(self._pages, 1)
+        window.installEventFilter(self)
+        theme.restyle_on_change(self._style)
 
     # ---- person
 
@@ -115,15 +129,13 @@ class PersonCard(QWidget):
 
     @property
     def page(self) -> PageName:
-        names: tuple[PageName, ...] = ("about", "merge", "forget")
+        names: tuple[PageName, ...] = get_args(PageName)
         return names[self._pages.currentIndex()]
 
     def open_for(self, person: PersonRow, now_ns: int, beside: QRect) -> None:
         """Open next to the list at ``beside``, in window coordinates. Opening by click does not take the focus from
         driving.
         """
-        if self.isHidden():
-            self._focus_before = self._window.focusWidget()
         self._person = None
         self._beside = beside
         self.show()
@@ -134,40 +146,35 @@ class PersonCard(QWidget):
     def show_person(self, person: PersonRow, now_ns: int) -> None:
         """Refresh the person, or switch to another one."""
         newly = self._person is None or self._person.person_id != person.person_id
+        self._person, self._now_ns = person, now_ns
         if newly:
             self.about.begin_with(person)
-        self._person = person
-        self._now_ns = now_ns
         self._face.show_person(person)
         self._name.setText(text_formatting.person_name(person))
         self._last_seen.setText(" · ".join(what_is_seen(person, now_ns)))
-        self.about.show_person(person, self._groups())
+        self.about.show_person(person, sorted({each.group for each in self._everyone() if each.group}))
         if newly:
             self.about.request_history()
         if self.page == "merge":
-            self.merge.show_person(person, self._everyone())
+            self._merge.show_person(person, self._everyone())
 
     def show_history(self, history: PersonHistory) -> None:
         self.about.show_history(history.person_id, history.entries, history.text)
         self._place()
 
-    def _groups(self) -> list[str]:
-        return sorted({person.group for person in self._everyone() if person.group})
-
     def show_page(self, name: PageName) -> None:
-        person = self._person
-        if person is None:
+        if self._person is None:
             return
         if name == "merge":
-            self.merge.begin_with(person, self._everyone())
+            self._merge.begin_with(self._person, self._everyone())
         elif name == "forget":
-            self.forget.begin_with(person, recording=self._recording())
-        self._pages.setCurrentIndex(("about", "merge", "forget").index(name))
+            self._forget.begin_with(self._person, recording=self._recording())
+        self._pages.setCurrentIndex(get_args(PageName).index(name))
         self._place()
 
-    def _decide(self, do: Callable[[Intent], object], intent: Intent, stays: str) -> None:
+    def _decide(self, intent: Intent, stays: str) -> None:
         """Send a decision. Close the popup if its person no longer exists; after a merger show the remaining one."""
-        do(intent)
+        self._do(intent)
         left = next((person for person in self._everyone() if person.person_id == stays), None)
         if left is None:
             self.close_card()
@@ -185,39 +192,29 @@ class PersonCard(QWidget):
             self.about.give_up()
             self.close_card()
 
-    def close_card(self) -> None:
-        if self.isHidden():
-            return
-        held_focus = self.isAncestorOf(self._window.focusWidget()) if self._window.focusWidget() else False
-        self.hide()
-        if held_focus:
-            give_focus_back(self._focus_before)
-
     # ---- placement and style
+
+    def _move_to(self, at: QPoint, size: QSize, *, seen_px: int | None = None) -> None:
+        """Place the popup between the bars of the window; dragged, it may go down until ``seen_px`` are left."""
+        room = self._room.rect().adjusted(8, _BELOW_TOP_BAR_PX, -8, -_ABOVE_STATUS_BAR_PX)
+        size = size.boundedTo(room.size())
+        bottom = room.bottom() - (size.height() if seen_px is None else seen_px)
+        left = max(room.left(), min(at.x(), room.right() - size.width()))
+        self.setGeometry(QRect(QPoint(left, max(room.top(), min(at.y(), bottom))), size))
 
     def _place(self) -> None:
         """Cover the list's column only, so that video, speech and the red button stay visible.
 
         As tall as the current page, upwards from the list's lower edge.
         """
-        room = self._window.rect().adjusted(8, _BELOW_TOP_BAR_PX, -8, -_ABOVE_STATUS_BAR_PX)
-        width = min(WIDTH_PX, room.width())
-        page = (self.about, self.merge, self.forget)[self._pages.currentIndex()]
-        layout = page.layout()
-        needed_px = 0 if layout is None else max(layout.heightForWidth(width - 16), layout.sizeHint().height())
-        height = min(needed_px + _PORTRAIT_PX + 44, room.height())
-        left = min(max(room.left(), self._beside.right() - width), room.right() - width)
-        top = min(max(room.top(), self._beside.bottom() - height), room.bottom() - height)
-        self.setGeometry(left, top, width, height)
+        layout = (self.about, self._merge, self._forget)[self._pages.currentIndex()].layout()
+        needed_px = 0 if layout is None else max(layout.heightForWidth(WIDTH_PX - 16), layout.sizeHint().height())
+        size = QSize(WIDTH_PX, needed_px + _PORTRAIT_PX + 44)
+        self._move_to(self._beside.bottomRight() - QPoint(size.width(), size.height()), size)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self._window and event.type() == QEvent.Type.Resize and self.isVisible():
-            room = self._window.rect().adjusted(8, _BELOW_TOP_BAR_PX, -8, -_ABOVE_STATUS_BAR_PX)
-            height = min(self.height(), room.height())
-            self.setGeometry(
-                max(room.left(), min(self.x(), room.right() - self.width())),
-                max(room.top(), min(self.y(), room.bottom() - height)), self.width(), height,
-            )  # fmt: skip
+        if watched is self._room and event.type() == QEvent.Type.Resize and self.isVisible():
+            self._move_to(self.pos(), self.size())
         return False
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
@@ -226,12 +223,8 @@ class PersonCard(QWidget):
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         if self._dragged is not None:
-            room = self._window.rect().adjusted(0, _BELOW_TOP_BAR_PX, 0, 0)
             at = self.mapToParent(event.position().toPoint()) - self._dragged
-            self.move(
-                max(room.left(), min(at.x(), room.right() - self.width())),
-                max(room.top(), min(at.y(), room.bottom() - _PORTRAIT_PX)),
-            )
+            self._move_to(at, self.size(), seen_px=_PORTRAIT_PX)
 
     def mouseReleaseEvent(self, _event: QMouseEvent) -> None:
         self._dragged = None
@@ -239,50 +232,378 @@ class PersonCard(QWidget):
     def _style(self) -> None:
         self._name.setFont(self._theme.font(tokens.BODY_PX + 2, tokens.WEIGHT_SEMIBOLD))
         self._theme.style_text(self._last_seen, "dim", tokens.STATUS_PX)
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        self._theme.paint_box(self, ground="panel", line="line_strong", radius_px=tokens.PANEL_RADIUS_PX)
 
 
-class ForgetPage(QWidget):
-    """Page of the person popup that confirms erasing a person.
+class _Page(QWidget):
+    """Page of the popup; makes its texts and buttons. ``back``: return to the first page."""
 
-    Confirmation page; ``forgotten`` carries the person id.
-    """
-
-    forgotten = Signal(str)
     back = Signal()
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self._theme = theme
+        self._looks: list[tuple[QLabel, str, int, int]] = []
+        theme.changed.connect(self._style)
+
+    def _text(
+        self, name: str = "", text: str = "", role: str = "text", size_px: int = tokens.STATUS_PX + 1, *,
+        bold: bool = False, wrap: bool = True,
+    ) -> QLabel:  # fmt: skip
+        label = QLabel(text, wordWrap=wrap)
+        label.setObjectName(name)
+        look = (label, role, size_px, tokens.WEIGHT_SEMIBOLD if bold else tokens.WEIGHT_NORMAL)
+        self._looks.append(look)
+        self._theme.style_text(*look)
+        return label
+
+    def _style(self) -> None:
+        for look in self._looks:
+            self._theme.style_text(*look)
+
+    def _button(
+        self, name: str, text: str, icon_name: str, act: Callable[[], object], *, role: ButtonRole = "plain",
+        height_px: int = tokens.CONTROL_HEIGHT_PX, text_px: int = tokens.BODY_PX,
+    ) -> ActionButton:  # fmt: skip
+        button = ActionButton(self._theme, text, icon=icon_name, role=role, height_px=height_px, text_px=text_px)
+        button.setObjectName(name)
+        button.clicked.connect(lambda _checked=False: act())
+        return button
+
+
+def how_known(person: PersonRow, recognise: str, recognises: Collection[str]) -> str:
+    """Basis of the person's identification, and its limits.
+
+    ``recognise``: the scenario's setting; ``recognises``: available networks (clothing, face).
+    """
+    if recognise == "nobody":
+        return tr("People are not recognised in this scenario: identify them yourself.")
+    faces = recognise == "faces" and "face" in recognises
+    by_face = faces and "face" in person.consents
+    if is_identified(person) and person.confidence:
+        clothing = tr("Recognised by clothing, today only ({sure}).")
+        how = tr("Recognised by face or clothing ({sure}).") if by_face else clothing
+        return how.format(sure=text_formatting.percent(person.confidence))
+    if is_identified(person):
+        return tr("Identified by you.")
+    if by_face:
+        return tr("Can be recognised by face, also on other days.")
+    if "clothing" not in recognises and not faces:
+        return tr("People are not recognised: this computer has no recognition model. Identify them yourself.")
+    if recognise == "faces" and not faces:
+        return tr(
+            "Can be recognised by clothing, today only. The study has no face recognition model, so nobody "
+            "is recognised on other days."
+        )
+    if faces:
+        return tr(
+            "Can be recognised by clothing, today only. Recognition by face on other days requires consent below."
+        )
+    return tr("Can be recognised by clothing, today only. Nobody is recognised on other days.")
+
+
+def tags_of(text: str) -> tuple[str, ...]:
+    """Unique tags from comma-separated text."""
+    return tuple(dict.fromkeys(tag for each in text.split(",") if (tag := " ".join(each.split()))))
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+class NoteField(QPlainTextEdit):
+    """Multi-line field with the interface of a line edit."""
+
+    editingFinished = Signal()
+    text = QPlainTextEdit.toPlainText
+    setText = QPlainTextEdit.setPlainText
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setTabChangesFocus(True)
+        self.setFixedHeight(58)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        super().focusOutEvent(event)
+        self.editingFinished.emit()
+
+
+class _Field(NamedTuple):
+    name: str
+    title: str
+    hint: str
+    value: Callable[[str], Any]
+    intent: Callable[[str, Any], Intent]
+
+
+_FIELDS = {
+    "name": _Field("person_card_name_field", QT_TR_NOOP("Name"), QT_TR_NOOP("Name"), _one_line, intents.NamePerson),
+    "group": _Field("person_group", QT_TR_NOOP("Group"), QT_TR_NOOP("Group"), _one_line, intents.SetPersonGroup),
+    "tags": _Field(
+        "person_tags", QT_TR_NOOP("Tags"), QT_TR_NOOP("Tags, separated by commas"), tags_of, intents.TagPerson
+    ),
+    "note": _Field(
+        "person_note", QT_TR_NOOP("Note"), QT_TR_NOOP("Notes about this person"), str.strip, intents.NotePerson
+    ),
+}
+"""Editable fields by attribute of a PersonRow."""
+
+
+class AboutPage(_Page):
+    """Identification, notes, consents, history. ``recognises``: available networks (clothing, face)."""
+
+    merge_requested = Signal()
+    forget_requested = Signal()
+
+    def __init__(self, theme: Theme, do: Callable[[Intent], object], *, recognise: str) -> None:
+        super().__init__(theme)
+        self._do = do
+        self._recognise = recognise
+        self.recognises: tuple[str, ...] = ()
+        self._person: PersonRow | None = None
+        self._groups: Sequence[str] = ()
+        small = partial(self._button, height_px=30, text_px=tokens.STATUS_PX + 1)
+        dim = partial(self._text, role="dim", size_px=tokens.STATUS_PX)
+        column = layouts.vbox(self, margins_px=(14, 2, 14, 4), spacing_px=tokens.GRID_PX)
+        self._suggested: list[tuple[QWidget, QLabel]] = []
+        for number in range(_MOST_SUGGESTED):
+            row, text = QWidget(), self._text(role="amber", size_px=tokens.BODY_PX, bold=True, wrap=False)
+            row.setObjectName(f"person_suggestion_{number}")
+            line = layouts.hbox(row, margins_px=0)
+            line.addWidget(text, 1)
+            for name, label, icon_name, intent in (
+                ("yes", tr("Yes"), "check", intents.ConfirmPerson), ("no", tr("No"), "x", intents.RejectPerson),
+            ):  # fmt: skip
+                answer = partial(self._answer, number, intent)
+                line.addWidget(small(f"person_suggestion_{name}_{number}", label, icon_name, answer))
+            column.addWidget(row)
+            self._suggested.append((row, text))
+        self._how = dim("person_how")
+        self._not = small("person_not", "", "user-minus", self._on_not)
+        known = layouts.hbox(spacing_px=tokens.GRID_PX)
+        known.addWidget(self._how, 1)
+        known.addWidget(self._not)
+        column.addLayout(known)
+        form = QFormLayout(horizontalSpacing=10, verticalSpacing=6, labelAlignment=Qt.AlignmentFlag.AlignVCenter)
+        self._fields: dict[str, SubmitLineEdit | NoteField] = {}
+        for attribute, field in _FIELDS.items():
+            editor = self._fields[attribute] = NoteField() if attribute == "note" else SubmitLineEdit()
+            editor.setObjectName(field.name)
+            editor.setAccessibleName(tr(field.title))
+            editor.setPlaceholderText(tr(field.hint))
+            editor.editingFinished.connect(partial(self._store, attribute))
+            if isinstance(editor, QLineEdit):
+                editor.setMaxLength(80)
+            form.addRow(dim(text=tr(field.title), wrap=False), editor)
+        column.addLayout(form)
+        column.addWidget(dim(text=tr("Agrees to"), wrap=False))
+        agreed = FlowRow(gap_px=6)
+        self._consents: dict[ConsentKind, CheckBox] = {}
+        for kind in get_args(ConsentKind):
+            box = self._consents[kind] = CheckBox(theme, event_messages.CONSENTS[kind])
+            box.setObjectName(f"consent_{kind}")
+            box.clicked.connect(partial(self._on_consent, kind))
+            agreed.add(box)
+        column.addWidget(agreed)
+        self._search = SubmitLineEdit()
+        self._search.setObjectName("person_history_search")
+        self._search.setPlaceholderText(tr("Find in the history"))
+        self._search.setAccessibleName(tr("Find in the history"))
+        add_clear_button(self._search)
+        self._looking = QTimer(self, singleShot=True, interval=_SEARCH_AFTER_MS)
+        self._looking.timeout.connect(self.request_history)
+        self._search.textChanged.connect(lambda _text: self._looking.start())
+        past = layouts.hbox()
+        past.addWidget(dim(text=tr("History"), wrap=False))
+        past.addWidget(self._search, 1)
+        column.addLayout(past)
+        self._no_history = dim("person_no_history")
+        self.history = HistoryList(theme)
+        column.addWidget(self._no_history)
+        column.addWidget(self.history)
+        column.addStretch(1)
+        acts = FlowRow(gap_px=6)
+        self._split = small("person_split", tr("Split"), "users", self._on_split)
+        self._merge = small("person_merge", tr("Merge…"), "git-merge", self.merge_requested.emit)
+        forget = small("person_forget", tr("Erase…"), "trash", self.forget_requested.emit)
+        for button in (self._merge, self._split, forget):
+            acts.add(button)
+        column.addWidget(acts)
+
+    # ---- person
+
+    def begin_with(self, person: PersonRow) -> None:
+        """Switch to another person, discarding unfinished input."""
+        self._person = None
+        self._looking.stop()
+        for editor in self._fields.values():
+            editor.clearFocus()
+        with QSignalBlocker(self._search):
+            self._search.clear()
+        self.show_history(person.person_id, (), "")
+
+    def show_person(self, person: PersonRow, groups: Sequence[str]) -> None:
+        """Refresh the fields, except the one being edited."""
+        self._person = person
+        name = text_formatting.person_name(person)
+        for attribute, editor in self._fields.items():
+            text = ", ".join(person.tags) if attribute == "tags" else getattr(person, attribute)
+            if attribute == "name" and not text_formatting.has_given_name(person):
+                text = ""
+            if not editor.hasFocus() and editor.text() != text:
+                editor.setText(text)
+        self._complete(groups)
+        self._how.setText(how_known(person, self._recognise, self.recognises))
+        show_part(self._not, is_identified(person) and person.here)
+        self._not.set_label(tr("Not {name}").format(name=text_formatting.shortened(name, 18)))
+        for number, (row, label) in enumerate(self._suggested):
+            show_part(row, number < len(person.suggestions))
+            for suggestion in person.suggestions[number : number + 1]:
+                sure = text_formatting.percent(suggestion.confidence)
+                could = tr("or {name} ({sure})") if number else tr("Maybe {name} ({sure})")
+                label.setText(could.format(name=text_formatting.name_in_words(suggestion.name), sure=sure))
+        for kind, box in self._consents.items():
+            box.setChecked(kind in person.consents)
+        self._split.setEnabled(person.here)
+        self._merge.setToolTip(tr("{name} is the same person as another one in the list").format(name=name))
+        self._split.setToolTip(tr("The person here now is not the {name} seen before").format(name=name))
+
+    def _complete(self, groups: Sequence[str]) -> None:
+        """Inline completion of known groups, without a list over the window."""
+        field = self._fields["group"]
+        if isinstance(field, QLineEdit) and self._groups != groups:
+            self._groups = groups
+            completer = QCompleter(groups, field, caseSensitivity=Qt.CaseSensitivity.CaseInsensitive)
+            completer.setCompletionMode(QCompleter.CompletionMode.InlineCompletion)
+            field.setCompleter(completer)
+
+    def show_history(self, person_id: str, entries: Sequence[HistoryEntry], text: str) -> None:
+        """Show the search results."""
+        if self._person is not None and person_id != self._person.person_id:
+            return
+        self.history.show_entries(entries)
+        self._no_history.setText(tr("No matches in the history.") if text else tr("No earlier entries."))
+        show_part(self._no_history, not entries)
+        show_part(self.history, bool(entries))
+
+    def give_up(self) -> None:
+        """Discard unfinished input."""
+        person, self._person = self._person, None
+        for editor in self._fields.values():
+            editor.clearFocus()
+        if person is not None:
+            self.show_person(person, [])
+
+    # ---- decisions
+
+    def _store(self, attribute: str) -> None:
+        person, field = self._person, _FIELDS[attribute]
+        value = field.value(self._fields[attribute].text())
+        if person is not None and value != getattr(person, attribute) and (value or attribute != "name"):
+            self._do(field.intent(person.person_id, value))
+
+    def _on_consent(self, kind: ConsentKind, given: bool) -> None:
+        if self._person is not None:
+            self._do(intents.NoteConsent(self._person.person_id, kind, given))
+
+    def _answer(self, number: int, intent: Callable[[str, str], Intent]) -> None:
+        if self._person is not None and number < len(self._person.suggestions):
+            self._do(intent(self._person.person_id, self._person.suggestions[number].person_id))
+
+    def _on_not(self) -> None:
+        if self._person is not None:
+            self._do(intents.RejectPerson(self._person.person_id, self._person.person_id))
+
+    def _on_split(self) -> None:
+        if self._person is not None:
+            self._do(intents.SplitPerson(self._person.person_id))
+
+    def request_history(self) -> None:
+        if self._person is not None:
+            self._do(intents.LookUpPerson(self._person.person_id, self._search.text()))
+
+
+def when(utc_ns: int, today: datetime) -> str:
+    """Time as 14:02; 21 Nov, 14:02 on another day; 21 Nov 2025, 14:02 in another year."""
+    at = datetime.fromtimestamp(utc_ns / 1e9)
+    if at.date() == today.date():
+        return f"{at:%H:%M}"
+    return f"{text_formatting.day_of(at, with_year=at.year != today.year)}, {at:%H:%M}"
+
+
+def what(entry: HistoryEntry) -> str:
+    """The entry as one line."""
+    match entry.kind:
+        case "visit":
+            if entry.until_utc_ns is None:
+                return tr("Visit")
+            lasted = text_formatting.long_duration((entry.until_utc_ns - entry.utc_ns) / 1e9)
+            return tr("Visit, {time}").format(time=lasted)
+        case "said":
+            return tr("Robot: “{text}”").format(text=entry.text)
+        case "heard":
+            return f"“{entry.text}”"
+        case "photo":
+            return tr("Photo {name}").format(name=entry.text.rsplit("/", 1)[-1])
+        case _:
+            return entry.text
+
+
+class HistoryList(FastTableView):
+    """History of a person over all sessions, newest entry first: time and one line per entry."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__(row_px=_HISTORY_ROW_PX)
+        self.setObjectName("person_history")
+        self.setAccessibleName(tr("History"))
+        self.entries = QStandardItemModel(0, 2, self)
+        self.setModel(self.entries)
+        columns = self.horizontalHeader()
+        columns.moveSection(1, 0)  # the times are left of the texts
+        columns.setSectionResizeMode(1, QHeaderView.ResizeMode.ResizeToContents)
+        self._theme = theme
+        self._shown: Sequence[HistoryEntry] = ()
+        theme.restyle_on_change(self._style)
+
+    def _style(self) -> None:
+        self.show_entries(self._shown)
+
+    def show_entries(self, entries: Sequence[HistoryEntry]) -> None:
+        self._shown = entries
+        self.setFont(self._theme.font(tokens.STATUS_PX))
+        self.entries.setRowCount(0)
+        for entry in entries:
+            text, time = QStandardItem(what(entry)), QStandardItem(when(entry.utc_ns, datetime.now()))
+            text.setIcon(icon(_ICONS[entry.kind], self._theme.color("dim"), 15))
+            session = f" · {entry.session}" if entry.session else ""
+            text.setToolTip(f"{time.text()}{session}\n{what(entry)}")
+            text.setAccessibleText(text.toolTip())
+            time.setForeground(self._theme.color("dim"))
+            self.entries.appendRow([text, time])
+        self.setFixedHeight(min(len(entries), _HISTORY_ROWS) * _HISTORY_ROW_PX + 4)
+
+
+class ForgetPage(_Page):
+    """Confirmation of an erasure; ``forgotten`` carries the person id."""
+
+    forgotten = Signal(str)
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__(theme)
         self._person_id = ""
-        self._title = QLabel()
-        self._title.setObjectName("forget_title")
-        self._details = QLabel()
-        self._details.setObjectName("forget_what")
-        self._not_now = QLabel(tr("A session is being recorded. Stop the recording first."))
-        self._not_now.setObjectName("forget_not_now")
-        for label in (self._title, self._details, self._not_now):
-            label.setWordWrap(True)
-        self._do = ActionButton(theme, tr("Erase permanently"), icon="trash", role="outline_danger")
-        self._do.setObjectName("forget_do")
-        self._do.clicked.connect(lambda: self.forgotten.emit(self._person_id))
-        keep = ActionButton(theme, tr("Cancel"))
-        keep.setObjectName("forget_keep")
-        keep.clicked.connect(self.back)
-        row = layouts.hbox(spacing_px=tokens.GRID_PX)
-        row.addWidget(keep)
-        row.addWidget(self._do)
-        row.addStretch(1)
+        self._title = self._text("forget_title", size_px=tokens.BODY_PX, bold=True)
+        self._details = self._text("forget_what")
+        refused = tr("A session is being recorded. Stop the recording first.")
+        self._not_now = self._text("forget_not_now", refused, "amber")
+        self._erase = self._button("forget_do", tr("Erase permanently"), "trash", self._on_erase, role="outline_danger")
         column = layouts.vbox(self, margins_px=(14, 6, 14, 6), spacing_px=10)
-        column.addWidget(self._title)
-        column.addWidget(self._details)
-        column.addWidget(self._not_now)
+        for label in (self._title, self._details, self._not_now):
+            column.addWidget(label)
+        row = layouts.hbox(spacing_px=tokens.GRID_PX)
+        row.addWidget(self._button("forget_keep", tr("Cancel"), "", self.back.emit))
+        row.addWidget(self._erase)
+        row.addStretch(1)
         column.addLayout(row)
         column.addStretch(1)
-        theme.restyle_on_change(self._style)
 
     def begin_with(self, person: PersonRow, *, recording: bool) -> None:
         """Show the page; erasing is refused while a session is ``recording``, because the file being written cannot
@@ -301,17 +622,10 @@ class ForgetPage(QWidget):
             ).format(name=name)
         )
         self._not_now.setVisible(recording)
-        self._do.setEnabled(not recording)
+        self._erase.setEnabled(not recording)
 
-    def _style(self) -> None:
-        self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        for label in (self._details, self._not_now):
-            label.setFont(self._theme.font(tokens.STATUS_PX + 1))
-        self._theme.color_text(self._not_now, "amber")
-
-
-_COMPARED_PORTRAIT_PX = 120
-_OFFERED = 8
+    def _on_erase(self) -> None:
+        self.forgotten.emit(self._person_id)
 
 
 def who_stays(person: PersonRow, other: PersonRow) -> tuple[PersonRow, PersonRow]:
@@ -320,68 +634,56 @@ def who_stays(person: PersonRow, other: PersonRow) -> tuple[PersonRow, PersonRow
     return (other, person) if rank[0] >= rank[1] else (person, other)
 
 
-class MergePage(QWidget):
-    """Page of the person popup that merges two people, with both portraits for comparison.
-
-    Merge page. ``merged``: ids of the merged and the remaining person.
+class MergePage(_Page):
+    """Choice of the same person, and both portraits for comparison. ``merged``: ids of the merged and the remaining
+    person.
     """
 
     merged = Signal(str, str)
-    back = Signal()
 
-    def __init__(self, theme: Theme, pixmaps: PortraitPixmaps) -> None:
-        super().__init__()
-        self._theme = theme
+    def __init__(self, theme: Theme, portraits: PortraitPixmaps) -> None:
+        super().__init__(theme)
         self._person: PersonRow | None = None
         self._other_id = ""
         self._everyone: Sequence[PersonRow] = ()
-        self._title = QLabel(wordWrap=True)
-        self._title.setObjectName("merge_title")
+        self._fits: list[PersonRow] = []
+        self._title = self._text("merge_title", size_px=tokens.BODY_PX, bold=True)
         self._field = SubmitLineEdit()
         self._field.setObjectName("merge_field")
         self._field.setPlaceholderText(tr("Name, group or tag"))
         self._field.setAccessibleName(tr("Find the person"))
-        self._field.textChanged.connect(self._offer)
-        self._field.returnPressed.connect(self._choose_first)
-        self._offered = [ActionButton(theme, "", may_shrink=True, height_px=32) for _ in range(_OFFERED)]
-        self._ids = [""] * _OFFERED
-        self._faces = (
-            PortraitView(theme, pixmaps, _COMPARED_PORTRAIT_PX),
-            PortraitView(theme, pixmaps, _COMPARED_PORTRAIT_PX),
-        )
-        self._names = (QLabel(), QLabel())
+        self._field.textChanged.connect(self._show)
+        self._field.returnPressed.connect(partial(self._choose, 0))
+        column = layouts.vbox(self, margins_px=(14, 6, 14, 6), spacing_px=tokens.GRID_PX)
+        column.addWidget(self._title)
+        column.addWidget(self._field)
+        self._offered: list[ActionButton] = []
+        for number in range(_OFFERED):
+            button = ActionButton(theme, "", may_shrink=True, height_px=32)
+            button.setObjectName(f"merge_with_{number}")
+            button.clicked.connect(lambda _checked=False, number=number: self._choose(number))
+            column.addWidget(button)
+            self._offered.append(button)
         self._both = QWidget()
         both = layouts.hbox(self._both, margins_px=0)
-        for face, name in zip(self._faces, self._names, strict=True):
+        self._sides = [
+            (PortraitView(theme, portraits, _COMPARED_PORTRAIT_PX), self._text(wrap=False)) for _ in range(2)
+        ]
+        for face, name in self._sides:
             side = QVBoxLayout()
-            name.setAlignment(Qt.AlignmentFlag.AlignHCenter)
-            side.addWidget(face, 0, Qt.AlignmentFlag.AlignHCenter)
-            side.addWidget(name)
+            for widget in (face, name):
+                side.addWidget(widget, 0, Qt.AlignmentFlag.AlignHCenter)
             both.addLayout(side, 1)
-        self._consequence = QLabel(wordWrap=True)
-        self._consequence.setObjectName("merge_told")
-        back = ActionButton(theme, tr("Back"), icon="caret-left")
-        back.setObjectName("merge_back")
-        back.clicked.connect(self._on_back)
-        self._do = ActionButton(theme, tr("Same person"), icon="check", role="primary")
-        self._do.setObjectName("merge_do")
-        self._do.clicked.connect(self._on_do)
-        row = QHBoxLayout()
-        row.addWidget(back)
-        row.addWidget(self._do)
+        self._consequence = self._text("merge_told")
+        self._same = self._button("merge_do", tr("Same person"), "check", self._on_same, role="primary")
+        row = layouts.hbox()
+        row.addWidget(self._button("merge_back", tr("Back"), "caret-left", self._on_back))
+        row.addWidget(self._same)
         row.addStretch(1)
-        column = layouts.vbox(self, margins_px=(14, 6, 14, 6), spacing_px=tokens.GRID_PX)
-        for widget in (self._title, self._field):
-            column.addWidget(widget)
-        for number, button in enumerate(self._offered):
-            button.setObjectName(f"merge_with_{number}")
-            button.clicked.connect(lambda _checked=False, index=number: self._choose(self._ids[index]))
-            column.addWidget(button)
         column.addWidget(self._both)
         column.addWidget(self._consequence)
         column.addLayout(row)
         column.addStretch(1)
-        theme.restyle_on_change(self._style)
 
     def begin_with(self, person: PersonRow, everyone: Sequence[PersonRow]) -> None:
         self._other_id = ""
@@ -390,74 +692,53 @@ class MergePage(QWidget):
 
     def show_person(self, person: PersonRow, everyone: Sequence[PersonRow]) -> None:
         self._person, self._everyone = person, everyone
-        self._offer()
+        self._show()
 
     def _other(self) -> PersonRow | None:
         return next((each for each in self._everyone if each.person_id == self._other_id), None)
 
-    def _offer(self, _text: str = "") -> None:
+    def _show(self, _text: str = "") -> None:
         person, other = self._person, self._other()
         if person is None:
             return
-        name = text_formatting.person_name(person)
-        comparing = other is not None
-        who = tr("Who is the same person as {name}?").format(name=name)
-        self._title.setText(tr("Are these the same person?") if comparing else who)
-        self._field.setVisible(not comparing)
-        self._both.setVisible(comparing)
-        self._consequence.setVisible(comparing)
-        self._do.setVisible(comparing)
-        fits = [] if comparing else self._who_fits(person)
-        for number, button in enumerate(self._offered):
-            button.setVisible(number < len(fits))
-            if number < len(fits):
-                self._ids[number] = fits[number].person_id
-                button.set_label(
-                    " · ".join(filter(None, (text_formatting.person_name(fits[number]), fits[number].group)))
-                )
-        if other is not None:
-            self._compare(person, other)
-
-    def _who_fits(self, person: PersonRow) -> list[PersonRow]:
-        """Candidates, suggested ones first."""
+        who = tr("Who is the same person as {name}?").format(name=text_formatting.person_name(person))
+        self._title.setText(who if other is None else tr("Are these the same person?"))
+        self._field.setVisible(other is None)
+        for part in (self._both, self._consequence, self._same):
+            part.setVisible(other is not None)
+        # Suggested people first.
         likely = [suggestion.person_id for suggestion in person.suggestions]
         others = [each for each in in_order(self._everyone) if each.person_id != person.person_id]
         others.sort(key=lambda each: likely.index(each.person_id) if each.person_id in likely else len(likely))
-        return [each for each in others if found(each, self._field.text())][:_OFFERED]
-
-    def _compare(self, person: PersonRow, other: PersonRow) -> None:
-        for face, name, each in zip(self._faces, self._names, (person, other), strict=True):
+        self._fits = [each for each in others if other is None and found(each, self._field.text())][:_OFFERED]
+        for button in self._offered[len(self._fits) :]:
+            button.hide()
+        for button, each in zip(self._offered, self._fits, strict=False):
+            button.set_label(" · ".join(filter(None, (text_formatting.person_name(each), each.group))))
+            button.show()
+        if other is None:
+            return
+        for (face, name), each in zip(self._sides, (person, other), strict=True):
             face.show_person(each)
             name.setText(text_formatting.person_name(each))
-        goes, stays = who_stays(person, other)
-        self._consequence.setText(
-            tr("The visits, photos and notes of {goes} are moved to {stays}. You can undo this.").format(
-                goes=text_formatting.person_name(goes), stays=text_formatting.person_name(stays)
-            )
-        )
+        goes, stays = map(text_formatting.person_name, who_stays(person, other))
+        told = tr("The visits, photos and notes of {goes} are moved to {stays}. You can undo this.")
+        self._consequence.setText(told.format(goes=goes, stays=stays))
 
-    def _choose(self, person_id: str) -> None:
-        self._other_id = person_id
-        self._offer()
-
-    def _choose_first(self) -> None:
-        if self._person is not None and (fits := self._who_fits(self._person)):
-            self._choose(fits[0].person_id)
+    def _choose(self, number: int) -> None:
+        if number < len(self._fits):
+            self._other_id = self._fits[number].person_id
+            self._show()
 
     def _on_back(self) -> None:
         if self._other() is None:
             self.back.emit()
         else:
-            self._choose("")
+            self._other_id = ""
+            self._show()
 
-    def _on_do(self) -> None:
+    def _on_same(self) -> None:
         person, other = self._person, self._other()
         if person is not None and other is not None:
             goes, stays = who_stays(person, other)
             self.merged.emit(goes.person_id, stays.person_id)
-
-    def _style(self) -> None:
-        self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self._consequence.setFont(self._theme.font(tokens.STATUS_PX + 1))
-        for name in self._names:
-            name.setFont(self._theme.font(tokens.STATUS_PX + 1))

@@ -11,16 +11,11 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.people.presence import PersonRow, unnamed_label
 from caris_desktop.ui import text_formatting
 
-Standing = Literal["here", "was", "known"]
+Presence = Literal["here", "was", "known"]
 """In front of a camera, seen earlier since the console started, or only known to the study."""
 
-ButtonAct = Literal["yes", "no", "same", "name", "not", "card"]
-
-CAPTIONS: dict[Standing, str] = {
-    "here": QT_TR_NOOP("Here"),
-    "was": QT_TR_NOOP("Was here"),
-    "known": QT_TR_NOOP("Known in this study"),
-}
+CAPTIONS: dict[Presence, str] = {"was": QT_TR_NOOP("Was here"), "known": QT_TR_NOOP("Known in this study")}
+"""Above the first row of a group; people who are present need none."""
 SPEAKING = QT_TR_NOOP("speaking")
 _POSTURES = {"standing": QT_TR_NOOP("standing"), "sitting": QT_TR_NOOP("sitting")}
 UNCONFIRMED = QT_TR_NOOP("not confirmed")
@@ -28,7 +23,7 @@ _AHEAD_RAD = math.radians(8)
 _BESIDE_RAD = math.radians(110)
 
 
-def presence_of(person: PersonRow) -> Standing:
+def presence_of(person: PersonRow) -> Presence:
     if person.here:
         return "here"
     return "was" if person.since_ns else "known"
@@ -43,23 +38,26 @@ def in_order(persons: Iterable[PersonRow]) -> list[PersonRow]:
     """Present people by arrival, so that rows do not jump under the pointer; then former ones, latest first; then known
     ones by name.
     """
-    groups: dict[Standing, list[PersonRow]] = {"here": [], "was": [], "known": []}
-    for person in persons:
-        groups[presence_of(person)].append(person)
-    groups["here"].sort(key=lambda person: person.since_ns)
-    groups["was"].sort(key=lambda person: -person.last_seen_ns)
-    groups["known"].sort(key=lambda person: text_formatting.person_name(person).casefold())
-    return [person for group in groups.values() for person in group]
+
+    def place(person: PersonRow) -> tuple[int, int, str]:
+        match presence_of(person):
+            case "here":
+                return 0, person.since_ns, ""
+            case "was":
+                return 1, -person.last_seen_ns, ""
+            case _:
+                return 2, 0, text_formatting.person_name(person).casefold()
+
+    return sorted(persons, key=place)
 
 
 def captions(persons: Sequence[PersonRow]) -> dict[int, str]:
-    """Captions of the first row of each group. Present people need none."""
-    standings = [presence_of(person) for person in persons]
-    firsts = {standing: standings.index(standing) for standing in CAPTIONS if standing in standings}
+    """Captions by the row below them."""
+    groups = [presence_of(person) for person in persons]
     return {
-        row: f"{tr(CAPTIONS[standing])} · {standings.count(standing)}"
-        for standing, row in firsts.items()
-        if standing != "here"
+        groups.index(group): f"{tr(text)} · {groups.count(group)}"
+        for group, text in CAPTIONS.items()
+        if group in groups
     }
 
 
@@ -82,24 +80,6 @@ def direction(bearing_rad: float) -> str:
     if away > _BESIDE_RAD:
         return tr("behind")
     return tr("left") if math.remainder(bearing_rad, math.tau) > 0 else tr("right")
-
-
-def whereabouts(person: PersonRow) -> str:
-    """Position as "2.1 m, left"; empty if unknown."""
-    parts = []
-    if person.distance_m is not None:
-        parts.append(f"{person.distance_m:.1f} m")
-    if person.bearing_rad is not None:
-        parts.append(direction(person.bearing_rad))
-    return ", ".join(parts)
-
-
-def recognised(person: PersonRow) -> str:
-    """Identification confidence, as "recognised, 94 %"; empty without an identification."""
-    if not is_identified(person) or not person.confidence:
-        return ""
-    how = tr("recognised") if text_formatting.has_given_name(person) else tr("was here before")
-    return f"{how}, {text_formatting.percent(person.confidence)}"
 
 
 def as_permitted(persons: Iterable[PersonRow], *, naming: bool) -> tuple[PersonRow, ...]:
@@ -144,28 +124,36 @@ def seen_elsewhere(person: PersonRow, camera_on_show: str) -> str:
 
 def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") -> list[str]:
     """Parts of a row's second line, most important first, as a narrow row shows only the beginning."""
-    standing = presence_of(person)
-    if standing == "known":
-        return [tr("known from before")]
-    if standing == "was":
-        return [tr("left {ago}").format(ago=text_formatting.ago((now_ns - person.last_seen_ns) / 1e9))]
-    posture = _POSTURES.get(person.posture, person.posture)
-    parts = [
+    match presence_of(person):
+        case "known":
+            return [tr("known from before")]
+        case "was":
+            return [tr("left {ago}").format(ago=text_formatting.ago((now_ns - person.last_seen_ns) / 1e9))]
+    where = (
+        "" if person.distance_m is None else f"{person.distance_m:.1f} m",
+        "" if person.bearing_rad is None else direction(person.bearing_rad),
+    )
+    recognised = tr("recognised") if text_formatting.has_given_name(person) else tr("was here before")
+    parts = (
         tr(SPEAKING) if person.speaking else "",
         tr("hand raised") if person.hand_raised else "",
-        whereabouts(person),
-        tr(posture),
+        ", ".join(filter(None, where)),
+        tr(_POSTURES.get(person.posture, person.posture)),
         seen_elsewhere(person, camera_on_show),
         tr("here {since}").format(since=text_formatting.since((now_ns - person.since_ns) / 1e9)),
-        recognised(person),
-    ]
+        f"{recognised}, {text_formatting.percent(person.confidence)}"
+        if is_identified(person) and person.confidence
+        else "",
+    )
     return [part for part in parts if part]
 
 
 class RowButton(Value):
-    """Button of a row. ``text`` is dropped if space is short and there is an icon; ``tip`` is the full text."""
+    """Button of a row; ``act``: yes, no, same, name, not or card. ``text`` is dropped if space is short and there is an
+    icon; ``tip`` is the full text.
+    """
 
-    act: ButtonAct
+    act: str
     text: str
     icon: str
     tip: str

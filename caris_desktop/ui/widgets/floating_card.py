@@ -6,11 +6,12 @@ A popup window would end driving and take the focus.
 from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import QPointF, Qt, Signal
-from PySide6.QtGui import QHideEvent, QPaintEvent
+from PySide6.QtGui import QHideEvent, QPaintEvent, QShowEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.focus_widget import give_focus_back, window_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
@@ -25,6 +26,7 @@ class FloatingCard(QWidget):
         super().__init__(parent)
         self._theme = theme
         self._room = parent
+        self._focus_before: QWidget | None = None
         theme.changed.connect(self.update)
         # A click on the popup must not reach the widgets below.
         self.setAttribute(Qt.WidgetAttribute.WA_NoMousePropagation)
@@ -40,6 +42,18 @@ class FloatingCard(QWidget):
         self.move(max(0, left), max(6, top))
         self.show()
         self.raise_()
+
+    def close_card(self) -> None:
+        """Hide, and give the focus back if the popup has it."""
+        focused = window_of(self._room).focusWidget()
+        has_focus = focused is not None and self.isAncestorOf(focused)
+        self.hide()
+        if has_focus:
+            give_focus_back(self._focus_before)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        self._focus_before = window_of(self._room).focusWidget()
+        super().showEvent(event)
 
     def hideEvent(self, event: QHideEvent) -> None:
         super().hideEvent(event)

@@ -21,7 +21,7 @@ from caris_desktop.ui.panels.people_panel import PeoplePanel, UndoBar
 from caris_desktop.ui.people.pending_identity_question import TO_READ_NS, IdentityQuestion, next_asked
 from caris_desktop.ui.people.people_list import CAPTION_PX, ROW_PX
 from caris_desktop.ui.people.people_model import PeopleModel
-from caris_desktop.ui.people.portrait_pixmaps import PortraitPixmaps
+from caris_desktop.ui.people.portraits import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import direction, found, what_is_seen
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -90,10 +90,11 @@ def press(qtbot: QtBot, panel: PeoplePanel, person_id: str, act: str) -> None:
     row = panel.model.row_of(person_id)
     assert row is not None
     panel.list.scrollTo(panel.model.index(row))
-    at = panel.list.row_rect(row).topLeft() + QPoint(70, 20)
-    if act != "pick":
-        at = panel.list.button_rect(row, act).center()
-    qtbot.mouseClick(panel.list.viewport(), Qt.MouseButton.LeftButton, pos=at)
+    controls = panel.list.controls[person_id]
+    if act == "pick":
+        qtbot.mouseClick(controls, Qt.MouseButton.LeftButton, pos=QPoint(70, 20))
+    else:
+        click(qtbot, find(controls, f"person_{act}"))
 
 
 def unfold(panel: PeoplePanel) -> None:
@@ -140,7 +141,7 @@ def test_of_two_suggestions_one_is_asked_about(panel: PeoplePanel, console: Fake
     assert "Maybe" not in told(panel, "p-4")
     row = panel.model.row_of("p-4")
     assert row is not None
-    assert [button.act for button, _ in panel.list.buttons(row)] == ["name", "card"]
+    assert [button.act for button in panel.list.buttons(row)] == ["name", "card"]
     console.state.selected_person.set("p-4")
     assert "Maybe Mara" in told(panel, "p-4")
     assert "Maybe" not in told(panel, "p-3")
@@ -283,7 +284,7 @@ def test_on_a_busy_machine_the_portraits_of_the_list_come_one_by_one(
     qapp: QApplication, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now_s, load = [100.0], LoadStatus(1, "thumbnails less often")
-    monkeypatch.setattr("caris_desktop.ui.people.portrait_pixmaps.time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr("caris_desktop.ui.people.portraits.time.monotonic", lambda: now_s[0])
     pixmaps = PortraitPixmaps(lambda _key: people_samples.portrait(90), lambda: load.pays_small)
     assert pixmaps.pixmap("p-1", 38, may_wait=True) is not None
     assert pixmaps.pixmap("p-2", 38, may_wait=True) is None and pixmaps.put_off
@@ -453,7 +454,7 @@ def test_the_row_and_the_box_that_are_asked_about_have_the_key(
     find(window, "video_view").setFocus()
     asked = panel.model.row_of("p-3")
     assert asked is not None
-    keys = [button.key for button, _ in panel.list.buttons(asked)]
+    keys = [button.key for button in panel.list.buttons(asked)]
     assert keys == ["Y", "⇧Y", ""]
     frame = console.frames.add(samples.corridor())
     console.state.add(frame)
@@ -489,7 +490,7 @@ def test_a_recognised_person_can_be_another_after_all(qtbot: QtBot, panel: Peopl
     assert console.calls == [("reject_person", ("p-luis", "p-luis"))]
     named_by_hand = panel.model.row_of("p-ana")
     assert named_by_hand is not None
-    assert "not" not in [button.act for button, _ in panel.list.buttons(named_by_hand)]
+    assert "not" not in [button.act for button in panel.list.buttons(named_by_hand)]
 
 
 # Selection, search, undo
@@ -610,7 +611,7 @@ def test_without_names_there_is_presence_and_nothing_else(
     assert told(panel, "p-3").startswith("Person 3, 3.3 m, right")
     assert panel.fact[0] == "4 here"
     assert panel.title_widgets() == []
-    assert [panel.list.buttons(row) for row in range(4)] == [[], [], [], []]
+    assert [panel.list.buttons(row) for row in range(4)] == [(), (), (), ()] and not panel.list.controls
     console.calls.clear()
     QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_Return, CTRL)
     panel.list.setFocus()
@@ -640,7 +641,7 @@ def test_a_replay_shows_people_and_asks_nothing(qtbot: QtBot, settings: MemorySe
     assert isinstance(panel, PeoplePanel)
     people_samples.show_people(console, people_samples.people_of_a_tour())
     assert names(panel)[0] == "Luis"
-    assert [panel.list.buttons(row) for row in range(4)] == [[], [], [], []]
+    assert [panel.list.buttons(row) for row in range(4)] == [(), (), (), ()] and not panel.list.controls
     console.calls.clear()
     panel.list.setFocus()
     panel.list.setCurrentIndex(panel.model.index(0))

@@ -17,8 +17,7 @@ from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.people_panel import PeoplePanel
-from caris_desktop.ui.people.about_page import how_known, tags_of, what, when
-from caris_desktop.ui.people.person_card import PersonCard, who_stays
+from caris_desktop.ui.people.person_card import PersonCard, how_known, tags_of, what, when, who_stays
 from tests.ui import people_samples
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
@@ -61,7 +60,7 @@ def field(window: MainWindow, name: str) -> QLineEdit:
 
 def history(card: PersonCard) -> list[str]:
     entries = card.about.history.entries
-    return [str(entries.index(row).data()) for row in range(entries.rowCount())]
+    return [str(entries.index(row, 0).data()) for row in range(entries.rowCount())]
 
 
 def asked(console: FakeConsole) -> list[tuple[str, object]]:
