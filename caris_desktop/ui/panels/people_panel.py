@@ -6,7 +6,7 @@ from functools import partial
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import QFrame, QLabel, QStackedWidget, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QStackedLayout, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
@@ -74,12 +74,13 @@ class PeoplePanel(Panel):
         self._undo = UndoBar(self.theme)
         self._undo.undone.connect(self._take_back)
         self.hold.escape_pressed.connect(self._on_escape)
-        self._stack = QStackedWidget()
+        holder = QWidget()
+        self._stack = QStackedLayout(holder)
         self._stack.addWidget(self._empty)
         self._stack.addWidget(self.list)
         layout = layouts.vbox(self, margins_px=(2, 6, 2, 8), spacing_px=4)
         layout.addWidget(self._search)
-        layout.addWidget(self._stack, 1)
+        layout.addWidget(holder, 1)
         layout.addWidget(self._undo)
         self._offer_names()
         state = self.state

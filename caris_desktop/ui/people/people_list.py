@@ -213,14 +213,19 @@ class PeopleList(FastTableView):
             self._field.setPlaceholderText(tr(_NOBODY_HINT))
 
     def _on_name_entered(self) -> None:
-        self.commitData(self._field)
+        name, person_id = " ".join(self._field.text().split()), self._naming
         self.give_up_naming()
+        if name and self._people.knows(person_id):
+            self.named.emit(person_id, name)
 
     def give_up_naming(self) -> None:
+        self.closeEditor(self._field, QAbstractItemDelegate.EndEditHint.NoHint)
+
+    def closeEditor(self, editor: QWidget, hint: QAbstractItemDelegate.EndEditHint) -> None:
         """Close the name field, which puts the focus on the list: never on the robot's speech field or driving."""
         if self._naming:
             self._naming = ""
-            self.closeEditor(self._field, QAbstractItemDelegate.EndEditHint.NoHint)
+            super().closeEditor(editor, hint)
             self.naming_changed.emit("")
             self._place_controls()
             self.let_go.emit()
@@ -347,11 +352,8 @@ class PersonDelegate(QStyledItemDelegate):
     def setEditorData(self, _editor: QWidget, _index: Index) -> None:
         """Keep what is typed: Qt asks at each change of the row."""
 
-    def setModelData(self, _editor: QWidget, _model: object, index: Index) -> None:
-        person: PersonRow = index.data(PERSON_ROLE)
-        name = " ".join(self._field.text().split())
-        if name and self._people.knows(person.person_id):
-            self._view.named.emit(person.person_id, name)
+    def setModelData(self, _editor: QWidget, _model: object, _index: Index) -> None:
+        """Only Enter names: Qt would do so at a change of the current row, too."""
 
     def updateEditorGeometry(self, editor: QWidget, _option: QStyleOptionViewItem, index: Index) -> None:
         rect = self._view.row_rect(index.row())
@@ -359,7 +361,7 @@ class PersonDelegate(QStyledItemDelegate):
         editor.setGeometry(left, rect.top() + 8, max(80, rect.right() - _SIDE_PX - left), rect.height() - 16)
 
     def eventFilter(self, _editor: QObject, _event: QEvent) -> bool:
-        """Qt would save the name when the field is left, and at Ctrl+Enter, which answers a question."""
+        """Leave the keys to the field: Ctrl+Enter answers a question."""
         return False
 
     # ---- painting

@@ -401,7 +401,7 @@ class AboutPage(_Page):
         for kind in get_args(ConsentKind):
             box = self._consents[kind] = CheckBox(theme, event_messages.CONSENTS[kind])
             box.setObjectName(f"consent_{kind}")
-            box.clicked.connect(partial(self._on_consent, kind))
+            box.clicked.connect(lambda given, kind=kind: self._on_consent(kind, given))
             agreed.add(box)
         column.addWidget(agreed)
         self._search = SubmitLineEdit()

@@ -45,6 +45,8 @@ class FloatingCard(QWidget):
 
     def close_card(self) -> None:
         """Hide, and give the focus back if the popup has it."""
+        if self.isHidden():
+            return
         focused = window_of(self._room).focusWidget()
         has_focus = focused is not None and self.isAncestorOf(focused)
         self.hide()
