@@ -316,7 +316,7 @@ class RowControls(QAbstractButton):
             button.set_key_shown(fits)
             width = (button.sizeHint() if fits else button.minimumSizeHint()).width()
             right -= width
-            button.setGeometry(right, (self.height() - _BUTTON_PX) // 2, width, _BUTTON_PX)
+            button.setGeometry(right, self.rect().center().y() - _BUTTON_PX // 2, width, _BUTTON_PX)
             right -= _BETWEEN_PX
 
     def paintEvent(self, _event: object) -> None:

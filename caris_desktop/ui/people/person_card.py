@@ -12,7 +12,7 @@ from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QSignalBlocker, QSize
 from PySide6.QtGui import QFocusEvent, QMouseEvent, QStandardItem, QStandardItemModel
 from PySide6.QtWidgets import (
     QCompleter,
-    QFormLayout,
+    QGridLayout,
     QHeaderView,
     QLabel,
     QLineEdit,
@@ -242,7 +242,7 @@ class _Page(QWidget):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self._theme = theme
-        self._looks: list[tuple[QLabel, str, int, int]] = []
+        self._looks: list[tuple[QWidget, str, int, int]] = []
         theme.changed.connect(self._style)
 
     def _text(
@@ -383,9 +383,9 @@ class AboutPage(_Page):
         known.addWidget(self._how, 1)
         known.addWidget(self._not)
         column.addLayout(known)
-        form = QFormLayout(horizontalSpacing=10, verticalSpacing=6, labelAlignment=Qt.AlignmentFlag.AlignVCenter)
+        form = QGridLayout(horizontalSpacing=10, verticalSpacing=6)
         self._fields: dict[str, SubmitLineEdit | NoteField] = {}
-        for attribute, field in _FIELDS.items():
+        for row_number, (attribute, field) in enumerate(_FIELDS.items()):
             editor = self._fields[attribute] = NoteField() if attribute == "note" else SubmitLineEdit()
             editor.setObjectName(field.name)
             editor.setAccessibleName(tr(field.title))
@@ -393,7 +393,11 @@ class AboutPage(_Page):
             editor.editingFinished.connect(partial(self._store, attribute))
             if isinstance(editor, QLineEdit):
                 editor.setMaxLength(80)
-            form.addRow(dim(text=tr(field.title), wrap=False), editor)
+            else:
+                self._looks.append((editor, "text", tokens.STATUS_PX + 1, tokens.WEIGHT_NORMAL))
+            form.addWidget(dim(text=tr(field.title), wrap=False), row_number, 0)
+            form.addWidget(editor, row_number, 1)
+        self._style()
         column.addLayout(form)
         column.addWidget(dim(text=tr("Agrees to"), wrap=False))
         agreed = FlowRow(gap_px=6)
