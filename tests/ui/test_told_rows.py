@@ -84,7 +84,7 @@ def test_the_rows_of_people_are_complete_and_their_buttons_can_be_pressed(
         assert all(word in name(row) for word in (person.group, *person.tags, panel.model.seen(person)))
     wanted = panel.list.buttons(0)
     assert wanted
-    for spec, control in zip(wanted, panel.list.controls[persons[0].person_id].buttons, strict=True):
+    for spec, control in zip(wanted, panel.list.controls[persons[0].person_id].buttons.values(), strict=True):
         button = next(one for one in told(panel, QAccessible.Role.Button) if name(one) == spec.tip)
         assert button.rect().topLeft() == control.mapToGlobal(control.rect().topLeft())
         assert (

@@ -19,8 +19,7 @@ from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.focus_widget import focus_widget, main_of, window_of
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.pending_identity_question import IdentityQuestion, with_one_question
-from caris_desktop.ui.people.people_list import PeopleList
-from caris_desktop.ui.people.people_model import PeopleModel
+from caris_desktop.ui.people.people_list import PeopleList, PeopleModel
 from caris_desktop.ui.people.person_card import PersonCard
 from caris_desktop.ui.people.portraits import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import as_permitted, everyone, found, is_nameless_past, seen_elsewhere
@@ -66,7 +65,6 @@ class PeoplePanel(Panel):
         self.list.named.connect(lambda person_id, name: self.console.do(intents.NamePerson(person_id, name)))
         self.list.let_go.connect(self._refresh)
         self.list.naming_changed.connect(self.state.named_person.set)
-        self.list.picked.connect(self._on_picked)
         self.list.action_requested.connect(self._on_action_requested)
         self.card: PersonCard | None = None
         """The popup, once opened."""
@@ -321,26 +319,16 @@ class PeoplePanel(Panel):
             return
         window = main_of(window_of(self))  # a floating panel has no room for it and would take it along
         if self.card is None:
-            self.card = PersonCard(
-                self.theme,
-                window,
-                do=self.console.do,
-                portraits=self._portraits,
-                everyone=lambda: self.everyone,
-                recognise=self.console.scenario.perception.recognise,
-                recording=lambda: self.state.recording.value.state in ("starting", "recording", "paused"),
-            )
+            self.card = PersonCard(self.theme, window, self.console, self._portraits, lambda: self.everyone)
             self.destroyed.connect(self.card.deleteLater)
-        self.card.about.recognises = self.state.perception.value.recognises
-        beside = QRect(window.mapFromGlobal(self.mapToGlobal(QPoint())), self.size())
-        self.card.open_for(person, self.state.present.now_ns(), beside)
+        self.card.open_for(person, QRect(window.mapFromGlobal(self.mapToGlobal(QPoint())), self.size()))
 
     def _find(self, person_id: str) -> PersonRow | None:
         return next((person for person in self.everyone if person.person_id == person_id), None)
 
     def _renew_card(self) -> None:
         if self.card is not None and (person := self._find(self.card.person_id)) is not None:
-            self.card.show_person(person, self.state.present.now_ns())
+            self.card.show_person(person)
 
     def _follow_with_card(self, person_id: str, now_id: str) -> None:
         """Keep the popup on its person after identification; close it if the person is missing."""
@@ -350,7 +338,7 @@ class PeoplePanel(Panel):
         if person is None:
             self.card.close_card()
         else:
-            self.card.show_person(person, self.state.present.now_ns())
+            self.card.show_person(person)
 
     def _on_history_found(self, history: PersonHistory | None) -> None:
         if self.card is not None and history is not None and history.person_id == self.card.person_id:
@@ -377,16 +365,15 @@ class PeoplePanel(Panel):
         if card:
             self.open_card(person_id)
 
-    def _on_picked(self, person_id: str) -> None:
-        """Toggle the selection of a person."""
-        picked = "" if person_id == self.state.selected_person.value else person_id
-        self.console.do(intents.AttendPerson(picked))
-
     def _on_action_requested(self, act: str, person_id: str) -> None:
         person = self._find(person_id)
         if person is None:
             return
         match act, person.suggestion:
+            case "pick", _:
+                # A click on the selected person selects nobody.
+                picked = "" if person_id == self.state.selected_person.value else person_id
+                self.console.do(intents.AttendPerson(picked))
             case "card", _:
                 self.open_card(person_id)
             case "yes", Suggestion() as suggested:

@@ -1,21 +1,43 @@
-"""List view of the People panel: painted rows, buttons over them, names edited in place."""
+"""List of people: model, painted rows with real buttons over them, names edited in place."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
-from PySide6.QtCore import QEvent, QModelIndex, QObject, QRect, QRectF, Qt, Signal
+from PySide6.QtCore import (
+    QAbstractListModel,
+    QEvent,
+    QModelIndex,
+    QObject,
+    QPersistentModelIndex,
+    QRect,
+    QRectF,
+    Qt,
+    Signal,
+)
 from PySide6.QtGui import QCursor, QFont, QFontMetrics, QHideEvent, QKeyEvent, QPainter, QPen, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QAbstractItemDelegate, QStyledItemDelegate, QStyleOptionViewItem, QWidget
 
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.state import PresentClock
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting, tokens
 from caris_desktop.ui.focus_widget import focus_widget
-from caris_desktop.ui.people.people_model import PERSON_ROLE, Index, PeopleModel
 from caris_desktop.ui.people.portraits import PortraitPixmaps
-from caris_desktop.ui.people.shown_people import SPEAKING, UNCONFIRMED, RowButton, buttons_of
+from caris_desktop.ui.people.shown_people import (
+    SPEAKING,
+    UNCONFIRMED,
+    RowButton,
+    buttons_of,
+    captions,
+    in_order,
+    presence_of,
+    what_is_seen,
+)
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets import avatar
-from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.buttons import ActionButton, ButtonRole
 from caris_desktop.ui.widgets.fast_table_view import FastTableView
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 from caris_desktop.ui.wrapped_tip import wrapped_tip
@@ -29,8 +51,128 @@ _BETWEEN_PX = 6
 _TEXT_LEFT_PX = _SIDE_PX + avatar.SIZE_PX + _GAP_PX
 _TEXT_AT_LEAST_PX = 96
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
-_NAME_HINT = QT_TR_NOOP("Name, then Enter")
-_NOBODY_HINT = QT_TR_NOOP("Cannot be named: this person has left")
+
+PERSON_ROLE = int(Qt.ItemDataRole.UserRole)
+_MANY = 20
+"""Number of inserted or removed rows from which the model is reset, as on a search."""
+
+Index = QModelIndex | QPersistentModelIndex
+
+
+class PeopleModel(QAbstractListModel):
+    """Persons in row order: present, former, known. ``captions`` are above the first row of a group.
+
+    Decisions need ``may_decide``: not without naming permission, and not in a replay.
+    """
+
+    changed = Signal()  # after all signals about single rows
+
+    def __init__(self, present: PresentClock, parent: QObject) -> None:
+        super().__init__(parent)
+        self._present = present
+        self._camera = ""
+        self._known: frozenset[str] = frozenset()
+        self._unconfirmed: frozenset[str] = frozenset()
+        self._shown_states: dict[str, tuple[object, ...]] = {}
+        self.persons: list[PersonRow] = []
+        self.captions: dict[int, str] = {}
+        self.may_decide = False
+
+    def row_of(self, person_id: str) -> int | None:
+        """Row of this person; None if there is none."""
+        return next((row for row, person in enumerate(self.persons) if person.person_id == person_id), None)
+
+    def knows(self, person_id: str) -> bool:
+        """Whether this person can still be named."""
+        return person_id in self._known
+
+    def is_unconfirmed(self, person_id: str) -> bool:
+        """Whether their identity has not been confirmed since a crash."""
+        return person_id in self._unconfirmed
+
+    def show_unconfirmed(self, person_ids: frozenset[str]) -> None:
+        if person_ids != self._unconfirmed:
+            self._unconfirmed = person_ids
+            self.refresh_ages()
+            self.changed.emit()
+
+    def show_persons(
+        self, persons: Sequence[PersonRow], *, known: frozenset[str], held_rows: int = 0, camera: str = ""
+    ) -> None:
+        """Set the persons. The first ``held_rows`` stay in place, even for people who left, and their captions too.
+        ``known``: ids that can be named; ``camera``: the one on display.
+        """
+        self._known, self._camera = known, camera
+        newest = {person.person_id: person for person in persons}
+        held = [newest.pop(row.person_id, replace(row, here=False)) for row in self.persons[:held_rows]]
+        ordered = held + in_order(newest.values())
+        self._arrange(ordered, may_reset=not held)
+        self.persons = ordered
+        stay = {row: text for row, text in self.captions.items() if row < len(held)}
+        self.captions = stay | {row: text for row, text in captions(ordered).items() if row >= len(held)}
+        self.refresh_ages()
+        self.changed.emit()
+
+    def _arrange(self, ordered: list[PersonRow], *, may_reset: bool) -> None:
+        """Remove, move and insert rows individually, so that the others persist, with the name field in one of them."""
+        root, ids = QModelIndex(), {person.person_id for person in ordered}
+        if may_reset and len({person.person_id for person in self.persons} ^ ids) > _MANY:
+            self.beginResetModel()
+            self.persons = ordered
+            self.endResetModel()
+            return
+        for row in reversed(range(len(self.persons))):
+            if self.persons[row].person_id not in ids:
+                self.beginRemoveRows(root, row, row)
+                del self.persons[row]
+                self.endRemoveRows()
+        for place, person in enumerate(ordered):
+            rows = range(place, len(self.persons))
+            came_from = next((row for row in rows if self.persons[row].person_id == person.person_id), None)
+            if came_from is None:
+                self.beginInsertRows(root, place, place)
+                self.persons.insert(place, person)
+                self.endInsertRows()
+            elif came_from != place and self.beginMoveRows(root, came_from, came_from, root, place):
+                self.persons.insert(place, self.persons.pop(came_from))
+                self.endMoveRows()
+
+    def refresh_ages(self) -> None:
+        """Refresh ages; only rows with changed text are repainted."""
+        shown, self._shown_states = self._shown_states, {}
+        for row, person in enumerate(self.persons):
+            # Five hundred known people, whose rows have no age, cost nothing per second. The rest change continually.
+            known = presence_of(person) == "known"
+            lasting = person if known else replace(person, last_seen_ns=0, distance_m=None, bearing_rad=None)
+            state = (lasting, self.knows(person.person_id), self.seen(person))
+            self._shown_states[person.person_id] = state
+            if state != shown.get(person.person_id):
+                self.dataChanged.emit(self.index(row), self.index(row))
+
+    def seen(self, person: PersonRow) -> str:
+        """Second line of the row."""
+        parts = what_is_seen(person, self._present.now_ns(), camera_on_show=self._camera)
+        return " · ".join([tr(UNCONFIRMED), *parts] if self.is_unconfirmed(person.person_id) else parts)
+
+    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
+        return 0 if parent.isValid() else len(self.persons)
+
+    def flags(self, index: Index) -> Qt.ItemFlag:
+        editable = self.may_decide and self.knows(self.persons[index.row()].person_id)
+        return super().flags(index) | (Qt.ItemFlag.ItemIsEditable if editable else Qt.ItemFlag.NoItemFlags)
+
+    def data(self, index: Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+        person = self.persons[index.row()]
+        if role == Qt.ItemDataRole.DisplayRole:
+            return text_formatting.person_name(person)
+        if role in (Qt.ItemDataRole.AccessibleTextRole, Qt.ItemDataRole.ToolTipRole):
+            name, maybe = text_formatting.person_name(person), text_formatting.maybe(person)
+            text = ", ".join(filter(None, (name, maybe, person.group, *person.tags, self.seen(person))))
+            if role == Qt.ItemDataRole.AccessibleTextRole:
+                return text
+            hint = tr("{person}. Click to select this person.") if self.may_decide else "{person}"
+            return wrapped_tip(hint.format(person=text))
+        return person if role == PERSON_ROLE else None
 
 
 class PeopleList(FastTableView):
@@ -43,8 +185,7 @@ class PeopleList(FastTableView):
     named = Signal(str, str)  # person id, name
     naming_changed = Signal(str)  # person id, empty once editing ends
     let_go = Signal()
-    picked = Signal(str)  # person id: a click on the row
-    action_requested = Signal(str, str)  # yes, no, same, not or card; person id
+    action_requested = Signal(str, str)  # yes, no, same, not or card, pick for a click on the row; person id
 
     def __init__(self, theme: Theme, model: PeopleModel, portraits: PortraitPixmaps) -> None:
         super().__init__(row_px=ROW_PX)
@@ -56,7 +197,6 @@ class PeopleList(FastTableView):
         self._keys = ("", "")
         self.selected = ""
         self.controls: dict[str, RowControls] = {}
-        """Real buttons by person: for the rows in view only, as there may be hundreds."""
         self.setAccessibleName(tr("People"))
         self.setModel(model)
         self._field = SubmitLineEdit(self.viewport())
@@ -139,22 +279,17 @@ class PeopleList(FastTableView):
         )
 
     def _place_controls(self) -> None:
-        """Put real buttons over the rows in view; a row keeps them while they stay the same."""
+        """Put real buttons over the rows in view, and on no others, as there may be hundreds."""
         before, self.controls = self.controls, {}
         last = self.rowAt(self.viewport().height() - 1)
         in_view = range(max(0, self.rowAt(0)), (last if last >= 0 else self._people.rowCount() - 1) + 1)
         for row in in_view if self._people.may_decide else ():
-            person, buttons = self._people.persons[row], self.buttons(row)
-            select = tr("Select {name}").format(name=text_formatting.person_name(person))
-            described = (select, tr("Selected") if person.person_id == self.selected else "", buttons)
-            controls = before.get(person.person_id)
-            if controls is None or controls.described != described:
-                controls = RowControls(self._theme, self, person.person_id, described)
-            else:
-                del before[person.person_id]
-            self.controls[person.person_id] = controls
+            person = self._people.persons[row]
+            controls = before.pop(person.person_id, None) or RowControls(self._theme, self, person.person_id)
+            controls.show_row(person, self.buttons(row), selected=person.person_id == self.selected)
             controls.setGeometry(self.row_rect(row))
             controls.show()
+            self.controls[person.person_id] = controls
         for gone in before.values():
             gone.hide()
             gone.deleteLater()
@@ -210,7 +345,7 @@ class PeopleList(FastTableView):
         if self._naming and not self._people.knows(self._naming) and not self._field.isReadOnly():
             self._field.clear()
             self._field.setReadOnly(True)
-            self._field.setPlaceholderText(tr(_NOBODY_HINT))
+            self._field.setPlaceholderText(tr("Cannot be named: this person has left"))
 
     def _on_name_entered(self) -> None:
         name, person_id = " ".join(self._field.text().split()), self._naming
@@ -232,7 +367,7 @@ class PeopleList(FastTableView):
 
     # ---- mouse and keyboard
 
-    def act(self, act: str, person_id: str) -> None:
+    def act(self, act: str, person_id: str, _checked: bool = False) -> None:
         """Do what a button of the row is for, or with "pick" a click on the row itself."""
         row = self._people.row_of(person_id)
         if row is None:
@@ -243,13 +378,11 @@ class PeopleList(FastTableView):
         self.setAutoScroll(True)
         if act == "name":
             self.name(person_id)
-        elif act == "pick":
-            self.picked.emit(person_id)
         else:
             self.action_requested.emit(act, person_id)
 
     def _on_clicked(self, index: QModelIndex) -> None:
-        self.picked.emit(self._people.persons[index.row()].person_id)
+        self.action_requested.emit("pick", self._people.persons[index.row()].person_id)
 
     def _on_double_clicked(self, index: QModelIndex) -> None:
         if self._people.may_decide:
@@ -264,7 +397,7 @@ class PeopleList(FastTableView):
         elif person_id and key in (*_ENTER, Qt.Key.Key_F2):
             self.name(person_id)
         elif person_id and key == Qt.Key.Key_Space:
-            self.picked.emit(person_id)
+            self.action_requested.emit("pick", person_id)
         elif person_id and key == Qt.Key.Key_Right and may_decide:
             self.action_requested.emit("card", person_id)
         else:
@@ -272,52 +405,68 @@ class PeopleList(FastTableView):
 
 
 class RowControls(QAbstractButton):
-    """Buttons over a painted row. Pressed by a screen reader, it selects the person; clicks reach the list below.
+    """Buttons over a painted row. Pressed by a screen reader, it selects the person; clicks reach the list below."""
 
-    ``described``: accessible name and description, and the buttons.
-    """
-
-    def __init__(
-        self, theme: Theme, view: PeopleList, person_id: str, described: tuple[str, str, Sequence[RowButton]]
-    ) -> None:
+    def __init__(self, theme: Theme, view: PeopleList, person_id: str) -> None:
         super().__init__(view.viewport())
-        self.described = described
-        select, state, buttons = described
+        self._theme = theme
+        self._view = view
+        self._person_id = person_id
+        self._shown: tuple[RowButton, ...] = ()
+        self.buttons: dict[str, ActionButton] = {}
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.setAccessibleName(select)
-        self.setAccessibleDescription(state)
-        self.clicked.connect(lambda: view.act("pick", person_id))
-        self.buttons: list[ActionButton] = []
+        self.clicked.connect(partial(view.act, "pick", person_id))
+
+    def show_row(self, person: PersonRow, buttons: tuple[RowButton, ...], *, selected: bool) -> None:
+        self.setAccessibleName(tr("Select {name}").format(name=text_formatting.person_name(person)))
+        self.setAccessibleDescription(tr("Selected") if selected else "")
+        if buttons == self._shown:
+            return
+        self._shown = buttons
+        before, self.buttons = self.buttons, {}
         for button in buttons:
-            asks = button.act in ("yes", "same")
-            control = ActionButton(
-                theme, button.text, icon=button.icon, key=button.key, height_px=_BUTTON_PX,
-                role="amber" if asks else "plain" if button.text else "quiet", text_px=tokens.STATUS_PX + 1,
-                may_lose_words=bool(button.icon), parent=self,
-            )  # fmt: skip
-            control.setObjectName(f"person_{button.act}")
-            control.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            # A button keeps its act, so that a click that was begun does nothing else.
+            control = self.buttons[button.act] = before.pop(button.act, None) or self._new_button(button.act)
+            role: ButtonRole = "amber" if button.act in ("yes", "same") else "plain" if button.text else "quiet"
+            control.set_label(button.text, icon=button.icon, role=role)
+            control.set_key(button.key)
             control.setAccessibleName(button.tip)
             control.setToolTip(wrapped_tip(button.tip))
-            control.clicked.connect(lambda _checked=False, act=button.act: view.act(act, person_id))
-            self.buttons.append(control)
+            control.show()
+        for gone in before.values():
+            gone.hide()
+            gone.deleteLater()
+        self._arrange()
+
+    def _new_button(self, act: str) -> ActionButton:
+        button = ActionButton(
+            self._theme, height_px=_BUTTON_PX, text_px=tokens.STATUS_PX + 1, may_lose_words=True, parent=self
+        )
+        button.setObjectName(f"person_{act}")
+        button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        button.clicked.connect(partial(self._view.act, act, self._person_id))
+        return button
 
     def hitButton(self, _at: object) -> bool:
         return False
 
     def resizeEvent(self, _event: QResizeEvent) -> None:
+        self._arrange()
+
+    def _arrange(self) -> None:
         """Place the buttons, without key caps and without texts beside icons where they would hide the name."""
         room_px = self.width() - _TEXT_LEFT_PX - _SIDE_PX - _TEXT_AT_LEAST_PX
-        for button in self.buttons:
+        for button in self.buttons.values():
             button.set_key_shown(True)
-        fits = sum(button.sizeHint().width() + _BETWEEN_PX for button in self.buttons) <= room_px
+        fits = sum(button.sizeHint().width() + _BETWEEN_PX for button in self.buttons.values()) <= room_px
         right = self.width() - _SIDE_PX + 4
-        for button in reversed(self.buttons):
+        for shown, button in zip(reversed(self._shown), reversed(self.buttons.values()), strict=True):
             button.set_key_shown(fits)
-            width = (button.sizeHint() if fits else button.minimumSizeHint()).width()
+            width = (button.minimumSizeHint() if shown.icon and not fits else button.sizeHint()).width()
             right -= width
             button.setGeometry(right, self.rect().center().y() - _BUTTON_PX // 2, width, _BUTTON_PX)
             right -= _BETWEEN_PX
+        self.words_end_px = right + _BETWEEN_PX - 8 if self.buttons else self.width() - _SIDE_PX
 
     def paintEvent(self, _event: object) -> None:
         """Paint nothing: the row below is painted already."""
@@ -341,7 +490,7 @@ class PersonDelegate(QStyledItemDelegate):
     def createEditor(self, _parent: QWidget, _option: QStyleOptionViewItem, index: Index) -> QWidget:
         person: PersonRow = index.data(PERSON_ROLE)
         self._field.setReadOnly(False)
-        self._field.setPlaceholderText(tr(_NAME_HINT))
+        self._field.setPlaceholderText(tr("Name, then Enter"))
         self._field.setAccessibleName(tr("Name of {name}").format(name=text_formatting.person_name(person)))
         self._field.setText(person.name if text_formatting.has_given_name(person) else "")
         return self._field
@@ -398,7 +547,7 @@ class PersonDelegate(QStyledItemDelegate):
             painter.drawEllipse(QRectF(mark).adjusted(-3, -3, 3, 3))
         if not naming:
             controls = self._view.controls.get(person.person_id)
-            right = controls.buttons[0].x() - 8 if controls and controls.buttons else rect.right() - _SIDE_PX
+            right = controls.words_end_px if controls else rect.right() - _SIDE_PX
             left = rect.left() + _TEXT_LEFT_PX
             self._paint_words(painter, QRect(left, rect.center().y() - 20, right - left, 20), person)
         painter.restore()

@@ -27,6 +27,7 @@ from caris_desktop.domain.events import ConsentKind
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import PersonHistory
+from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.people.people_store import HistoryEntry
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
@@ -61,28 +62,23 @@ PageName = Literal["about", "merge", "forget"]
 
 
 class PersonCard(FloatingCard):
-    """Person popup. ``do`` sends intents; ``everyone`` returns candidates for a merger, ``recording`` whether a session
-    is being recorded. ``recognise``: the scenario's setting.
-    """
+    """Person popup. ``everyone`` returns candidates for a merger."""
 
     def __init__(
         self,
         theme: Theme,
         window: QWidget,
-        *,
-        do: Callable[[Intent], object],
+        console: WizardConsole,
         portraits: PortraitPixmaps,
         everyone: Callable[[], Sequence[PersonRow]],
-        recognise: str,
-        recording: Callable[[], bool],
     ) -> None:
         super().__init__(theme, window)
         self.setObjectName("person_card")
-        self._do = do
-        self._everyone = everyone
-        self._recording = recording
-        self._person: PersonRow | None = None
-        self._now_ns = 0
+        self.theme = theme
+        self.console = console
+        self.portraits = portraits
+        self.everyone = everyone
+        self.person: PersonRow | None = None
         self._beside = QRect()
         self._dragged: QPoint | None = None
         self._face = PortraitView(theme, portraits, _PORTRAIT_PX)
@@ -94,17 +90,10 @@ class PersonCard(FloatingCard):
         close.setObjectName("person_card_close")
         close.setAccessibleName(tr("Close the card"))
         close.clicked.connect(self.close_card)
-        self.about = AboutPage(theme, do, recognise=recognise)
-        self.about.merge_requested.connect(lambda: self.show_page("merge"))
-        self.about.forget_requested.connect(lambda: self.show_page("forget"))
-        self._merge = MergePage(theme, portraits)
-        self._merge.merged.connect(lambda one, into: self._decide(intents.MergePeople(one, into), into))
-        self._forget = ForgetPage(theme)
-        self._forget.forgotten.connect(lambda person_id: self._decide(intents.ForgetPerson(person_id), ""))
+        self.about, self._merge, self._forget = AboutPage(self), MergePage(self), ForgetPage(self)
         self._pages = QStackedWidget()
         for page in (self.about, self._merge, self._forget):
             self._pages.addWidget(Scrolled(page))
-            page.back.connect(lambda: self.show_page("about"))
         texts = layouts.vbox(spacing_px=2)
         texts.addStretch(1)
         texts.addWidget(self._name)
@@ -125,61 +114,62 @@ class PersonCard(FloatingCard):
     @property
     def person_id(self) -> str:
         """Person of the open popup; empty if closed."""
-        return "" if self.isHidden() or self._person is None else self._person.person_id
+        return "" if self.isHidden() or self.person is None else self.person.person_id
 
     @property
     def page(self) -> PageName:
         names: tuple[PageName, ...] = get_args(PageName)
         return names[self._pages.currentIndex()]
 
-    def open_for(self, person: PersonRow, now_ns: int, beside: QRect) -> None:
+    def open_for(self, person: PersonRow, beside: QRect) -> None:
         """Open next to the list at ``beside``, in window coordinates. Opening by click does not take the focus from
         driving.
         """
-        self._person = None
+        self.person = None
         self._beside = beside
         self.show()
-        self.show_person(person, now_ns)
+        self.show_person(person)
         self.show_page("about")
         self.raise_()
 
-    def show_person(self, person: PersonRow, now_ns: int) -> None:
+    def show_person(self, person: PersonRow) -> None:
         """Refresh the person, or switch to another one."""
-        newly = self._person is None or self._person.person_id != person.person_id
-        self._person, self._now_ns = person, now_ns
+        newly = self.person is None or self.person.person_id != person.person_id
         if newly:
-            self.about.begin_with(person)
+            self.about.discard()
+            self.about.show_history((), "")
+        self.person = person
         self._face.show_person(person)
         self._name.setText(text_formatting.person_name(person))
-        self._last_seen.setText(" · ".join(what_is_seen(person, now_ns)))
-        self.about.show_person(person, sorted({each.group for each in self._everyone() if each.group}))
+        self._last_seen.setText(" · ".join(what_is_seen(person, self.console.state.present.now_ns())))
+        self.about.show_person(person)
         if newly:
             self.about.request_history()
         if self.page == "merge":
-            self._merge.show_person(person, self._everyone())
+            self._merge.refresh()
 
     def show_history(self, history: PersonHistory) -> None:
-        self.about.show_history(history.person_id, history.entries, history.text)
+        self.about.show_history(history.entries, history.text)
         self._place()
 
     def show_page(self, name: PageName) -> None:
-        if self._person is None:
+        if self.person is None:
             return
         if name == "merge":
-            self._merge.begin_with(self._person, self._everyone())
+            self._merge.begin()
         elif name == "forget":
-            self._forget.begin_with(self._person, recording=self._recording())
+            self._forget.begin_with(self.person)
         self._pages.setCurrentIndex(get_args(PageName).index(name))
         self._place()
 
-    def _decide(self, intent: Intent, stays: str) -> None:
+    def decide(self, intent: Intent, stays: str = "") -> None:
         """Send a decision. Close the popup if its person no longer exists; after a merger show the remaining one."""
-        self._do(intent)
-        left = next((person for person in self._everyone() if person.person_id == stays), None)
+        self.console.do(intent)
+        left = next((person for person in self.everyone() if person.person_id == stays), None)
         if left is None:
             self.close_card()
         else:
-            self.show_person(left, self._now_ns)
+            self.show_person(left)
             self.show_page("about")
 
     def step_back(self) -> None:
@@ -189,7 +179,7 @@ class PersonCard(FloatingCard):
         if self.page != "about":
             self.show_page("about")
         else:
-            self.about.give_up()
+            self.about.discard()
             self.close_card()
 
     # ---- placement and style
@@ -235,15 +225,13 @@ class PersonCard(FloatingCard):
 
 
 class _Page(QWidget):
-    """Page of the popup; makes its texts and buttons. ``back``: return to the first page."""
+    """Page of the popup; makes its texts and buttons."""
 
-    back = Signal()
-
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self, card: PersonCard) -> None:
         super().__init__()
-        self._theme = theme
+        self._card = card
         self._looks: list[tuple[QWidget, str, int, int]] = []
-        theme.changed.connect(self._style)
+        card.theme.changed.connect(self._style)
 
     def _text(
         self, name: str = "", text: str = "", role: str = "text", size_px: int = tokens.STATUS_PX + 1, *,
@@ -253,18 +241,18 @@ class _Page(QWidget):
         label.setObjectName(name)
         look = (label, role, size_px, tokens.WEIGHT_SEMIBOLD if bold else tokens.WEIGHT_NORMAL)
         self._looks.append(look)
-        self._theme.style_text(*look)
+        self._card.theme.style_text(*look)
         return label
 
     def _style(self) -> None:
         for look in self._looks:
-            self._theme.style_text(*look)
+            self._card.theme.style_text(*look)
 
     def _button(
         self, name: str, text: str, icon_name: str, act: Callable[[], object], *, role: ButtonRole = "plain",
         height_px: int = tokens.CONTROL_HEIGHT_PX, text_px: int = tokens.BODY_PX,
     ) -> ActionButton:  # fmt: skip
-        button = ActionButton(self._theme, text, icon=icon_name, role=role, height_px=height_px, text_px=text_px)
+        button = ActionButton(self._card.theme, text, icon=icon_name, role=role, height_px=height_px, text_px=text_px)
         button.setObjectName(name)
         button.clicked.connect(lambda _checked=False: act())
         return button
@@ -349,17 +337,10 @@ _FIELDS = {
 
 
 class AboutPage(_Page):
-    """Identification, notes, consents, history. ``recognises``: available networks (clothing, face)."""
+    """Identification, notes, consents, history."""
 
-    merge_requested = Signal()
-    forget_requested = Signal()
-
-    def __init__(self, theme: Theme, do: Callable[[Intent], object], *, recognise: str) -> None:
-        super().__init__(theme)
-        self._do = do
-        self._recognise = recognise
-        self.recognises: tuple[str, ...] = ()
-        self._person: PersonRow | None = None
+    def __init__(self, card: PersonCard) -> None:
+        super().__init__(card)
         self._groups: Sequence[str] = ()
         small = partial(self._button, height_px=30, text_px=tokens.STATUS_PX + 1)
         dim = partial(self._text, role="dim", size_px=tokens.STATUS_PX)
@@ -370,15 +351,15 @@ class AboutPage(_Page):
             row.setObjectName(f"person_suggestion_{number}")
             line = layouts.hbox(row, margins_px=0)
             line.addWidget(text, 1)
-            for name, label, icon_name, intent in (
-                ("yes", tr("Yes"), "check", intents.ConfirmPerson), ("no", tr("No"), "x", intents.RejectPerson),
-            ):  # fmt: skip
-                answer = partial(self._answer, number, intent)
-                line.addWidget(small(f"person_suggestion_{name}_{number}", label, icon_name, answer))
+            yes, no = (
+                partial(self._answer, number, intent) for intent in (intents.ConfirmPerson, intents.RejectPerson)
+            )
+            line.addWidget(small(f"person_suggestion_yes_{number}", tr("Yes"), "check", yes))
+            line.addWidget(small(f"person_suggestion_no_{number}", tr("No"), "x", no))
             column.addWidget(row)
             self._suggested.append((row, text))
         self._how = dim("person_how")
-        self._not = small("person_not", "", "user-minus", self._on_not)
+        self._not = small("person_not", "", "user-minus", partial(self._do, lambda one: intents.RejectPerson(one, one)))
         known = layouts.hbox(spacing_px=tokens.GRID_PX)
         known.addWidget(self._how, 1)
         known.addWidget(self._not)
@@ -403,9 +384,9 @@ class AboutPage(_Page):
         agreed = FlowRow(gap_px=6)
         self._consents: dict[ConsentKind, CheckBox] = {}
         for kind in get_args(ConsentKind):
-            box = self._consents[kind] = CheckBox(theme, event_messages.CONSENTS[kind])
+            box = self._consents[kind] = CheckBox(card.theme, event_messages.CONSENTS[kind])
             box.setObjectName(f"consent_{kind}")
-            box.clicked.connect(lambda given, kind=kind: self._on_consent(kind, given))
+            box.clicked.connect(lambda given, kind=kind: self._do(intents.NoteConsent, kind, given))
             agreed.add(box)
         column.addWidget(agreed)
         self._search = SubmitLineEdit()
@@ -421,33 +402,31 @@ class AboutPage(_Page):
         past.addWidget(self._search, 1)
         column.addLayout(past)
         self._no_history = dim("person_no_history")
-        self.history = HistoryList(theme)
+        self.history = HistoryList(card.theme)
         column.addWidget(self._no_history)
         column.addWidget(self.history)
         column.addStretch(1)
         acts = FlowRow(gap_px=6)
-        self._split = small("person_split", tr("Split"), "users", self._on_split)
-        self._merge = small("person_merge", tr("Merge…"), "git-merge", self.merge_requested.emit)
-        forget = small("person_forget", tr("Erase…"), "trash", self.forget_requested.emit)
+        self._split = small("person_split", tr("Split"), "users", partial(self._do, intents.SplitPerson))
+        self._merge = small("person_merge", tr("Merge…"), "git-merge", partial(card.show_page, "merge"))
+        forget = small("person_forget", tr("Erase…"), "trash", partial(card.show_page, "forget"))
         for button in (self._merge, self._split, forget):
             acts.add(button)
         column.addWidget(acts)
 
     # ---- person
 
-    def begin_with(self, person: PersonRow) -> None:
-        """Switch to another person, discarding unfinished input."""
-        self._person = None
+    def discard(self) -> None:
+        """Discard unfinished input, which would be saved on leaving its field."""
+        self._card.person = None
         self._looking.stop()
         for editor in self._fields.values():
             editor.clearFocus()
         with QSignalBlocker(self._search):
             self._search.clear()
-        self.show_history(person.person_id, (), "")
 
-    def show_person(self, person: PersonRow, groups: Sequence[str]) -> None:
+    def show_person(self, person: PersonRow) -> None:
         """Refresh the fields, except the one being edited."""
-        self._person = person
         name = text_formatting.person_name(person)
         for attribute, editor in self._fields.items():
             text = ", ".join(person.tags) if attribute == "tags" else getattr(person, attribute)
@@ -455,8 +434,10 @@ class AboutPage(_Page):
                 text = ""
             if not editor.hasFocus() and editor.text() != text:
                 editor.setText(text)
-        self._complete(groups)
-        self._how.setText(how_known(person, self._recognise, self.recognises))
+        self._complete()
+        console = self._card.console
+        recognises = console.state.perception.value.recognises
+        self._how.setText(how_known(person, console.scenario.perception.recognise, recognises))
         show_part(self._not, is_identified(person) and person.here)
         self._not.set_label(tr("Not {name}").format(name=text_formatting.shortened(name, 18)))
         for number, (row, label) in enumerate(self._suggested):
@@ -471,8 +452,9 @@ class AboutPage(_Page):
         self._merge.setToolTip(tr("{name} is the same person as another one in the list").format(name=name))
         self._split.setToolTip(tr("The person here now is not the {name} seen before").format(name=name))
 
-    def _complete(self, groups: Sequence[str]) -> None:
+    def _complete(self) -> None:
         """Inline completion of known groups, without a list over the window."""
+        groups = sorted({each.group for each in self._card.everyone() if each.group})
         field = self._fields["group"]
         if isinstance(field, QLineEdit) and self._groups != groups:
             self._groups = groups
@@ -480,50 +462,33 @@ class AboutPage(_Page):
             completer.setCompletionMode(QCompleter.CompletionMode.InlineCompletion)
             field.setCompleter(completer)
 
-    def show_history(self, person_id: str, entries: Sequence[HistoryEntry], text: str) -> None:
+    def show_history(self, entries: Sequence[HistoryEntry], text: str) -> None:
         """Show the search results."""
-        if self._person is not None and person_id != self._person.person_id:
-            return
         self.history.show_entries(entries)
         self._no_history.setText(tr("No matches in the history.") if text else tr("No earlier entries."))
         show_part(self._no_history, not entries)
         show_part(self.history, bool(entries))
 
-    def give_up(self) -> None:
-        """Discard unfinished input."""
-        person, self._person = self._person, None
-        for editor in self._fields.values():
-            editor.clearFocus()
-        if person is not None:
-            self.show_person(person, [])
-
     # ---- decisions
 
+    def _do(self, intent: Callable[..., Intent], *details: object) -> None:
+        """Send a decision about the person."""
+        if self._card.person is not None:
+            self._card.console.do(intent(self._card.person.person_id, *details))
+
     def _store(self, attribute: str) -> None:
-        person, field = self._person, _FIELDS[attribute]
+        person, field = self._card.person, _FIELDS[attribute]
         value = field.value(self._fields[attribute].text())
         if person is not None and value != getattr(person, attribute) and (value or attribute != "name"):
-            self._do(field.intent(person.person_id, value))
-
-    def _on_consent(self, kind: ConsentKind, given: bool) -> None:
-        if self._person is not None:
-            self._do(intents.NoteConsent(self._person.person_id, kind, given))
+            self._do(field.intent, value)
 
     def _answer(self, number: int, intent: Callable[[str, str], Intent]) -> None:
-        if self._person is not None and number < len(self._person.suggestions):
-            self._do(intent(self._person.person_id, self._person.suggestions[number].person_id))
-
-    def _on_not(self) -> None:
-        if self._person is not None:
-            self._do(intents.RejectPerson(self._person.person_id, self._person.person_id))
-
-    def _on_split(self) -> None:
-        if self._person is not None:
-            self._do(intents.SplitPerson(self._person.person_id))
+        person = self._card.person
+        if person is not None and number < len(person.suggestions):
+            self._do(intent, person.suggestions[number].person_id)
 
     def request_history(self) -> None:
-        if self._person is not None:
-            self._do(intents.LookUpPerson(self._person.person_id, self._search.text()))
+        self._do(intents.LookUpPerson, self._search.text())
 
 
 def when(utc_ns: int, today: datetime) -> str:
@@ -587,13 +552,10 @@ class HistoryList(FastTableView):
 
 
 class ForgetPage(_Page):
-    """Confirmation of an erasure; ``forgotten`` carries the person id."""
+    """Confirmation of an erasure."""
 
-    forgotten = Signal(str)
-
-    def __init__(self, theme: Theme) -> None:
-        super().__init__(theme)
-        self._person_id = ""
+    def __init__(self, card: PersonCard) -> None:
+        super().__init__(card)
         self._title = self._text("forget_title", size_px=tokens.BODY_PX, bold=True)
         self._details = self._text("forget_what")
         refused = tr("A session is being recorded. Stop the recording first.")
@@ -603,18 +565,16 @@ class ForgetPage(_Page):
         for label in (self._title, self._details, self._not_now):
             column.addWidget(label)
         row = layouts.hbox(spacing_px=tokens.GRID_PX)
-        row.addWidget(self._button("forget_keep", tr("Cancel"), "", self.back.emit))
+        row.addWidget(self._button("forget_keep", tr("Cancel"), "", partial(card.show_page, "about")))
         row.addWidget(self._erase)
         row.addStretch(1)
         column.addLayout(row)
         column.addStretch(1)
 
-    def begin_with(self, person: PersonRow, *, recording: bool) -> None:
-        """Show the page; erasing is refused while a session is ``recording``, because the file being written cannot
-        change.
-        """
+    def begin_with(self, person: PersonRow) -> None:
+        """Show the page; erasing is refused during a recording, because the file being written cannot change."""
         name = text_formatting.person_name(person)
-        self._person_id = person.person_id
+        recording = self._card.console.state.recording.value.state in ("starting", "recording", "paused")
         self._title.setText(tr("Erase {name}?").format(name=name))
         self._details.setText(
             tr(
@@ -629,7 +589,7 @@ class ForgetPage(_Page):
         self._erase.setEnabled(not recording)
 
     def _on_erase(self) -> None:
-        self.forgotten.emit(self._person_id)
+        self._card.decide(intents.ForgetPerson(self._card.person_id))
 
 
 def who_stays(person: PersonRow, other: PersonRow) -> tuple[PersonRow, PersonRow]:
@@ -639,31 +599,25 @@ def who_stays(person: PersonRow, other: PersonRow) -> tuple[PersonRow, PersonRow
 
 
 class MergePage(_Page):
-    """Choice of the same person, and both portraits for comparison. ``merged``: ids of the merged and the remaining
-    person.
-    """
+    """Choice of the same person, and both portraits for comparison."""
 
-    merged = Signal(str, str)
-
-    def __init__(self, theme: Theme, portraits: PortraitPixmaps) -> None:
-        super().__init__(theme)
-        self._person: PersonRow | None = None
-        self._other_id = ""
-        self._everyone: Sequence[PersonRow] = ()
+    def __init__(self, card: PersonCard) -> None:
+        super().__init__(card)
+        self._other: PersonRow | None = None
         self._fits: list[PersonRow] = []
         self._title = self._text("merge_title", size_px=tokens.BODY_PX, bold=True)
         self._field = SubmitLineEdit()
         self._field.setObjectName("merge_field")
         self._field.setPlaceholderText(tr("Name, group or tag"))
         self._field.setAccessibleName(tr("Find the person"))
-        self._field.textChanged.connect(self._show)
+        self._field.textChanged.connect(self.refresh)
         self._field.returnPressed.connect(partial(self._choose, 0))
         column = layouts.vbox(self, margins_px=(14, 6, 14, 6), spacing_px=tokens.GRID_PX)
         column.addWidget(self._title)
         column.addWidget(self._field)
         self._offered: list[ActionButton] = []
         for number in range(_OFFERED):
-            button = ActionButton(theme, "", may_shrink=True, height_px=32)
+            button = ActionButton(card.theme, "", may_shrink=True, height_px=32)
             button.setObjectName(f"merge_with_{number}")
             button.clicked.connect(lambda _checked=False, number=number: self._choose(number))
             column.addWidget(button)
@@ -671,7 +625,7 @@ class MergePage(_Page):
         self._both = QWidget()
         both = layouts.hbox(self._both, margins_px=0)
         self._sides = [
-            (PortraitView(theme, portraits, _COMPARED_PORTRAIT_PX), self._text(wrap=False)) for _ in range(2)
+            (PortraitView(card.theme, card.portraits, _COMPARED_PORTRAIT_PX), self._text(wrap=False)) for _ in range(2)
         ]
         for face, name in self._sides:
             side = QVBoxLayout()
@@ -689,22 +643,17 @@ class MergePage(_Page):
         column.addLayout(row)
         column.addStretch(1)
 
-    def begin_with(self, person: PersonRow, everyone: Sequence[PersonRow]) -> None:
-        self._other_id = ""
+    def begin(self) -> None:
+        self._other = None
         self._field.clear()
-        self.show_person(person, everyone)
+        self.refresh()
 
-    def show_person(self, person: PersonRow, everyone: Sequence[PersonRow]) -> None:
-        self._person, self._everyone = person, everyone
-        self._show()
-
-    def _other(self) -> PersonRow | None:
-        return next((each for each in self._everyone if each.person_id == self._other_id), None)
-
-    def _show(self, _text: str = "") -> None:
-        person, other = self._person, self._other()
+    def refresh(self, _text: str = "") -> None:
+        person, everyone, other = self._card.person, self._card.everyone(), self._other
         if person is None:
             return
+        if other is not None:
+            other = self._other = next((each for each in everyone if each.person_id == other.person_id), None)
         who = tr("Who is the same person as {name}?").format(name=text_formatting.person_name(person))
         self._title.setText(who if other is None else tr("Are these the same person?"))
         self._field.setVisible(other is None)
@@ -712,7 +661,7 @@ class MergePage(_Page):
             part.setVisible(other is not None)
         # Suggested people first.
         likely = [suggestion.person_id for suggestion in person.suggestions]
-        others = [each for each in in_order(self._everyone) if each.person_id != person.person_id]
+        others = [each for each in in_order(everyone) if each.person_id != person.person_id]
         others.sort(key=lambda each: likely.index(each.person_id) if each.person_id in likely else len(likely))
         self._fits = [each for each in others if other is None and found(each, self._field.text())][:_OFFERED]
         for button in self._offered[len(self._fits) :]:
@@ -731,18 +680,17 @@ class MergePage(_Page):
 
     def _choose(self, number: int) -> None:
         if number < len(self._fits):
-            self._other_id = self._fits[number].person_id
-            self._show()
+            self._other = self._fits[number]
+            self.refresh()
 
     def _on_back(self) -> None:
-        if self._other() is None:
-            self.back.emit()
+        if self._other is None:
+            self._card.show_page("about")
         else:
-            self._other_id = ""
-            self._show()
+            self._other = None
+            self.refresh()
 
     def _on_same(self) -> None:
-        person, other = self._person, self._other()
-        if person is not None and other is not None:
-            goes, stays = who_stays(person, other)
-            self.merged.emit(goes.person_id, stays.person_id)
+        if self._card.person is not None and self._other is not None:
+            goes, stays = who_stays(self._card.person, self._other)
+            self._card.decide(intents.MergePeople(goes.person_id, stays.person_id), stays.person_id)
