@@ -26,7 +26,7 @@ class _Interface(QAccessibleWidget):
     def childCount(self) -> int:
         return super().childCount() + len(self._parts())
 
-    def child(self, index: int) -> QAccessibleInterface | None:
+    def child(self, index: int) -> QAccessibleInterface:
         own = super().childCount()
         return super().child(index) if index < own else QAccessible.queryAccessibleInterface(self._parts()[index - own])
 

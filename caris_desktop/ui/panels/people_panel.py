@@ -190,6 +190,7 @@ class PeoplePanel(Panel):
             known=frozenset(person.person_id for person in persons),
             held_rows=0 if self._search.hasFocus() else self.list.held_rows,
             camera=self.state.camera.value,
+            may_reset=not self.list.naming,
         )
         self.list.highlight_selected(self.state.selected_person.value)
         keys = self.table.key_text("answer_yes"), self.table.key_text("answer_no")

@@ -97,21 +97,25 @@ class PeopleModel(QAbstractListModel):
             self.changed.emit()
 
     def show_persons(
-        self, persons: Sequence[PersonRow], *, known: frozenset[str], held_rows: int = 0, camera: str = ""
-    ) -> None:
+        self, persons: Sequence[PersonRow], *, known: frozenset[str], held_rows: int = 0, camera: str = "",
+        may_reset: bool = True,
+    ) -> None:  # fmt: skip
         """Set the persons. The first ``held_rows`` stay in place, even for people who left, and their captions too.
-        ``known``: ids that can be named; ``camera``: the one on display.
+        ``known``: ids that can be named; ``camera``: the one on display. A reset would close the name field.
         """
         self._known, self._camera = known, camera
         newest = {person.person_id: person for person in persons}
         held = [newest.pop(row.person_id, replace(row, here=False)) for row in self.persons[:held_rows]]
         ordered = held + in_order(newest.values())
-        self._arrange(ordered, may_reset=not held)
+        moved = [person.person_id for person in ordered] != [person.person_id for person in self.persons]
+        if moved:
+            self._arrange(ordered, may_reset=may_reset)
         self.persons = ordered
-        stay = {row: text for row, text in self.captions.items() if row < len(held)}
-        self.captions = stay | {row: text for row, text in captions(ordered).items() if row >= len(held)}
-        self.refresh_ages()
-        self.changed.emit()
+        before, now = self.captions, captions(ordered)
+        stay = {row: text for row, text in before.items() if row < len(held)}
+        self.captions = stay | {row: text for row, text in now.items() if row >= len(held)}
+        if self.refresh_ages() or moved or self.captions != before:
+            self.changed.emit()
 
     def _arrange(self, ordered: list[PersonRow], *, may_reset: bool) -> None:
         """Remove, move and insert rows individually, so that the others persist, with the name field in one of them."""
@@ -137,9 +141,9 @@ class PeopleModel(QAbstractListModel):
                 self.persons.insert(place, self.persons.pop(came_from))
                 self.endMoveRows()
 
-    def refresh_ages(self) -> None:
-        """Refresh ages; only rows with changed text are repainted."""
-        shown, self._shown_states = self._shown_states, {}
+    def refresh_ages(self) -> bool:
+        """Refresh ages; only rows with changed text are repainted. Returns whether there were any."""
+        shown, self._shown_states, any_changed = self._shown_states, {}, False
         for row, person in enumerate(self.persons):
             # Five hundred known people, whose rows have no age, cost nothing per second. The rest change continually.
             known = presence_of(person) == "known"
@@ -148,6 +152,8 @@ class PeopleModel(QAbstractListModel):
             self._shown_states[person.person_id] = state
             if state != shown.get(person.person_id):
                 self.dataChanged.emit(self.index(row), self.index(row))
+                any_changed = True
+        return any_changed
 
     def seen(self, person: PersonRow) -> str:
         """Second line of the row."""
@@ -224,6 +230,7 @@ class PeopleList(FastTableView):
         if person_id != self.selected:
             self.selected = person_id
             self._place_controls()
+            self.viewport().update()
 
     def show_asked(self, person_id: str, yes_key: str, no_key: str) -> None:
         """Set the row of the pending question, and its keys."""
@@ -293,7 +300,6 @@ class PeopleList(FastTableView):
         for gone in before.values():
             gone.hide()
             gone.deleteLater()
-        self.viewport().update()
 
     # ---- rows held in place
 
@@ -363,6 +369,7 @@ class PeopleList(FastTableView):
             super().closeEditor(editor, hint)
             self.naming_changed.emit("")
             self._place_controls()
+            self.viewport().update()
             self.let_go.emit()
 
     # ---- mouse and keyboard
@@ -423,6 +430,7 @@ class RowControls(QAbstractButton):
         if buttons == self._shown:
             return
         self._shown = buttons
+        self._view.viewport().update()
         before, self.buttons = self.buttons, {}
         for button in buttons:
             # A button keeps its act, so that a click that was begun does nothing else.
