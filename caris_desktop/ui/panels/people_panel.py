@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QKeySequence, QShortcut
@@ -436,7 +435,8 @@ class UndoBar(QFrame):
         row.addWidget(self.button)
         self._away = QTimer(self, singleShot=True, interval=_SHOWN_MS)
         self._away.timeout.connect(self.hide)
-        theme.restyle_on_change(partial(theme.style_text, self.text, "text", tokens.STATUS_PX))
+        self._theme = theme
+        theme.restyle_on_change(self._style)
         self.hide()
 
     def offer(self) -> None:
@@ -446,3 +446,6 @@ class UndoBar(QFrame):
     def put_away(self) -> None:
         self._away.stop()
         self.hide()
+
+    def _style(self) -> None:
+        self._theme.style_text(self.text, "text", tokens.STATUS_PX)
