@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QKeySequence, QShortcut
@@ -21,7 +22,14 @@ from caris_desktop.ui.people.pending_identity_question import IdentityQuestion, 
 from caris_desktop.ui.people.people_list import PeopleList, PeopleModel
 from caris_desktop.ui.people.person_card import PersonCard
 from caris_desktop.ui.people.portraits import PortraitPixmaps
-from caris_desktop.ui.people.shown_people import as_permitted, everyone, found, is_nameless_past, seen_elsewhere
+from caris_desktop.ui.people.shown_people import (
+    as_permitted,
+    everyone,
+    found,
+    is_nameless_past,
+    name_of,
+    seen_elsewhere,
+)
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.clear_button import add_clear_button
@@ -343,7 +351,8 @@ class PeoplePanel(Panel):
     def _on_history_found(self, history: PersonHistory | None) -> None:
         if self.card is not None and history is not None and history.person_id == self.card.person_id:
             entries = tuple(
-                replace(entry, text=text_formatting.with_names(entry.text, self._name_of)) for entry in history.entries
+                replace(entry, text=text_formatting.with_names(entry.text, partial(name_of, self.console)))
+                for entry in history.entries
             )
             self.card.show_history(replace(history, entries=entries))
 
@@ -406,13 +415,9 @@ class PeoplePanel(Panel):
 
     def _report_decision(self) -> None:
         """Describe the decision with the current name: the event precedes the rows that follow from it."""
-        sentence = event_messages.event_sentence(self._decided, self._name_of)
+        sentence = event_messages.event_sentence(self._decided, partial(name_of, self.console))
         if sentence is not None:
             self._undo.text.setText(sentence[1])
-
-    def _name_of(self, person_id: str) -> str:
-        row = self._find(person_id)
-        return tr("Somebody") if row is None else text_formatting.person_name(row)
 
 
 _SHOWN_MS = 8_000

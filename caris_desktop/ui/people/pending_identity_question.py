@@ -33,11 +33,6 @@ def with_one_question(persons: Iterable[PersonRow], question: IdentityQuestion |
     return tuple(person if is_asked(person, question) else replace(person, suggestions=()) for person in persons)
 
 
-def suggested_id(person: PersonRow) -> str:
-    """Suggested identity of this person; empty if none."""
-    return person.suggestion.person_id if person.here and person.suggestion is not None else ""
-
-
 def next_asked(
     persons: tuple[PersonRow, ...], before: IdentityQuestion | None, *, selected: str, now_ns: int, ended_ns: int
 ) -> IdentityQuestion | None:
@@ -45,7 +40,8 @@ def next_asked(
 
     ``ended_ns``: when the former question was answered or withdrawn.
     """
-    open_now = {person.person_id: suggested_id(person) for person in persons if suggested_id(person)}
+    first_come = sorted(persons, key=lambda person: person.since_ns)
+    open_now = {each.person_id: each.suggestion.person_id for each in first_come if each.here and each.suggestion}
     if not open_now:
         return None
     if selected in open_now:
@@ -53,9 +49,7 @@ def next_asked(
     elif before is not None and open_now.get(before.person_id) == before.is_person_id:
         chosen = before.person_id
     else:
-        chosen = min(
-            (person for person in persons if person.person_id in open_now), key=lambda person: person.since_ns
-        ).person_id
+        chosen = next(iter(open_now))
     if before is not None and (before.person_id, before.is_person_id) == (chosen, open_now[chosen]):
         return before
     replaces = before is not None or now_ns - ended_ns < TO_READ_NS

@@ -197,7 +197,7 @@ class PeopleList(FastTableView):
         super().__init__(row_px=ROW_PX)
         self._theme = theme
         self._people = model
-        self._naming = ""  # the person whose name is being edited
+        self.naming = ""  # the person whose name is being edited
         self._question_id = ""
         self._not_seen_yet = ""
         self._keys = ("", "")
@@ -274,7 +274,7 @@ class PeopleList(FastTableView):
     def buttons(self, row: int) -> tuple[RowButton, ...]:
         """Buttons of a row, which exist while it is in view."""
         person = self._people.persons[row]
-        if not self._people.may_decide or person.person_id == self._naming:
+        if not self._people.may_decide or person.person_id == self.naming:
             return ()
         yes_key, no_key = self._keys if person.person_id == self._question_id else ("", "")
         return buttons_of(
@@ -305,7 +305,7 @@ class PeopleList(FastTableView):
 
     @property
     def held_rows(self) -> int:
-        rows = [self._people.row_of(self._naming)] if self._naming else []
+        rows = [self._people.row_of(self.naming)] if self.naming else []
         if self.viewport().underMouse():
             rows.append(self.rowAt(self.viewport().mapFromGlobal(QCursor.pos()).y()))
         return 1 + max((row for row in rows if row is not None), default=-1)
@@ -327,11 +327,6 @@ class PeopleList(FastTableView):
 
     # ---- name field
 
-    @property
-    def naming(self) -> str:
-        """Person whose name is being edited; empty if none."""
-        return self._naming
-
     def name(self, person_id: str) -> None:
         """Edit this person's name."""
         self.give_up_naming()
@@ -339,7 +334,7 @@ class PeopleList(FastTableView):
         if row is None or not self._people.flags(self._people.index(row)) & Qt.ItemFlag.ItemIsEditable:
             return
         self.scrollTo(self._people.index(row))
-        self._naming = person_id
+        self.naming = person_id
         self.naming_changed.emit(person_id)
         self._place_controls()
         self.edit(self._people.index(row))
@@ -348,13 +343,13 @@ class PeopleList(FastTableView):
 
     def discard_orphaned_name(self) -> None:
         """Discard typing for a person who no longer exists: it must not reach another row or field."""
-        if self._naming and not self._people.knows(self._naming) and not self._field.isReadOnly():
+        if self.naming and not self._people.knows(self.naming) and not self._field.isReadOnly():
             self._field.clear()
             self._field.setReadOnly(True)
             self._field.setPlaceholderText(tr("Cannot be named: this person has left"))
 
     def _on_name_entered(self) -> None:
-        name, person_id = " ".join(self._field.text().split()), self._naming
+        name, person_id = " ".join(self._field.text().split()), self.naming
         self.give_up_naming()
         if name and self._people.knows(person_id):
             self.named.emit(person_id, name)
@@ -364,8 +359,8 @@ class PeopleList(FastTableView):
 
     def closeEditor(self, editor: QWidget, hint: QAbstractItemDelegate.EndEditHint) -> None:
         """Close the name field, which puts the focus on the list: never on the robot's speech field or driving."""
-        if self._naming:
-            self._naming = ""
+        if self.naming:
+            self.naming = ""
             super().closeEditor(editor, hint)
             self.naming_changed.emit("")
             self._place_controls()
@@ -434,7 +429,8 @@ class RowControls(QAbstractButton):
         before, self.buttons = self.buttons, {}
         for button in buttons:
             # A button keeps its act, so that a click that was begun does nothing else.
-            control = self.buttons[button.act] = before.pop(button.act, None) or self._new_button(button.act)
+            control = before.pop(button.act) if button.act in before else self._new_button(button.act)
+            self.buttons[button.act] = control
             role: ButtonRole = "amber" if button.act in ("yes", "same") else "plain" if button.text else "quiet"
             control.set_label(button.text, icon=button.icon, role=role)
             control.set_key(button.key)

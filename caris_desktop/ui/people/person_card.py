@@ -364,7 +364,9 @@ class AboutPage(_Page):
         known.addWidget(self._how, 1)
         known.addWidget(self._not)
         column.addLayout(known)
-        form = QGridLayout(horizontalSpacing=10, verticalSpacing=6)
+        form = QGridLayout()
+        form.setHorizontalSpacing(10)
+        form.setVerticalSpacing(6)
         self._fields: dict[str, SubmitLineEdit | NoteField] = {}
         for row_number, (attribute, field) in enumerate(_FIELDS.items()):
             editor = self._fields[attribute] = NoteField() if attribute == "note" else SubmitLineEdit()
