@@ -364,6 +364,9 @@ def names(panel: PeoplePanel) -> list[str]:
 
 
 def press_name_button(qtbot: QtBot, panel: PeoplePanel, person_id: str) -> QWidget:
+    row = panel.model.row_of(person_id)
+    assert row is not None
+    panel.list.scrollTo(panel.model.index(row))
     button = find(panel.list.controls[person_id], "person_name")
     qtbot.mouseMove(button)
     click(qtbot, button)

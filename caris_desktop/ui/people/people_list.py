@@ -431,7 +431,7 @@ class RowControls(QAbstractButton):
             # A button keeps its act, so that a click that was begun does nothing else.
             control = before.pop(button.act) if button.act in before else self._new_button(button.act)
             self.buttons[button.act] = control
-            role: ButtonRole = "amber" if button.act in ("yes", "same") else "plain" if button.text else "quiet"
+            role: ButtonRole = "amber" if button.act in ("yes", "same") else "plain" if button.text else "bare"
             control.set_label(button.text, icon=button.icon, role=role)
             control.set_key(button.key)
             control.setAccessibleName(button.tip)

@@ -133,12 +133,13 @@ def what_is_seen(person: PersonRow, now_ns: int, *, camera_on_show: str = "") ->
         "" if person.distance_m is None else f"{person.distance_m:.1f} m",
         "" if person.bearing_rad is None else direction(person.bearing_rad),
     )
+    posture = _POSTURES.get(person.posture, person.posture)
     recognised = tr("recognised") if text_formatting.has_given_name(person) else tr("was here before")
     parts = (
         tr(SPEAKING) if person.speaking else "",
         tr("hand raised") if person.hand_raised else "",
         ", ".join(filter(None, where)),
-        tr(_POSTURES.get(person.posture, person.posture)),
+        tr(posture),
         seen_elsewhere(person, camera_on_show),
         tr("here {since}").format(since=text_formatting.since((now_ns - person.since_ns) / 1e9)),
         f"{recognised}, {text_formatting.percent(person.confidence)}"

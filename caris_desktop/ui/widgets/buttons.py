@@ -13,7 +13,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 
-ButtonRole = Literal["plain", "primary", "danger", "ghost", "outline_danger", "amber", "quiet"]
+ButtonRole = Literal["plain", "primary", "danger", "ghost", "outline_danger", "amber", "bare"]
 
 Badge = Literal["", "dot", "lock"]
 
@@ -202,7 +202,7 @@ class ActionButton(QAbstractButton):
         if self._role == "amber":
             return theme.color("amber_soft"), theme.color("amber"), theme.color("text"), ""
         ink = theme.color("text" if self.isEnabled() else "dim")
-        if self._role == "quiet" and not (hover or down):
+        if self._role == "bare" and not (hover or down):
             return None, None, theme.color("dim"), ""
         if self._role == "ghost":
             return (theme.color("raised") if hover or self.isChecked() else None), None, ink, ""
