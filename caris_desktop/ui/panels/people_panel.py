@@ -142,7 +142,7 @@ class PeoplePanel(Panel):
             search.setObjectName("people_search_button")
             search.setAccessibleName(tr("Find a person"))
             search.setToolTip(tr("Find by name, group or tag (Ctrl+F in this panel)"))
-            search.clicked.connect(self._toggle_search)
+            search.clicked.connect(lambda: self._open_search() if self._search.isHidden() else self._close_search())
             unfold = ActionButton(self.theme, "", role="ghost", height_px=30, text_px=tokens.STATUS_PX)
             unfold.setObjectName("people_unfold")
             unfold.setCheckable(True)
@@ -292,12 +292,6 @@ class PeoplePanel(Panel):
                 return tr("Person detection is off.")
 
     # ---- searching
-
-    def _toggle_search(self) -> None:
-        if self._search.isHidden():
-            self._open_search()
-        else:
-            self._close_search()
 
     def _open_search(self) -> None:
         self._search.show()

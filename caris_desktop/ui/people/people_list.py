@@ -213,8 +213,8 @@ class PeopleList(FastTableView):
         # Leaving without Enter discards the name.
         self._field.editingFinished.connect(self.give_up_naming)
         self.setItemDelegate(PersonDelegate(theme, model, self, self._field, portraits))
-        self.clicked.connect(self._on_clicked)
-        self.doubleClicked.connect(self._on_double_clicked)
+        self.clicked.connect(lambda index: self.action_requested.emit("pick", model.persons[index.row()].person_id))
+        self.doubleClicked.connect(lambda index: self.act("card", model.persons[index.row()].person_id))
         self.verticalScrollBar().valueChanged.connect(self._place_controls)
         model.changed.connect(self._on_changed)
 
@@ -372,7 +372,7 @@ class PeopleList(FastTableView):
     def act(self, act: str, person_id: str, _checked: bool = False) -> None:
         """Do what a button of the row is for, or with "pick" a click on the row itself."""
         row = self._people.row_of(person_id)
-        if row is None:
+        if row is None or not self._people.may_decide:
             return
         # The current row changes as by a click, which does not scroll.
         self.setAutoScroll(False)
@@ -383,25 +383,17 @@ class PeopleList(FastTableView):
         else:
             self.action_requested.emit(act, person_id)
 
-    def _on_clicked(self, index: QModelIndex) -> None:
-        self.action_requested.emit("pick", self._people.persons[index.row()].person_id)
-
-    def _on_double_clicked(self, index: QModelIndex) -> None:
-        if self._people.may_decide:
-            self.action_requested.emit("card", self._people.persons[index.row()].person_id)
-
     def keyPressEvent(self, event: QKeyEvent) -> None:
         row, key = self.currentIndex().row(), event.key()
         person_id = self._people.persons[row].person_id if row >= 0 else ""
-        may_decide = self._people.may_decide
-        if person_id and key in _ENTER and may_decide and self._people.is_unconfirmed(person_id):
-            self.action_requested.emit("same", person_id)
+        if person_id and key in _ENTER and self._people.is_unconfirmed(person_id):
+            self.act("same", person_id)
         elif person_id and key in (*_ENTER, Qt.Key.Key_F2):
             self.name(person_id)
         elif person_id and key == Qt.Key.Key_Space:
             self.action_requested.emit("pick", person_id)
-        elif person_id and key == Qt.Key.Key_Right and may_decide:
-            self.action_requested.emit("card", person_id)
+        elif person_id and key == Qt.Key.Key_Right:
+            self.act("card", person_id)
         else:
             super().keyPressEvent(event)
 
