@@ -30,7 +30,10 @@ def is_asked(person: PersonRow, question: IdentityQuestion | None) -> bool:
 
 def with_one_question(persons: Iterable[PersonRow], question: IdentityQuestion | None) -> tuple[PersonRow, ...]:
     """Rows with only the pending suggestion, so that no answer goes to another one."""
-    return tuple(person if is_asked(person, question) else replace(person, suggestions=()) for person in persons)
+    return tuple(
+        replace(person, suggestions=()) if person.suggestions and not is_asked(person, question) else person
+        for person in persons
+    )
 
 
 def next_asked(
