@@ -133,9 +133,10 @@ class PeoplePanel(Panel):
         for shortcut in self._shortcuts:
             shortcut.setKey(QKeySequence())  # effective now, not only once the object is deleted
             shortcut.deleteLater()
-        context = Qt.ShortcutContext.WidgetWithChildrenShortcut
         acts = (("Ctrl+Z", self._take_back), ("Ctrl+F", self._open_search)) if decides else ()
-        self._shortcuts = [QShortcut(QKeySequence(keys), self, slot, context=context) for keys, slot in acts]
+        self._shortcuts = [QShortcut(QKeySequence(keys), self, slot) for keys, slot in acts]
+        for shortcut in self._shortcuts:
+            shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
         self._search_button = self._unfold_button = None
         if permitted:
             search = ActionButton(self.theme, "", icon="magnifying-glass", role="ghost", height_px=30)
