@@ -586,6 +586,16 @@ def test_ctrl_z_in_a_field_is_the_fields_own(qtbot: QtBot, panel: PeoplePanel, c
     assert console.calls == []
 
 
+def test_an_unfinished_name_is_not_saved_when_another_row_becomes_current(
+    qtbot: QtBot, panel: PeoplePanel, console: FakeConsole
+) -> None:
+    press(qtbot, panel, "p-4", "name")
+    QTest.keyClicks(find(panel, "person_name_field"), "Ev")
+    panel.show_person("p-luis")
+    assert console.calls == [] and not panel.list.naming
+    assert panel.list.hasFocus(), "what is typed on does nothing"
+
+
 # Without a decision
 
 
