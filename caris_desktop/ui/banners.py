@@ -40,6 +40,12 @@ class Banner(QWidget):
         if self.isVisible():
             announce(self, text)
 
+    @property
+    def needed_px(self) -> int:
+        """Width with the whole sentence."""
+        # The row's own hint leaves out the sentence, which may be elided.
+        return self.sizeHint().width() + self.text.sizeHint().width() + 4
+
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         if not event.spontaneous():

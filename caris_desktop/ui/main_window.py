@@ -131,11 +131,11 @@ class MainWindow(PanelWindow, QWidget):
         self._top_bar = TopBar(self.theme, console, self.actions_table)
         self._question = QuestionBanner(self.theme)
         bands = {EmergencyBanner(self.theme, console): 3, GuardBanner(self.theme, console): 2, self._question: 4}
-        self._strip = NoticeStrip(self.theme, console, bands)
-        self.marking.card.lie_below(self._strip)
-        self._protocol = ProtocolStrip(self.theme, console, self.actions_table, self.hold)
-        self.practice = PracticeStrip(self.theme, console, self.actions_table, self.wizards)
         self.dock_host = DockHost()
+        self._strip = NoticeStrip(self.dock_host, bands)
+        self._protocol = ProtocolStrip(self.theme, console, self.actions_table, self.hold)
+        self.marking.card.lie_below(self._protocol, self._strip)
+        self.practice = PracticeStrip(self.theme, console, self.actions_table, self.wizards)
         to_check = PreflightButton(self.theme, console)
         to_check.clicked.connect(self.show_preflight)
         alarms_button = AlarmsButton(self.theme, console)
@@ -154,6 +154,8 @@ class MainWindow(PanelWindow, QWidget):
         alarms_button.clicked.connect(self._alarms.show_alarms)
         # Popups and panels
         self.board = PanelManager(PanelContext(console, self.theme, self.actions_table, self.hold), self.dock_host)
+        self._status_bar.picture_seen = self._picture_seen
+        self.dock_host.layout_changed.connect(self._status_bar.refresh)
         self.layout_keeper = LayoutStore(self.dock_host, self.board, console, self.wizards, self.show_scenario)
         self.preferences = Preferences(console, self.wizards, self.board, self)
         self.help = HelpWindows(self.theme, self)
@@ -164,7 +166,7 @@ class MainWindow(PanelWindow, QWidget):
             self._problems.stay_clear_of(card)
         self.robots = RobotChooser(self.theme, console, self._question, self)
         self.first_use = FirstUse(self.theme, console, self.actions_table, self.robots, self, settings=settings)
-        self._column.insertWidget(self._column.indexOf(self._strip) + 1, self.first_use.hint)
+        self._column.insertWidget(self._column.indexOf(self._top_bar) + 1, self.first_use.hint)
         self.layout_keeper.lend_room_to(self.first_use.hint, self.practice)
         self.first_use.hint.practise_requested.connect(self.practice.begin)
         self.gamepad = GamepadWindow(self.theme, console, self.hold, self)
@@ -208,7 +210,6 @@ class MainWindow(PanelWindow, QWidget):
     def _arrange(self) -> None:
         self._column = layouts.vbox(self, margins_px=0, spacing_px=0)
         self._column.addWidget(self._top_bar)
-        self._column.addWidget(self._strip)
         self._column.addWidget(self._protocol)
         self._column.addWidget(self.practice)
         holder = layouts.vbox(margins_px=(8, 6, 8, 8))
@@ -253,6 +254,10 @@ class MainWindow(PanelWindow, QWidget):
         state.scenario.changed.connect(self._on_scenario_changed)
         self._palette_latched = state.drive.value.emergency_stop
         state.drive.changed.connect(self._on_drive_changed)
+
+    def _picture_seen(self) -> bool:
+        video = self.board.made_so_far.get("video")
+        return video is not None and video.in_view and not self.board.building
 
     # ---- late wiring
 

@@ -240,7 +240,7 @@ class MarkCard(QWidget):
         self._asks = False
         self._note_for = ""
         self._note_began_s = 0.0
-        self._below: QWidget | None = None
+        self._below: tuple[QWidget, ...] = ()
         self._focus_before: QWidget | None = None
         self._title = QLabel()
         self._title.setObjectName("mark_card_title")
@@ -313,9 +313,9 @@ class MarkCard(QWidget):
         button.setObjectName(name)
         return button
 
-    def lie_below(self, strip: QWidget) -> None:
-        """Place the popup below that strip."""
-        self._below = strip
+    def lie_below(self, *strips: QWidget) -> None:
+        """Place the popup below those of the strips that are visible."""
+        self._below = strips
 
     # ---- display
 
@@ -569,8 +569,9 @@ class MarkCard(QWidget):
         layout.invalidate()
         layout.activate()
         height = layout.heightForWidth(width) if layout.hasHeightForWidth() else layout.sizeHint().height()
-        below = self._below
-        top = _BELOW_TOP_BAR_PX if below is None or below.isHidden() else below.geometry().bottom() + 4
+        visible = [strip for strip in self._below if strip.isVisible()]
+        bottoms = [strip.mapTo(self._window, strip.rect().bottomLeft()).y() + 4 for strip in visible]
+        top = max(bottoms, default=_BELOW_TOP_BAR_PX)
         usual, room = QRect(_LEFT_PX, top, width, height), self._window.width() - 2 * _LEFT_PX
         taken = [window.place_in(self._window) for window in windows_above(self._window)]
         place = clear_place(usual, QRect(_LEFT_PX, top, room, height), taken) or usual

@@ -35,6 +35,8 @@ class PanelContext(Value):
     hold: DriveInputFilter
     discreet: bool = False
     """Whether a participant may see the screen: the wizard's notes on people and turns are hidden."""
+    observed: bool = False
+    """Whether it is for the observer window, which has signs of its own."""
 
 
 class Panel(QWidget):

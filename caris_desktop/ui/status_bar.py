@@ -1,6 +1,7 @@
-"""Status bar: link, stream ages, battery, recording, models. Text first, colour second."""
+"""Status bar: link, motion without a picture, stream ages, battery, recording, models. Text first, colour second."""
 
 import math
+from collections.abc import Callable
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
@@ -24,6 +25,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import text_formatting, tokens
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.robot_motion import RobotMotion
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.status_button import StatusButton
 from caris_desktop.ui.window_above import InSight
@@ -33,7 +35,9 @@ _SIDE_PX, _GAP_PX, _STEP_PX = 16, 20, 6
 # Items that appear only with something to report (any role but "dim"); else the bar's tooltip has them.
 _WHEN_NEEDED = ("models", "round_trip", "listening", "perception", "lidar", "video", "recording", "disk")
 # Items elided if space is short. The recording item is never elided.
-_MAY_BE_CUT = ("load", "link", "dropped", "perception", "refused", "battery", "disk", "pose", "microphone", "video")
+_MAY_BE_CUT = (
+    "load", "link", "motion", "dropped", "perception", "refused", "battery", "disk", "pose", "microphone", "video",
+)  # fmt: skip
 _LEAST_PX, _NAME_CHARACTERS = 90, 40
 _NEWS_PX = (120, 340)
 ROOM_LOW_S, ROOM_ALMOST_GONE_S = 30 * 60.0, 5 * 60.0
@@ -163,6 +167,7 @@ class StatusBar(Bar, InSight):
             name: StatusItem(theme, f"status_{name}")
             for name in (
                 "link",
+                "motion",
                 "round_trip",
                 "video",
                 "lidar",
@@ -193,6 +198,10 @@ class StatusBar(Bar, InSight):
         for name in ("link", "round_trip", "video", "lidar", "pose", "refused"):
             self.items[name].clicked.connect(self.connection_clicked)
             self.items[name].setCursor(Qt.CursorShape.PointingHandCursor)
+        self._motion = RobotMotion(console.state, self)
+        self._motion.changed.connect(self.refresh)
+        self.picture_seen: Callable[[], bool] = lambda: False
+        """Whether the picture is in view, which says how the robot moves."""
         self._timer = QTimer(self, interval=250)
         self._timer.timeout.connect(self.refresh)
         self._timer.start()
@@ -201,12 +210,18 @@ class StatusBar(Bar, InSight):
         microphones = (state.microphone, state.wizard_microphone, state.sound)
         for value in (state.link, state.recording, state.perception, state.load, state.listening, *microphones):
             value.changed.connect(self._on_changed)
+        for value in (state.goal, state.drive):
+            value.changed.connect(self._on_driven)
         self.refresh()
 
     def _on_changed(self, _value: object) -> None:
         """Update at once on a new state; mere counters wait for the next refresh."""
         if self._states() != self._shown_states:
             self.refresh()
+
+    def _on_driven(self, _value: object) -> None:
+        self._say_motion()
+        self._fit()
 
     def _states(self) -> tuple[object, ...]:
         state = self._console.state
@@ -236,6 +251,7 @@ class StatusBar(Bar, InSight):
             whose = tr("{what} · recorded").format(what=whose)
         minute = tr("Click for the last minute.")
         items["link"].say(whose, role, icon=icon, tip=f"{link.robot}\n{facts}\n{minute}".strip())
+        self._say_motion()
         connected = link.state in ("connected", "trouble")
         round_trip = link.round_trip_ms if connected else None
         items["round_trip"].say(
@@ -331,6 +347,17 @@ class StatusBar(Bar, InSight):
             item.use_room(item.full_px - gives_px)
             missing_px -= gives_px
         self._news.use_room(max(_NEWS_PX[0], news_px - missing_px))
+
+    def _say_motion(self) -> None:
+        state, motion = self._console.state, self._motion
+        if self._in_replay or self.picture_seen():
+            self.items["motion"].say("")
+            return
+        going = text_formatting.goal_now(state.goal.value)
+        now = text_formatting.robot_now(state.drive.value, state.goal.value, state.robot.value) if going else ""
+        role = {"warning": "amber", "unknown": "amber", "moving": "blue"}.get(motion.role, "green")
+        text = " · ".join(part for part in (motion.text, now) if part)
+        self.items["motion"].say(text, role, icon=motion.sign.icon)
 
     def _say_battery(self) -> None:
         stream = self._console.state.battery

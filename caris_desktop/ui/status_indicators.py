@@ -1,4 +1,4 @@
-"""Status indicators readable from two metres: motion, speech, recording, listening."""
+"""Status indicators of the observer window, readable from two metres: motion, speech, recording, listening."""
 
 import math
 from collections.abc import Mapping
@@ -8,38 +8,18 @@ from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QAccessible, QFontMetricsF, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from caris_desktop.domain.events import GoalChanged
-from caris_desktop.domain.geometry import moves
-from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveState
-from caris_desktop.live.status import DriveStatus
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.text_formatting import UNDER_WAY
+from caris_desktop.ui.robot_motion import MOTION_SIGNS, RobotMotion, Sign
 from caris_desktop.ui.theme import Theme
 
 SignName = Literal["moving", "speaking", "recording", "listening"]
-Lit = Literal["on", "half", "off"]
 _SIDE_PX, _GAP_PX, _BETWEEN_PX = 12, 8, 8
 
-
-class Sign(Value):
-    """Filled icon for on, outline for off; a dashed outline for in between or unknown."""
-
-    lit: Lit
-    icon: str
-    word: str
-
-
 _SIGNS: Mapping[tuple[SignName, str], Sign] = {
-    ("moving", "yes"): Sign("on", "arrow-fat-up", QT_TR_NOOP("Moving")),
-    ("moving", "no"): Sign("off", "anchor-simple", QT_TR_NOOP("Still")),
-    ("moving", "others"): Sign("on", "warning", QT_TR_NOOP("Moving")),
-    ("moving", "held"): Sign("half", "warning", QT_TR_NOOP("Not driving")),
-    ("moving", "unknown"): Sign("half", "question", QT_TR_NOOP("Unknown")),
-    ("moving", "unlinked"): Sign("half", "question", QT_TR_NOOP("No link")),
+    **{("moving", kind): sign for kind, sign in MOTION_SIGNS.items()},
     ("speaking", "yes"): Sign("on", "speaker-high", QT_TR_NOOP("Speaking")),
     ("speaking", "no"): Sign("off", "speaker-slash", QT_TR_NOOP("Silent")),
     ("recording", "yes"): Sign("on", "record", QT_TR_NOOP("Recording")),
@@ -51,21 +31,12 @@ _SIGNS: Mapping[tuple[SignName, str], Sign] = {
 _COLORS: Mapping[SignName, str] = {"moving": "blue", "speaking": "blue", "recording": "green", "listening": "green"}
 
 
-def signs_of(state: LiveState, *, moves: bool | None) -> dict[SignName, Sign]:
-    """The four indicators; ``moves``: from odometry, None if unknown."""
-    movement = state.drive.value.movement
-    if state.link.value.state not in ("connected", "trouble"):
-        moving = "unlinked"
-    elif moves is None:
-        moving = "unknown"
-    elif movement in ("uncommanded", "not_following"):
-        moving = "others" if movement == "uncommanded" else "held"
-    else:
-        moving = "yes" if moves else "no"
+def signs_of(state: LiveState, moving: Sign) -> dict[SignName, Sign]:
+    """The four indicators."""
     speaks = state.speech.value.now is not None or state.sound.value.talking == "robot"
     recorded = {"recording": "yes", "paused": "paused"}.get(state.recording.value.state, "no")
     return {
-        "moving": _SIGNS["moving", moving],
+        "moving": moving,
         "speaking": _SIGNS["speaking", "yes" if speaks else "no"],
         "recording": _SIGNS["recording", recorded],
         "listening": _SIGNS["listening", "yes" if state.microphone.value.state == "on" else "no"],
@@ -84,16 +55,12 @@ class StatusIndicators(QWidget):
         self._state = state
         self._compact = False
         self._named = True
-        self._odometry_has_speed = False
+        self._motion = RobotMotion(state, self)
         self._signs: dict[SignName, Sign] = {}
         self._widths: list[int] = []
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
-        state.odometry.changed.connect(self._on_odometry)
-        state.odometry.freshness_changed.connect(self._on_changed)
-        state.robot.changed.connect(self._on_robot)
-        for value in (
-            state.link, state.drive, state.goal, state.speech, state.sound, state.recording, state.microphone,
-        ):  # fmt: skip
+        self._motion.changed.connect(self._on_changed)
+        for value in (state.speech, state.sound, state.recording, state.microphone):
             value.changed.connect(self._on_changed)
         theme.restyle_on_change(self._measure)
         self._on_changed()
@@ -117,30 +84,8 @@ class StatusIndicators(QWidget):
     def minimumSizeHint(self) -> QSize:
         return self.sizeHint()
 
-    def _on_robot(self, _robot: object) -> None:
-        self._odometry_has_speed = False
-        self._on_changed()
-
-    def _on_odometry(self, odometry: Odometry) -> None:
-        self._odometry_has_speed = self._odometry_has_speed or odometry.twist.moving
-        self._on_changed()
-
-    def _moves_now(self) -> bool | None:
-        """Motion from odometry; None if that is lost. Without any odometry a commanded robot counts as moving, else as
-        unknown.
-        """
-        drive: DriveStatus = self._state.drive.value
-        odometry: Odometry | None = self._state.odometry.value
-        if odometry is not None and self._state.odometry.freshness in ("fresh", "stale"):
-            # Some robots leave the velocities empty; the control link then derives motion from their poses.
-            return moves(odometry.twist) or (drive.movement == "moving" and not self._odometry_has_speed)
-        goal: GoalChanged | None = self._state.goal.value
-        commanded = drive.target_forward_mps or drive.target_left_mps or drive.target_turn_radps
-        commanded = bool(commanded) or (goal is not None and goal.state in UNDER_WAY)
-        return True if commanded and odometry is None else None
-
     def _on_changed(self, _value: object = None) -> None:
-        signs = signs_of(self._state, moves=self._moves_now())
+        signs = signs_of(self._state, self._motion.sign)
         if signs != self._signs:
             self._signs = signs
             self.setAccessibleName(tr("Robot status: {signs}").format(signs=", ".join(map(_word, signs.values()))))

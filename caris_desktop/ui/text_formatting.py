@@ -292,9 +292,17 @@ def robot_now(drive: DriveStatus, goal: events.GoalChanged | None, robot: RobotP
     """Current activity of the robot in one line, or the reason why it may not move."""
     if not drive.allowed:
         return tr(drive.reason)
-    by_itself = goal is not None and goal.state in UNDER_WAY
-    if goal is None or not by_itself:
+    going = goal_now(goal)
+    if not going:
         return drive_line(drive)
+    speed, _by_speed_setting = goal_speed(robot, drive)
+    return " · ".join(part for part in (going, speed) if part)
+
+
+def goal_now(goal: events.GoalChanged | None) -> str:
+    """Where the robot goes by itself; empty if it does not."""
+    if goal is None or goal.state not in UNDER_WAY:
+        return ""
     if goal.state == "requested":  # no answer from the robot yet
         going = tr("Asked to go to {place}") if goal.place else tr("Asked to go to the chosen point")
     else:
@@ -302,8 +310,7 @@ def robot_now(drive: DriveStatus, goal: events.GoalChanged | None, robot: RobotP
     going = going.format(place=goal.place)
     if goal.distance_left_m is not None:
         going = tr("{going}, {distance} m left").format(going=going, distance=f"{goal.distance_left_m:.1f}")
-    speed, _by_speed_setting = goal_speed(robot, drive)
-    return " · ".join(part for part in (going, speed) if part)
+    return going
 
 
 def head_angles(pan_rad: float, tilt_rad: float) -> str:

@@ -11,13 +11,14 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLabel
+from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app.console_command import ConsoleRun
 from caris_desktop.domain import intents
 from caris_desktop.domain.geometry import moves
 from caris_desktop.ui.banners import EmergencyBanner
-from caris_desktop.ui.status_indicators import StatusIndicators
+from caris_desktop.ui.robot_motion import RobotMotion
+from caris_desktop.ui.widgets.frame_view import FrameView
 from tests.app.console_child import main
 from tests.app.safety_child import SafetyDriver
 
@@ -28,8 +29,8 @@ class StopsDriver(SafetyDriver):
         self._acted: tuple[int, int] = (0, 0)
         self._contradictions: list[dict[str, object]] = []
         self._contradicts_since_ns = 0
-        self._signs = run.window.findChild(StatusIndicators)
-        self._now = run.window.findChild(QLabel, "robot_now")
+        self._motion = run.window.findChild(RobotMotion)
+        self._view = run.window.findChild(FrameView)
         self._band = run.window.findChild(EmergencyBanner)
 
     def _on_line(self, line: str) -> None:
@@ -62,9 +63,10 @@ class StopsDriver(SafetyDriver):
 
     def _look_for_contradictions(self) -> None:
         state = self._run.console.state
-        sign, now = self._signs.signs["moving"].word, self._now.text()
+        sign = self._motion.sign.word
+        now = "" if self._view is None else self._view.chips[0][0] if self._view.chips else ""
         band = self._band.accessibleName() if self._band.isVisibleTo(self._run.window) else ""
-        stands = sign == "Still" or "Standing still" in now or "The robot is standing still" in band
+        stands = sign == "Still" or now == "Still" or "The robot is standing still" in band
         known = state.odometry.value is not None and state.odometry.freshness in ("fresh", "stale")
         odometry = state.odometry.value if known else None
         wrong = odometry is not None and (stands if moves(odometry.twist) else sign == "Moving")

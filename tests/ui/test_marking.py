@@ -3,7 +3,7 @@
 import dataclasses
 
 import pytest
-from PySide6.QtCore import QEvent, Qt
+from PySide6.QtCore import QEvent, QPoint, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
@@ -16,6 +16,7 @@ from caris_desktop.ui.action_rows import ACTIONS
 from caris_desktop.ui.key_positions import position_codes
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.frame_view import FrameView
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window, with_marked_panels
 from tests.ui.fake_console import FakeConsole
@@ -68,8 +69,12 @@ def test_no_mark_hides_what_a_glance_reads(
 ) -> None:
     window.resize(*size)
     QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_M, CTRL)
-    card, signs = find(window, "mark_card"), find(window, "glance")
-    assert card.geometry().top() > signs.mapTo(window, signs.rect().bottomLeft()).y()
+    card, view = find(window, "mark_card"), window.panels["video"].focus_target()
+    assert isinstance(view, FrameView)
+    for _text, _role, chip in view._chip_places():
+        assert not card.geometry().intersects(chip.toRect().translated(view.mapTo(window, QPoint())))
+    recording = find(window, "record_button")
+    assert card.geometry().top() > recording.mapTo(window, recording.rect().bottomLeft()).y()
 
 
 def present(console: FakeConsole) -> list[Marked]:

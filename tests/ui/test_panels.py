@@ -328,12 +328,12 @@ def test_the_speed_of_a_goal_is_stated(window: MainWindow, console: FakeConsole)
     console.state.robot.set(RobotProfile("lab", "Lab", velocity=velocity, navigation=navigation))
     console.state.drive.set(DriveStatus(True, "", speed_fraction=0.6, max_forward_mps=0.5, goal_limit_mps=0.3))
     console.go_to_place("Kitchen")
-    strip, reason = find(window, "robot_now"), find(window, "drive_reason")
-    assert strip.property("text") == "Going to Kitchen, 3.2 m left · 0.30 m/s at most"
+    now, reason = find(window, "status_motion"), find(window, "drive_reason")
+    assert now.accessibleName().endswith(" · Going to Kitchen, 3.2 m left · 0.30 m/s at most")
     assert reason.property("text") == "0.30 m/s at most. Esc stops the robot."
     assert window.panels["drive"].fact == ("0.30 m/s at most", "dim")
     console.state.drive.set(dataclasses.replace(console.state.drive.value, goal_limit_mps=None))
-    assert strip.property("text").endswith("at the robot’s navigation speed, up to 0.60 m/s")
+    assert now.accessibleName().endswith("at the robot’s navigation speed, up to 0.60 m/s")
     assert reason.property("text") == "At the robot’s navigation speed, up to 0.60 m/s. Esc stops the robot."
     assert window.panels["drive"].fact == ("goals: own speed", "amber")
 

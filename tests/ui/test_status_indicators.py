@@ -1,9 +1,10 @@
-"""Status indicators: four signs with distinct shapes and words at constant places."""
+"""Status indicators of the observer window, and how the robot moves as the wizard sees it."""
 
 from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
+from PySide6.QtCore import QPoint
 from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
@@ -17,6 +18,8 @@ from caris_desktop.live.status import DriveStatus, LinkStatus, MicrophoneStatus,
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.banners import EmergencyBanner
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.video_panel import VideoPanel
+from caris_desktop.ui.status_bar import StatusItem
 from caris_desktop.ui.status_indicators import StatusIndicators
 from caris_desktop.ui.theme import Theme
 from tests.ui.conftest import find
@@ -218,18 +221,60 @@ def test_nothing_is_painted_while_nothing_changes(
 
 
 @pytest.mark.parametrize("width_px", [1366, 1920])
-def test_they_stand_in_the_strip_next_to_what_waits_for_the_wizard(
+def test_the_motion_stays_in_sight_of_what_waits_for_the_wizard(
     window: MainWindow, console: FakeConsole, width_px: int
 ) -> None:
     window.resize(width_px, 768)
     QApplication.processEvents()
-    signs = find(window, "glance")
-    at = signs.mapTo(window, signs.rect().topLeft())
+    panel = window.panels["video"]
+    assert isinstance(panel, VideoPanel)
+    motion = panel.view.chips[0][1]
     console.state.drive.set(replace(console.state.drive.value, emergency_stop=True))
     QApplication.processEvents()
-    assert signs.mapTo(window, signs.rect().topLeft()) == at
+    panel._refresh()
+    assert panel.view.chips[0][1] == motion
     band = find(window, "emergency_band")
     assert isinstance(band, EmergencyBanner)
-    assert signs.geometry().right() < band.geometry().left()
+    chip = panel.view._chip_places()[0][2].toRect().translated(panel.view.mapTo(window, QPoint()))
+    assert not chip.intersects(band.rect().translated(band.mapTo(window, QPoint())))
     needed = band.text.fontMetrics().horizontalAdvance(band.text.text())
     assert band.text.width() >= needed, "and the whole sentence of it"
+
+
+def test_the_picture_says_how_the_robot_moves_and_the_status_bar_where_there_is_none(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    state, item = console.state, find(window, "status_bar").findChild(StatusItem, "status_motion")
+    assert item is not None
+    video = window.panels["video"]
+    assert isinstance(video, VideoPanel)
+
+    def said() -> tuple[str, str]:
+        QApplication.processEvents()
+        video._refresh()
+        window.status_bar.refresh()
+        return (video.view.chips[0][0] if video.in_view else "", item.text)
+
+    console.state.goal.set(None)
+    drive(state, 0.3)
+    assert said() == ("Moving · 0.30 m/s · 0°/s", "")
+    drive(state, 0.0)
+    assert said() == ("Still", ""), "once"
+    for movement, words in (
+        ("uncommanded", "Moving without a console command"),
+        ("not_following", "Not driving · turning right 29°/s commanded, but the robot is not following"),
+    ):
+        state.drive.set(DriveStatus(True, "", target_turn_radps=-0.5, movement=movement))
+        assert said() == (words, "")
+    state.drive.set(DriveStatus(True, ""))
+    state.link.set(LinkStatus("lost"))
+    assert said() == ("No link", "")
+    window.close_panel("video")
+    assert said() == ("", "No link")
+    state.link.set(LinkStatus("connected"))
+    assert said() == ("", "Still")
+    assert item.isVisible()
+    console.go_to_place("Kitchen")
+    assert item.text.startswith("Still · Going to Kitchen")
+    window.open_panel("video")
+    assert said() == ("Still", "")

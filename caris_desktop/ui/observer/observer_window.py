@@ -61,7 +61,7 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
         view_console = watched(console, discreet=sees == "no_names")
         actions = Actions(self, view_console, self)
         actions.drop_all_but(())
-        self._context = PanelContext(view_console, theme, actions, hold, discreet=sees == "no_names")
+        self._context = PanelContext(view_console, theme, actions, hold, discreet=sees == "no_names", observed=True)
         self._column = layouts.vbox(self, margins_px=(0, 8, 0, 8))
         # An observer cannot scroll: content that does not fit is clipped.
         self._column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)

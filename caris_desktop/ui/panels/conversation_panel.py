@@ -191,7 +191,13 @@ class ConversationPanel(Panel):
         stands = waiting(self._turns_until(now_ns), self._under_way.values(), now_ns)
         if stands is None:
             count = len(self.view.rows)
-            self.set_fact(_turns(count) if count else "")
+            turns = _turns(count) if count else ""
+            if not self.state.present.live:
+                self.set_fact(turns)
+            elif self.state.microphone.value.state == "on":
+                self.set_fact(tr("listening"), "green", rest=turns)
+            else:
+                self.set_fact(tr("not listening"), rest=turns)
             return
         name = self._names.get(stands.person_id, "")
         assistance = self.console.scenario.assistance

@@ -21,6 +21,7 @@ from caris_desktop.ui.obstacle_ahead import ahead_of, ahead_words, gaze_is_away
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.pending_identity_question import IdentityQuestion, with_one_question
 from caris_desktop.ui.people.shown_people import as_permitted
+from caris_desktop.ui.robot_motion import RobotMotion
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, RecentlyVisible, video_description
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -83,6 +84,9 @@ class VideoPanel(Panel):
         self._cameras = DropDown(self.theme, "video_camera", tr("Camera to show"))
         self._cameras.setMinimumContentsLength(6)
         self._cameras.activated.connect(self._on_camera_chosen)
+        self.motion = None if context.observed else RobotMotion(self.state, self)
+        if self.motion is not None:
+            self.motion.changed.connect(self._refresh)
         self._frame_times_s: list[float] = []
         self._aspect = 4 / 3
         self._remembered: tuple[str, int, QImage] | None = None
@@ -107,6 +111,7 @@ class VideoPanel(Panel):
         self._soon = QTimer(self, singleShot=True, interval=_AFTER_A_KEY_MS)
         self._soon.timeout.connect(self._refresh)
         state.drive.changed.connect(self._refresh_soon)
+        state.goal.changed.connect(self._refresh_soon)
         state.link.changed.connect(self._refresh)
         state.event_happened.connect(self._on_event)
         state.cameras.changed.connect(self._on_cameras_changed)
@@ -280,10 +285,8 @@ class VideoPanel(Panel):
             case _:
                 self.set_fact(tr("no picture yet") if state.present.live else tr("no picture"))
         chips: list[tuple[str, str]] = []
-        if state.odometry.freshness == "fresh":
-            twist = state.odometry.value.twist
-            turn_deg = abs(math.degrees(twist.turn_radps))
-            chips.append((f"{abs(twist.forward_mps):.2f} m/s · {turn_deg:.0f}°/s", "video_text"))
+        if self.motion is not None:
+            chips.append((self.motion.text, self.motion.role))
         if state.scan.value is not None and state.scan.value.robot_from_laser is None:
             chips.append((tr("The direction of the LIDAR is unknown"), "video_text"))
         elif state.scan.freshness == "fresh":
@@ -294,6 +297,8 @@ class VideoPanel(Panel):
         elif state.scan.freshness in ("stale", "lost"):
             late = tr("LIDAR latency {age}").format(age=text_formatting.age(state.scan.age_s() or 0.0))
             chips.append((late if state.scan.arrives_late else tr("LIDAR is silent"), "warning"))
+        if going := text_formatting.goal_now(state.goal.value):
+            chips.append((going, "hint"))
         chips += self._hints()
         self.view.show_chips(chips)
         linked = state.link.value.state in ("connected", "trouble")

@@ -39,10 +39,12 @@ BOXES_GONE_S = 0.8
 _FORESEEN_S = 0.25
 _STILL_PER_S = 0.08  # shares of the picture per second; slower motion is tracker jitter
 _CHIP_COLORS = {
-    "hint": "box_unnamed", "warning": "box_warning", "good": "box_named", "blocked": "box_warning",
-    "slowing": "box_warning", "override": "box_warning",
+    "hint": "box_unnamed", "moving": "box_unnamed", "still": "box_named", "warning": "box_warning",
+    "good": "box_named", "blocked": "box_warning", "slowing": "box_warning", "override": "box_warning",
+    "unknown": "box_warning",
 }  # fmt: skip
 _CHIP_ICONS = {
+    "moving": "arrow-fat-up", "still": "anchor-simple", "unknown": "question",
     "warning": "warning", "good": "check", "blocked": "prohibit", "slowing": "shield-warning",
     "override": "shield-slash",
 }  # fmt: skip
