@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import product
 from operator import attrgetter
 from typing import Any, Literal
 
@@ -84,6 +85,12 @@ class Panel(QWidget):
     def title_widgets(self) -> list[QWidget]:
         """Controls at the right end of the title bar."""
         return []
+
+    def picture(self) -> QWidget | None:
+        """Picture that reaches the upper edge of the card: in a dock the controls of the title bar lie on it, the first
+        at the left end.
+        """
+        return None
 
     @property
     def shown_title(self) -> str:
@@ -249,31 +256,37 @@ def draw_card(painter: QPainter, theme: Theme, rect: QRectF, *, top: bool, activ
         painter.drawLine(QPointF(rect.left() + 1, rect.bottom() - 0.5), QPointF(rect.right() - 1, rect.bottom() - 0.5))
 
 
-def draw_card_edge(painter: QPainter, theme: Theme, rect: QRectF, painted: PixmapCache, *, active: bool) -> None:
-    """Round corners and outline of the lower half of a card, over content that reaches its edge.
+def draw_card_edge(
+    painter: QPainter, theme: Theme, rect: QRectF, painted: PixmapCache, *, active: bool, whole: bool = False
+) -> None:
+    """Round corners and outline of a card, or (not ``whole``) of its lower half, over content that reaches its edge.
 
     Clipping the content would cost a hundred times as much. ``painted`` is cleared when the theme changes.
     """
     radius = float(tokens.PANEL_RADIUS_PX)
     line = theme.color("blue" if active else "line")
-    straight = rect.height() - radius
-    painter.fillRect(QRectF(rect.left(), rect.top(), 1, straight), line)
-    painter.fillRect(QRectF(rect.right() - 1, rect.top(), 1, straight), line)
+    above = radius if whole else 0.0
+    straight = rect.height() - radius - above
+    painter.fillRect(QRectF(rect.left(), rect.top() + above, 1, straight), line)
+    painter.fillRect(QRectF(rect.right() - 1, rect.top() + above, 1, straight), line)
     painter.fillRect(QRectF(rect.left() + radius, rect.bottom() - 1, rect.width() - 2 * radius, 1), line)
-    corners = {"left": rect.left(), "right": rect.right() - radius}
-    for side, left in corners.items():
+    if whole:
+        painter.fillRect(QRectF(rect.left() + radius, rect.top(), rect.width() - 2 * radius, 1), line)
+    lefts, tops = {0.0: rect.left(), 3 * radius: rect.right() - radius}, {3 * radius: rect.bottom() - radius}
+    if whole:
+        tops[0.0] = rect.top()
+    for (inside_x, left), (inside_y, top) in product(lefts.items(), tops.items()):
 
-        def paint(onto: QPainter, side: str = side) -> None:
-            outline = QRectF(0 if side == "left" else -3 * radius, -3 * radius, 4 * radius, 4 * radius)
-            card = _card_path(outline, top=False)
+        def paint(onto: QPainter, inside_x: float = inside_x, inside_y: float = inside_y) -> None:
+            outline = QRectF(-inside_x, -inside_y, 4 * radius, 4 * radius)
+            card = _card_path(outline, top=inside_y == 0.0)
             outside = QPainterPath()
             outside.addRect(outline)
             onto.fillPath(outside.subtracted(card), theme.color("window"))
             onto.strokePath(card, QPen(line, 1))
 
-        painted.draw(
-            painter, QPointF(left, rect.bottom() - radius), QSizeF(radius, radius), ("corner", side, active), paint
-        )
+        corner = ("corner", inside_x, inside_y, active)
+        painted.draw(painter, QPointF(left, top), QSizeF(radius, radius), corner, paint)
 
 
 def _card_path(rect: QRectF, *, top: bool) -> QPainterPath:

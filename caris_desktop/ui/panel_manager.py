@@ -18,7 +18,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, PanelSettings, Scenario
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.focus_widget import focus_widget
+from caris_desktop.ui.focus_widget import existing, focus_widget
 from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
 from caris_desktop.ui.layout.layout_tree import panels_in, permitted
 from caris_desktop.ui.layout.panel_size import RESIZE_PX, resized, resizer
@@ -420,5 +420,6 @@ class PanelManager(QObject):
         self._context.hold.set_driving_panels(driving)
 
     def _on_focus_changed(self, _old: QWidget | None, new: QWidget | None) -> None:
-        for panel in (*self._panels.values(), *self._aside.values()):
+        # A panel that is deleted with the focus inside no longer tells anybody.
+        for panel in filter(existing, (*self._panels.values(), *self._aside.values())):
             panel.set_active(new is not None and (panel is new or panel.isAncestorOf(new)))

@@ -20,11 +20,14 @@ class PanelTitleBar(Bar, QWidget):
 
     When space is short, the status text is elided first, then buttons with an icon lose their text from right to left,
     and last the title is elided; tooltips show elided text. ``more``: controls of the dock area, after the panel's own.
-    ``looked_at``: view-only, without controls.
+    ``looked_at``: view-only, without controls. On a ``picture`` it is only the controls, the first at the left end.
     """
 
-    def __init__(self, panel: Panel, more: Sequence[QWidget] = (), *, looked_at: bool = False) -> None:
+    def __init__(
+        self, panel: Panel, more: Sequence[QWidget] = (), *, looked_at: bool = False, picture: QWidget | None = None
+    ) -> None:
         super().__init__()
+        self._picture = picture
         self._unseen = QWidget(self) if looked_at else None
         if self._unseen is not None:
             self._unseen.hide()
@@ -44,6 +47,7 @@ class PanelTitleBar(Bar, QWidget):
         row.addWidget(self._title)
         row.addWidget(self._fact, 1)
         self._show_controls()
+        self._title.setVisible(picture is None)
         # Clicks on the labels must reach the dock, which is dragged by its title.
         for label in (self._title, self._fact):
             label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
@@ -54,7 +58,10 @@ class PanelTitleBar(Bar, QWidget):
         self._theme.restyle_on_change(self._style)
 
     def _show_controls(self) -> None:
-        before, self._controls = self._controls, (*self._panel.title_widgets(), *self._more)
+        own, more = self._panel.title_widgets(), self._more
+        # On a picture, what appears under the pointer only is between the others, so that these reach the corners.
+        controls = (*own, *more) if self._picture is None else (*own[:1], *more, *own[1:])
+        before, self._controls = self._controls, controls
         for widget in before:
             self._row.removeWidget(widget)
             if widget not in self._controls:
@@ -64,9 +71,10 @@ class PanelTitleBar(Bar, QWidget):
             for widget in self._controls:
                 widget.setParent(self._unseen)
             self._controls = ()
-        self._row.setContentsMargins(14, 3, 6 if self._controls else 14, 3)
-        for widget in self._controls:
-            self._row.addWidget(widget)
+        over = self._picture is not None
+        self._row.setContentsMargins(*((10, 6, 10, 2) if over else (14, 3, 6 if self._controls else 14, 3)))
+        for number, widget in enumerate(self._controls):
+            self._row.insertWidget(0 if over and number == 0 else self._row.count(), widget)
 
     def event(self, event: QEvent) -> bool:
         if event.type() in (QEvent.Type.Resize, QEvent.Type.LayoutRequest):
@@ -99,7 +107,7 @@ class PanelTitleBar(Bar, QWidget):
 
     def set_tabbed(self, tabbed: bool) -> None:
         """Hide the title in a tab group: the tab shows it."""
-        self._title.setVisible(not tabbed)
+        self._title.setVisible(not tabbed and self._picture is None)
 
     def _style(self) -> None:
         self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
@@ -108,6 +116,8 @@ class PanelTitleBar(Bar, QWidget):
         self.update()
 
     def _show_fact(self, text: str, role: str) -> None:
+        if self._picture is not None:
+            return  # the picture says it
         self._fact.set_text(
             text, self._theme.color(role or "dim"), lead=self._panel.fact_lead, rest_color=self._theme.color("dim")
         )
@@ -119,6 +129,8 @@ class PanelTitleBar(Bar, QWidget):
         event.ignore()  # starts dragging the dock
 
     def paintEvent(self, _event: QPaintEvent) -> None:
+        if self._picture is not None:
+            return
         painter = QPainter(self)
         draw_card(painter, self._theme, QRectF(self.rect()), top=True, active=self._panel.active)
 

@@ -243,7 +243,7 @@ class EveryWindow:
         window.problems.show_problem(Problem(clock.now_ns(), "error", "It stopped", "It means this.", "Do that."))
         yield Seen("problem", window.problems)
         window._question.ask("Erase everything that was recorded?", "Erase", lambda: None)
-        yield Seen("question", window._question)
+        yield Seen("question", window._strip)
         window._question.put_away()
         console.state.going_on.set(test_resume_trial_card.OFFERED)
         yield Seen("going on", self._card("going_on_card"))

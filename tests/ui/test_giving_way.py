@@ -35,17 +35,17 @@ def test_items_left_out_of_the_status_bar_are_in_its_tip(window: MainWindow) -> 
     assert all(one.geometry().right() < other.x() for one, other in itertools.pairwise(visible))
 
 
-@pytest.mark.panels("video")
+@pytest.mark.panels("speak")
 def test_a_button_loses_its_words_before_the_title_is_cut(window: MainWindow) -> None:
-    bar = window.dock_host.docks["video"].titleBarWidget()
-    photo, title = find(window, "photo_button"), bar.findChild(ElidedLabel)
-    assert isinstance(photo, ActionButton) and title is not None
+    bar = window.dock_host.docks["speak"].titleBarWidget()
+    button, title = find(window, "silence_button"), bar.findChild(ElidedLabel)
+    assert isinstance(button, ActionButton) and title is not None
     for width_px, words, whole in ((600, True, True), (260, False, True), (150, False, False)):
         bar.setFixedWidth(width_px)
         for _ in range(5):
             QApplication.processEvents()
-        assert (photo.width() >= photo.sizeHint().width()) is words, width_px
+        assert (button.width() >= button.sizeHint().width()) is words, width_px
         painted = [text.text for text in painted_by(title)]
         assert (painted == [title.text()]) is whole, (width_px, painted)
         assert (title.text() in bar.toolTip()) is not whole
-    assert photo.toolTip() and photo.accessibleName()
+    assert button.toolTip() and button.accessibleName()

@@ -263,6 +263,7 @@ def test_named_people_have_a_solid_box_and_others_a_dashed_one(panel: VideoPanel
 
 def test_things_are_boxed_thinly_and_named_and_people_say_what_they_do(panel: VideoPanel, console: FakeConsole) -> None:
     frame = console.state.frame.value
+    console.state.add(People(frame.stamp_ns, "front", frame.sequence, 640, 480, (), 9.0))
     before = panel.view.grab().toImage()
     chair = ThingBox("chair", 60.0, 200.0, 120.0, 150.0, 0.8)
     person = PersonBox(1, "", 400.0, 100.0, 120.0, 250.0, 0.9, "sitting", hand_raised=True, facing=False)

@@ -1,7 +1,7 @@
 """Dock widget: a panel with its title bar, which can be dragged, closed, floated and enlarged."""
 
-from PySide6.QtCore import QPoint, QSize, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QContextMenuEvent, QHideEvent, QMouseEvent, QResizeEvent, QShowEvent
+from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, Signal
+from PySide6.QtGui import QCloseEvent, QContextMenuEvent, QEnterEvent, QHideEvent, QMouseEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractScrollArea,
@@ -17,12 +17,19 @@ from caris_desktop.scenario.scenario_model import PanelName
 from caris_desktop.ui import tokens
 from caris_desktop.ui.focus_widget import KeyPlace
 from caris_desktop.ui.layout.dock_geometry import TITLE_PX, Room
-from caris_desktop.ui.panel import Panel
+from caris_desktop.ui.panel import Panel, show_part
 from caris_desktop.ui.panel_title_bar import PanelTitleBar
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 _BUTTON_PX = 26
 _MOST_NAMED = 4
+
+
+class _Handle(ActionButton):
+    """Handle of a panel without a title bar: the dock gets its presses, for dragging. A key clicks it."""
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        event.ignore()
 
 
 class Dock(KeyPlace):
@@ -59,12 +66,27 @@ class Dock(KeyPlace):
         self._more.setObjectName("drawer_button")
         self._more.clicked.connect(lambda: self.drawer_requested.emit(self.name))
         self._more.hide()
-        self._float = ActionButton(panel.theme, icon="arrow-square-out", role="ghost", height_px=_BUTTON_PX)
+        picture = panel.picture()
+        self._title_px = TITLE_PX if picture is None else 0
+        self._handle = _Handle(panel.theme, icon="dots-six-vertical", height_px=_BUTTON_PX)
+        self._handle.setObjectName("panel_handle")
+        self._handle.setToolTip(tr("Drag to move this panel, click for its menu"))
+        self._handle.clicked.connect(self._open_menu)
+        self._handle.setParent(self)
+        if picture is None:
+            self._handle.hide()
+        self._float = ActionButton(
+            panel.theme, icon="arrow-square-out", role="ghost" if picture is None else "plain", height_px=_BUTTON_PX
+        )
         self._float.setObjectName("float_button")
         self._float.clicked.connect(lambda: self.float_requested.emit(self.name))
-        self._title_bar = PanelTitleBar(panel, (self._more, self._float))
-        self._title_bar.setParent(self)
+        parts = (self._more, self._float) if picture is None else (self._more, self._float, self._handle)
+        self._title_bar = PanelTitleBar(panel, parts, picture=picture)
+        self._title_bar.setParent(picture or self)
         self._title_bar.show()
+        if picture is not None:
+            picture.installEventFilter(self)
+        self._show_tools(shown=False)
         panel.title_changed.connect(self._on_title_changed)
         self._on_title_changed(panel.shown_title)
         self.set_place(floating=False, locked=False)
@@ -84,10 +106,11 @@ class Dock(KeyPlace):
 
     def set_place(self, *, floating: bool, locked: bool) -> None:
         self._floating = floating
-        self._float.setVisible(not locked)
+        show_part(self._float, not locked)
         words = tr("Dock in the main window") if floating else tr("Open in a separate window")
         self._float.set_label("", icon="arrow-square-in" if floating else "arrow-square-out")
         self._float.setAccessibleName(f"{self._panel.shown_title}: {words}")
+        self._handle.setAccessibleName(tr("{panel}: move and menu").format(panel=self._panel.shown_title))
         self._float.setToolTip(words)
 
     def set_drawer(self, is_drawer: bool) -> None:
@@ -103,7 +126,7 @@ class Dock(KeyPlace):
     def least(self) -> Room:
         """Minimum size, including the title bar."""
         need = self._panel_need()
-        return (max(need.width(), self._title_bar.minimumSizeHint().width()), need.height() + TITLE_PX)
+        return (max(need.width(), self._title_bar.minimumSizeHint().width()), need.height() + self._title_px)
 
     def _panel_need(self) -> QSize:
         """Minimum size of the panel: an explicit one overrides its size hint."""
@@ -118,9 +141,10 @@ class Dock(KeyPlace):
 
     def fit(self) -> None:
         """Lay out title bar and panel."""
-        below = max(0, self.height() - TITLE_PX)
-        self._title_bar.setGeometry(0, 0, self.width(), TITLE_PX)
-        self._content.setGeometry(0, TITLE_PX, self.width(), below)
+        below = max(0, self.height() - self._title_px)
+        if self._title_px:
+            self._title_bar.setGeometry(0, 0, self.width(), TITLE_PX)
+        self._content.setGeometry(0, self._title_px, self.width(), below)
         need = self._panel_need()
         self._panel.setGeometry(0, 0, max(self.width(), need.width()), max(below, need.height()))
         cut = self.width() < need.width() or below < need.height()
@@ -169,6 +193,32 @@ class Dock(KeyPlace):
             above = above.parentWidget()
         return False
 
+    # ---- controls that appear under the pointer
+
+    def _show_tools(self, *, shown: bool) -> None:
+        self._float.set_seen(shown)
+        self._handle.set_seen(shown)
+
+    def enterEvent(self, event: QEnterEvent) -> None:
+        super().enterEvent(event)
+        self._show_tools(shown=True)
+
+    def leaveEvent(self, event: QEvent) -> None:
+        super().leaveEvent(event)
+        self._show_tools(shown=False)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Keep the controls along the upper edge of the picture."""
+        if event.type() == QEvent.Type.Resize and isinstance(watched, QWidget):
+            self._title_bar.setGeometry(0, 0, watched.width(), TITLE_PX)
+        return super().eventFilter(watched, event)
+
+    def _is_handle(self, at: QPoint) -> bool:
+        return self._handle.isVisible() and self._handle.rect().contains(self._handle.mapFromGlobal(at))
+
+    def _open_menu(self, _checked: bool = False) -> None:
+        self.menu_requested.emit(self.name, self._handle.mapToGlobal(self._handle.rect().bottomLeft()))
+
     # ---- dragging
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
@@ -190,10 +240,12 @@ class Dock(KeyPlace):
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         at = event.globalPosition().toPoint()
         # A quick release can precede the first move event.
-        dragging = self._dragging or self._is_far(at)
+        dragging, pressed_at = self._dragging or self._is_far(at), self._pressed_at
         self._dragging, self._pressed_at = False, None
         if dragging:
             self.drag_dropped.emit(self.name, at)
+        elif pressed_at is not None and self._is_handle(pressed_at):
+            self._open_menu()
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         if event.position().y() < TITLE_PX:

@@ -108,6 +108,7 @@ class SpeakPanel(Panel):
         self._gap.given_up.connect(lambda: self._fill_gap(""))
         self._silence = ActionButton(self.theme, tr("Silence"), icon="speaker-slash", height_px=30, may_lose_words=True)
         self._silence.setObjectName("silence_button")
+        self._silence.setToolTip(tr("Silence"))
         self._silence.bind(self.table, "silence")
         self._talk: list[TalkButton] = []
         self._offer_talking()

@@ -18,7 +18,7 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.obstacle_ahead import ahead_of, ahead_words, gaze_is_away
-from caris_desktop.ui.panel import Panel, PanelContext, show_part
+from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, PanelContext, show_part
 from caris_desktop.ui.people.pending_identity_question import IdentityQuestion, with_one_question
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.robot_motion import RobotMotion
@@ -57,7 +57,7 @@ def guard_chip(drive: DriveStatus) -> tuple[str, str] | None:
 
 
 class VideoPanel(Panel):
-    """Video with its rate and age in the title bar, and a photo button where permitted."""
+    """Video with labels on its edges, and a photo button where permitted."""
 
     title = QT_TR_NOOP("Video")
     reads = ("permissions.driving",)
@@ -90,7 +90,8 @@ class VideoPanel(Panel):
         self._frame_times_s: list[float] = []
         self._aspect = 4 / 3
         self._remembered: tuple[str, int, QImage] | None = None
-        self._thumbnail = PhotoThumbnail(self.theme, self.view)
+        # Below the photo button, away from the hints on driving at the lower edge.
+        self._thumbnail = PhotoThumbnail(self.theme, self.view, top_px=TITLE_HEIGHT_PX)
         self._ended = ("", 0.0)
         self._note = ("", 0.0)
         self._target: Pose2D | None = None  # in the map frame, while the popup asks about it
@@ -151,6 +152,10 @@ class VideoPanel(Panel):
             self._photo.setToolTip(tr("Photo"))
             self._photo.bind(self.table, "photo")
         self.controls_changed.emit()
+
+    def picture(self) -> QWidget | None:
+        self.view.whole_card = True
+        return self.view
 
     def title_widgets(self) -> list[QWidget]:
         return [self._cameras, *([self._photo] if self._photo is not None else [])]
@@ -285,6 +290,8 @@ class VideoPanel(Panel):
             case _:
                 self.set_fact(tr("no picture yet") if state.present.live else tr("no picture"))
         chips: list[tuple[str, str]] = []
+        if self.view.whole_card and state.frame.freshness == "fresh" and self.fact[0]:
+            chips.append((self.fact[0], "warning" if self.fact[1] == "amber" else "video_text"))
         if self.motion is not None:
             chips.append((self.motion.text, self.motion.role))
         if state.scan.value is not None and state.scan.value.robot_from_laser is None:

@@ -51,6 +51,7 @@ class ActionButton(QAbstractButton):
         self._badge: Badge = ""
         self._key = key
         self._key_shown = True
+        self._seen = True
         self._role: ButtonRole = role
         self._key_first = key_first
         self._height_px = height_px
@@ -90,6 +91,16 @@ class ActionButton(QAbstractButton):
             (self.removeEventFilter if shown else self.installEventFilter)(self)
             self.updateGeometry()
             self.update()
+
+    def set_seen(self, seen: bool) -> None:
+        """Set whether it is painted. Unseen it keeps its place, and appears when Tab reaches it."""
+        if seen != self._seen:
+            self._seen = seen
+            self.update()
+
+    @property
+    def is_seen(self) -> bool:
+        return self._seen or self.hasFocus()
 
     @property
     def _cap(self) -> str:
@@ -212,6 +223,8 @@ class ActionButton(QAbstractButton):
         return ground, theme.color("line"), ink, ""
 
     def paintEvent(self, _event: QPaintEvent) -> None:
+        if not self.is_seen:
+            return
         ground, line, ink, on = self._inks()
         colors = tuple(
             None if color is None else color.name(QColor.NameFormat.HexArgb) for color in (ground, line, ink)

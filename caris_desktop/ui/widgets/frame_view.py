@@ -125,6 +125,8 @@ class FrameView(QWidget):
         self._model: CameraModel | None = None
         self._spot: FloorSpot | None = None
         self._press: QPointF | None = None
+        self.whole_card = False
+        """Whether the picture is the whole card, without a title bar."""
         self.setMouseTracking(True)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setAccessibleName(tr("Picture from the robot's camera"))
@@ -312,7 +314,7 @@ class FrameView(QWidget):
         self._paint_chips(painter)
         # The card belongs to the panel: a camera strip may be next to the view.
         card = QRectF(self._panel.rect()).translated(-QPointF(self.pos()))
-        draw_card_edge(painter, self._theme, card, self._painted, active=self._panel.active)
+        draw_card_edge(painter, self._theme, card, self._painted, active=self._panel.active, whole=self.whole_card)
 
     def words_without_picture(self) -> tuple[str, str]:
         """Message in place of the picture: title and explanation."""

@@ -24,16 +24,17 @@ def thumbnail_of(image_bgr: NDArray[np.uint8]) -> QImage:
 
 
 class PhotoThumbnail(QWidget):
-    """Thumbnail over the lower right of ``over``, transparent to the mouse."""
+    """Thumbnail over the lower right of ``over``, or so far below its upper edge; transparent to the mouse."""
 
     accessible_role = QAccessible.Role.Graphic
 
-    def __init__(self, theme: Theme, over: QWidget) -> None:
+    def __init__(self, theme: Theme, over: QWidget, *, top_px: int | None = None) -> None:
         super().__init__(over)
         self.setObjectName("photo_thumbnail")
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._theme = theme
         self._over = over
+        self._top_px = top_px
         self._image: QImage | None = None
         self._line = ""
         self._going = QTimer(self, singleShot=True, interval=SHOWN_MS)
@@ -60,7 +61,8 @@ class PhotoThumbnail(QWidget):
         metrics = QFontMetrics(self._theme.font(tokens.STATUS_PX))
         width = max(_PICTURE_PX, metrics.horizontalAdvance(self._line) + 30) + 2 * _EDGE_PX
         height = picture_px + _LINE_PX + _EDGE_PX + (_EDGE_PX if not picture_px else 0)
-        self.setGeometry(self._over.width() - width - 12, self._over.height() - height - 12, width, height)
+        top = self._over.height() - height - 12 if self._top_px is None else self._top_px
+        self.setGeometry(self._over.width() - width - 12, top, width, height)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if event.type() == QEvent.Type.Resize and self.isVisible():

@@ -4,7 +4,8 @@ import json
 import random
 
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
+from PySide6.QtGui import QEnterEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QPlainTextEdit, QWidget
 from pytestqt.qtbot import QtBot
@@ -25,6 +26,7 @@ from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.layout.panel_size import RESIZE_PX, resizer
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel_table import PANELS
+from caris_desktop.ui.widgets.buttons import ActionButton
 from tests.ui import samples
 from tests.ui.layout.edits import KINDS, edited
 from tests.ui.layout.lying import Placed, shown_in
@@ -284,3 +286,60 @@ def test_tabs_that_do_not_fit_stand_in_a_list(window: MainWindow, host: DockHost
     menu.close()
     assert host.docks[panel].isVisible()
     assert host.bars[0].isTabVisible(listed), "what is chosen has its tab"
+
+
+def _hover(dock: Dock, *, over: bool) -> None:
+    at = QPointF(5, 5)
+    QApplication.sendEvent(dock, QEnterEvent(at, at, at) if over else QEvent(QEvent.Type.Leave))
+
+
+def test_buttons_to_arrange_a_panel_appear_under_the_pointer_and_when_tab_reaches_them(
+    window: MainWindow, host: DockHost
+) -> None:
+    for name in ("video", "speak"):
+        dock = host.docks[name]
+        button = dock.findChild(ActionButton, "float_button")
+        assert button is not None and not button.is_seen
+        place = button.geometry()
+        blank = button.grab().toImage()
+        _hover(dock, over=True)
+        assert button.is_seen and button.grab().toImage() != blank
+        _hover(dock, over=False)
+        assert not button.is_seen
+        button.setFocus(Qt.FocusReason.TabFocusReason)
+        assert button.is_seen and button.geometry() == place, "nothing moves for it"
+        window.setFocus()
+        assert not button.is_seen
+
+
+def test_the_picture_has_no_title_bar_and_is_moved_floated_and_closed_by_its_handle(
+    qtbot: QtBot, window: MainWindow, host: DockHost
+) -> None:
+    dock = host.docks["video"]
+    handle, view = dock.findChild(ActionButton, "panel_handle"), window.panels["video"].focus_target()
+    assert handle is not None and view.mapTo(dock, QPoint()) == QPoint(), "the picture reaches the upper edge"
+    for keys in (True, False):
+        if keys:
+            handle.setFocus(Qt.FocusReason.TabFocusReason)
+            QTest.keyClick(handle, Qt.Key.Key_Space)
+        else:
+            qtbot.mouseClick(handle, Qt.MouseButton.LeftButton)
+        menu = host.findChild(QMenu, "panel_menu")
+        assert menu is not None and menu.isVisible()
+        texts = [action.text() for action in menu.actions()]
+        assert {"Open in a separate window", "Close this panel", "Left of"} <= set(texts)
+        menu.close()
+        QApplication.sendPostedEvents(menu, QEvent.Type.DeferredDelete)
+        QApplication.processEvents()
+    assert not dock.isFloating()
+    middle, target = handle.rect().center(), host.docks["speak"]
+    QTest.mousePress(handle, Qt.MouseButton.LeftButton, pos=middle)
+    below = handle.mapFromGlobal(target.mapToGlobal(QPoint(target.width() // 2, target.height() - 4)))
+    QTest.mouseMove(handle, middle + QPoint(40, 40))
+    QTest.mouseRelease(handle, Qt.MouseButton.LeftButton, pos=below)
+    assert dock.y() > target.y(), "dragged below Speak"
+    host.float_panel("video", PLACE)
+    assert dock.isFloating() and view.mapTo(dock, QPoint()) == QPoint()
+    host.dock_panel("video")
+    host.close_panel("video")
+    assert not dock.isVisible()
