@@ -14,6 +14,7 @@ from PySide6.QtWidgets import QWidget
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.intents import SizeClass
+from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.wizard_console import WizardConsole
@@ -116,6 +117,8 @@ class LayoutStore(QObject):
         self._of_scenario: LayoutNode | None = None
         self._in_replay = False
         self._borrowers: tuple[QWidget, ...] = ()
+        self._aspect = 4 / 3
+        self._aspect_known = False
         self._kind: SizeClass = "usual"
         self._name = ""
         self._trees: dict[SizeClass, LayoutNode] = {}
@@ -130,6 +133,8 @@ class LayoutStore(QObject):
         docks.refused.connect(lambda reason: self._notice(reason, ""))
         docks.room_changed.connect(self._fit)
         wizards.changed.connect(self._on_wizard_changed)
+        console.state.frame.changed.connect(self._on_frame)
+        console.state.robot.changed.connect(self._on_robot)
 
     def lend_room_to(self, *strips: QWidget) -> None:
         """Set the banners above the panels, whose appearance does not count as another window size."""
@@ -144,6 +149,16 @@ class LayoutStore(QObject):
                 wraps = strip.hasHeightForWidth()
                 borrowed += strip.heightForWidth(width) if wraps else strip.sizeHint().height()
         return self._docks.height() + borrowed
+
+    def _on_robot(self, _robot: object) -> None:
+        self._aspect_known = False
+
+    def _on_frame(self, frame: FrameRef) -> None:
+        """Fit the layout to the first picture of a robot. Later ones, of other cameras, move nothing."""
+        if not self._aspect_known:
+            self._aspect_known = True
+            self._aspect = min(max(frame.width_px / max(1, frame.height_px), 1.0), 2.0)
+            self._fit()
 
     def use_replay(self) -> None:
         """Switch to a replay: its layout belongs to no study and its height to no screen size class."""
@@ -184,8 +199,10 @@ class LayoutStore(QObject):
         if kind in self._trees:
             return tidy(self._trees[kind])
         # In a replay, panel height follows from the video in it, which depends on the layout.
-        height = _LOW_REPLAY_PX if self._in_replay and kind == "compact" else self._height
-        return fitted(self._trees["usual"], self._docks.width(), height)
+        if self._in_replay:
+            height = _LOW_REPLAY_PX if kind == "compact" else self._height
+            return fitted(self._trees["usual"], self._docks.width(), height)
+        return fitted(self._trees["usual"], self._docks.width(), self._height, self._aspect)
 
     def _file_tree(self, kind: SizeClass) -> LayoutNode:
         return self._trees.get(kind, self._trees["usual"])

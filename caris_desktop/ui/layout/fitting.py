@@ -5,16 +5,26 @@ from collections.abc import Mapping
 from caris_desktop.domain.intents import SizeClass
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.ui.layout.dock_geometry import GAP_PX, Room, least_room, lengths
-from caris_desktop.ui.layout.layout_tree import front_of, groups_in, panels_in, shares, tidy
+from caris_desktop.ui.layout.layout_tree import (
+    front_of,
+    groups_in,
+    panels_in,
+    path_of,
+    shares,
+    split_at,
+    tidy,
+    with_weights,
+    without,
+)
 
 COMPACT_BELOW: Room = (1500, 700)  # A 1366x768 screen leaves about 1350x630 for panels.
 LARGE_FROM: Room = (2300, 1100)
 
 COMFORT: Mapping[PanelName, Room] = {
     "video": (420, 300),
-    "speak": (400, 250),
+    "speak": (400, 232),
     "conversation": (380, 240),
-    "map": (340, 250),
+    "map": (300, 250),
     "drive": (290, 230),
     "people": (300, 190),
     "assistant": (320, 250),
@@ -35,6 +45,8 @@ IMPORTANCE: tuple[PanelName, ...] = (
 """Panels by importance; the last ones are folded into tabs first."""
 ALWAYS_SEEN = 3  # this many of the most important panels are never folded; they shrink instead
 _OTHER_ROOM: Room = (280, 200)
+_LEAST_PICTURE: Room = (200, 150)
+_ENOUGH = 0.85  # of the possible height of a picture: with less, what lies beside it becomes a tab
 
 
 def size_class(width: int, height: int) -> SizeClass:
@@ -43,12 +55,61 @@ def size_class(width: int, height: int) -> SizeClass:
     return "large" if width >= LARGE_FROM[0] and height >= LARGE_FROM[1] else "usual"
 
 
-def fitted(tree: LayoutNode, width: int, height: int) -> LayoutNode:
-    """The tree adapted to this size."""
+def fitted(tree: LayoutNode, width: int, height: int, aspect: float | None = None) -> LayoutNode:
+    """The tree adapted to this size, and on a small screen to pictures with this ``aspect``: as large as the others
+    permit, without bars beside them.
+    """
     kind = size_class(width, height)
     if kind == "compact":
-        return tidy(_compact(tidy(tree), width, height))
+        small = tidy(_compact(tidy(tree), width, height))
+        return small if aspect is None else tidy(_around_picture(small, width, height, aspect))
     return tidy(_spread(tidy(tree), width, height)) if kind == "large" else tidy(tree)
+
+
+def _around_picture(tree: LayoutNode, width: int, height: int, aspect: float) -> LayoutNode:
+    path = path_of(tree, "video")
+    splits, room = [split_at(tree, path[:depth]) for depth in range(len(path))], (width, height)
+    nearest: dict[str, int] = {}
+    totals, now = [0, 0], [width, height]
+    for depth, (split, index) in enumerate(zip(splits, path, strict=True)):
+        axis = 0 if split.split == "horizontal" else 1
+        nearest[split.split] = depth
+        totals[axis] = now[axis] - GAP_PX * (len(split.children) - 1)
+        now[axis] = round(totals[axis] * shares(split)[index])
+    across, down = nearest.get("horizontal"), nearest.get("vertical")
+    if across is None or down is None:
+        return tree
+    beside, around = (_others(splits[depth], path[depth]) for depth in (across, down))
+    most_height = totals[1] - sum(_need_in_front(child, 1) for child, _share in around)
+    in_row = across > down  # something lies beside the picture in the same column
+    most_width = totals[0] - sum(_need_in_front(child, 0) for child, _share in beside) if in_row else now[0]
+    if most_height < _LEAST_PICTURE[1] or most_width < _LEAST_PICTURE[0]:
+        if not in_row:
+            return tree
+        most_width = 0
+    picture_height = min(most_height, most_width / aspect)
+    if in_row and picture_height < _ENOUGH * most_height and all(_rank(child) >= ALWAYS_SEEN for child, _ in beside):
+        folded = [panel for child, _share in beside for panel in panels_in(child)]
+        rest = without(tree, folded)
+        if rest is not None and isinstance(rest, SplitNode):
+            for panel in folded:
+                rest = _with_tabs(rest, PanelLeaf(panel))
+            return _around_picture(tidy(rest), *room, aspect)
+    lengths_at = {across: aspect * picture_height, down: picture_height}
+    for depth, length in lengths_at.items():
+        axis = 0 if depth == across else 1
+        others = _others(splits[depth], path[depth])
+        needs = [_need_in_front(child, axis) for child, _share in others]
+        left = lengths(totals[axis] - round(length), [share for _child, share in others], needs, 0)
+        weights = [float(max(1, each)) for each in left]
+        weights.insert(path[depth], length)
+        tree = with_weights(tree, path[:depth], tuple(weights))
+    return tree
+
+
+def _others(split: SplitNode, index: int) -> list[tuple[LayoutNode, float]]:
+    parts = list(zip(split.children, shares(split), strict=True))
+    return parts[:index] + parts[index + 1 :]
 
 
 def _comfort(panel: PanelName) -> Room:

@@ -1,0 +1,170 @@
+"""Small laptop: share of the picture, controls before anything is done, and what stays in its place."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, QRect, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QApplication,
+    QComboBox,
+    QLineEdit,
+    QPlainTextEdit,
+    QTabBar,
+    QTextEdit,
+    QWidget,
+)
+from pytestqt.qtbot import QtBot
+
+from caris_desktop.domain import clock
+from caris_desktop.domain.events import PhotoTaken
+from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.live.status import LinkStatus
+from caris_desktop.robot.profile import load_profile
+from caris_desktop.scenario.scenario_file import load_scenario
+from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.video_panel import VideoPanel
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
+from tests.ui.conftest import find
+from tests.ui.fake_console import FakeConsole
+
+SIZE = (1366, 768)
+Open = Callable[[str], tuple[MainWindow, FakeConsole]]
+
+
+@pytest.fixture
+def opened(qtbot: QtBot, theme: Theme) -> Open:
+    """A shipped scenario in the window as it is when the robot is connected, before anything is done."""
+
+    def open_scenario(name: str) -> tuple[MainWindow, FakeConsole]:
+        console = FakeConsole(load_scenario(layouts_dir() / f"{name}.yaml"))
+        console.state.close()
+        console.state.link.set(LinkStatus("connected", "Simulated robot"))
+        console.state.robot.set(load_profile("simulated"))
+        window = MainWindow(console, theme=theme)
+        qtbot.addWidget(window)
+        window.resize(*SIZE)
+        window.show()
+        qtbot.waitExposed(window)
+        return window, console
+
+    return open_scenario
+
+
+def show_picture(console: FakeConsole, width_px: int, height_px: int) -> None:
+    console.state.add(console.frames.add(np.full((height_px, width_px, 3), 90, np.uint8)))
+    QApplication.processEvents()
+
+
+def share_of_window(window: MainWindow) -> float:
+    panel = window.panels["video"]
+    assert isinstance(panel, VideoPanel) and panel.view.frame is not None
+    picture = panel.view.picture_rect()
+    return picture.width() * picture.height() / (window.width() * window.height())
+
+
+def place_of(part: QWidget, window: QWidget) -> QRect:
+    return QRect(part.mapTo(window, QPoint()), part.size())
+
+
+def controls(window: QWidget) -> list[str]:
+    """Everything visible that takes a click or text, each tab and each step on its own."""
+    found = []
+    for part in window.findChildren(QWidget):
+        if not part.isVisible() or part.visibleRegion().isEmpty():
+            continue
+        name = part.objectName() or part.accessibleName()
+        if isinstance(part, QTabBar):
+            found += [f"tab {part.tabText(index)}" for index in range(part.count()) if part.isTabVisible(index)]
+        elif isinstance(part, ActionButton):
+            found += [name] if part.is_seen else []
+        elif isinstance(part, QAbstractButton | QLineEdit | QComboBox | QTextEdit | QPlainTextEdit):
+            found.append(name)
+    return found
+
+
+@pytest.mark.parametrize(("width_px", "height_px", "least"), [(640, 480, 0.20), (1280, 720, 0.28)])
+def test_the_picture_of_a_tour_is_large_and_has_no_bars_beside_it(
+    opened: Open, width_px: int, height_px: int, least: float
+) -> None:
+    window, console = opened("tour-guide")
+    show_picture(console, width_px, height_px)
+    assert (window.width(), window.height()) == SIZE
+    assert share_of_window(window) >= least
+    view = window.panels["video"].focus_target()
+    assert isinstance(window.panels["video"], VideoPanel)
+    picture = window.panels["video"].view.picture_rect()
+    assert view.width() - picture.width() <= 4 and view.height() - picture.height() <= 4
+    assert {"video", "speak", "conversation"} <= set(window.dock_host.arrangement.in_front)  # type: ignore[union-attr]
+    assert place_of(window.panels["speak"], window).top() > place_of(view, window).bottom(), "Speak lies below"
+    console.state.choose_camera("rear")
+    before = place_of(window.panels["video"], window)
+    square = console.frames.add(np.full((480, 480, 3), 90, np.uint8))
+    console.state.add(dataclasses.replace(square, camera="rear"))
+    QApplication.processEvents()
+    assert place_of(window.panels["video"], window) == before, "another camera moves nothing"
+
+
+def test_a_tour_begins_with_few_controls(opened: Open) -> None:
+    window, console = opened("tour-guide")
+    show_picture(console, 640, 480)
+    visible = controls(window)
+    of_map = controls(window.panels["map"]) + controls(window.dock_host.docks["map"].titleBarWidget())
+    # The map adds its menu and Go to.
+    assert len(visible) - len(of_map) <= 32, ", ".join(visible)
+    top_bar, strip = find(window, "top_bar"), find(window, "protocol_strip")
+    assert (top_bar.height(), strip.height()) == (44, 36)
+    assert place_of(window.panels["video"], window).top() <= 44 + 36 + 8, "nothing else is above the panels"
+
+
+def test_the_health_check_has_conversation_and_speech_largest_and_the_hand_over_in_sight(
+    qtbot: QtBot, opened: Open
+) -> None:
+    window, console = opened("mental-health-check")
+    show_picture(console, 640, 480)
+    areas = {name: dock.width() * dock.height() for name, dock in window.dock_host.docks.items() if dock.isVisible()}
+    assert set(sorted(areas, key=lambda name: areas[name])[-2:]) == {"conversation", "speak"}
+    assert share_of_window(window) >= 0.13
+
+    for _group in range(3):
+        shown = [part for part in window.panels["speak"].findChildren(ActionButton) if part.isVisible()]
+        over = [part for part in shown if part.text().startswith("I would like to ask a person to join us now")]
+        assert len(over) == 1 and "Ctrl U" in over[0].key
+        assert over[0].visibleRegion().boundingRect() == over[0].rect(), "not below the edge"
+        window.show_next_phrases()
+        QApplication.processEvents()
+    console.calls.clear()
+    QTest.keyClick(find(window, "speak_field"), Qt.Key.Key_U, Qt.KeyboardModifier.ControlModifier)
+    assert console.calls, "its key works in every group"
+
+
+def test_buttons_keep_their_place_when_the_focus_moves(window: MainWindow) -> None:
+    def places() -> dict[str, QRect]:
+        QApplication.processEvents()
+        buttons = [part for part in window.findChildren(ActionButton) if part.isVisible()]
+        return {part.objectName(): place_of(part, window) for part in buttons if part.objectName()}
+
+    window.focus_driving()
+    QApplication.processEvents()
+    caps = {name: part.key for part in window.findChildren(ActionButton) if (name := part.objectName())}
+    driving = places()
+    window.focus_speak()
+    assert places() == driving
+    changed = [part for part in window.findChildren(ActionButton) if caps.get(part.objectName(), "") != part.key]
+    assert {"mark_button", "photo_button"} <= {part.objectName() for part in changed}, "their key caps are others"
+
+
+def test_a_saved_photo_hides_no_hint_on_driving(qtbot: QtBot, window: MainWindow, console: FakeConsole) -> None:
+    panel = window.panels["video"]
+    assert isinstance(panel, VideoPanel)
+    frame = console.state.frame.value
+    console.state.add(PhotoTaken(clock.now_ns(), "front", frame.sequence, "photos/0001.png"))
+    note = find(window, "photo_thumbnail")
+    for _text, _role, chip in panel.view._chip_places():
+        assert not note.geometry().intersects(chip.toRect())
+    photo = find(window, "photo_button")
+    assert not place_of(note, window).intersects(place_of(photo, window))
