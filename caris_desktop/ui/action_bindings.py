@@ -511,5 +511,13 @@ class Actions(QObject):
         spec = self.spec(action_id)
         if spec is None:
             return ""
-        keys = spec.driving_keys if self._driving_focus and spec.driving_keys else spec.keys
+        return self._key_text(spec, driving=self._driving_focus)
+
+    def key_texts(self, action_id: str) -> tuple[str, ...]:
+        """Key caps of the binding while typing and while driving."""
+        spec = self.spec(action_id)
+        return () if spec is None else (self._key_text(spec, driving=False), self._key_text(spec, driving=True))
+
+    def _key_text(self, spec: ActionSpec, *, driving: bool) -> str:
+        keys = spec.driving_keys if driving and spec.driving_keys else spec.keys
         return " · ".join(self.caps(spec, keys if spec.intent is say_phrase else keys[:1]))

@@ -212,7 +212,7 @@ class MainWindow(PanelWindow, QWidget):
         self._column.addWidget(self._top_bar)
         self._column.addWidget(self._protocol)
         self._column.addWidget(self.practice)
-        holder = layouts.vbox(margins_px=(8, 6, 8, 8))
+        holder = layouts.vbox(margins_px=(8, 4, 8, 4))
         self._middle = QSplitter(Qt.Orientation.Vertical, childrenCollapsible=False)
         self._middle.setObjectName("middle")
         self._middle.setHandleWidth(8)

@@ -28,6 +28,7 @@ class PanelTitleBar(Bar, QWidget):
     ) -> None:
         super().__init__()
         self._picture = picture
+        self._pointed = False
         self._unseen = QWidget(self) if looked_at else None
         if self._unseen is not None:
             self._unseen.hide()
@@ -59,8 +60,8 @@ class PanelTitleBar(Bar, QWidget):
 
     def _show_controls(self) -> None:
         own, more = self._panel.title_widgets(), self._more
-        # On a picture, what appears under the pointer only is between the others, so that these reach the corners.
-        controls = (*own, *more) if self._picture is None else (*own[:1], *more, *own[1:])
+        # What appears under the pointer only comes first, so that the others reach the edge.
+        controls = (*more, *own) if self._picture is None else (*own[:1], *more, *own[1:])
         before, self._controls = self._controls, controls
         for widget in before:
             self._row.removeWidget(widget)
@@ -75,6 +76,14 @@ class PanelTitleBar(Bar, QWidget):
         self._row.setContentsMargins(*((10, 6, 10, 2) if over else (14, 3, 6 if self._controls else 14, 3)))
         for number, widget in enumerate(self._controls):
             self._row.insertWidget(0 if over and number == 0 else self._row.count(), widget)
+        self.set_pointed(self._pointed)
+
+    def set_pointed(self, pointed: bool) -> None:
+        """Set whether the pointer is over the panel, which shows its quiet buttons."""
+        self._pointed = pointed
+        for widget in self._controls:
+            if isinstance(widget, ActionButton):
+                widget.set_pointed(pointed)
 
     def event(self, event: QEvent) -> bool:
         if event.type() in (QEvent.Type.Resize, QEvent.Type.LayoutRequest):

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from caris_desktop.recording.annotation.timeline_overview import SessionOverview
     from caris_desktop.recording.session.session_protocol import StepRecord
 
-HEIGHT_PX = 40
-_BUTTON_PX = 30
+HEIGHT_PX = 36
+_BUTTON_PX = 28
 _GAP_PX, _SIDE_PX = 6, 8
 _SECOND_MS = 250
 _LEAST_PX, _NOTE_PX = 600, 160
@@ -181,7 +181,7 @@ class ProtocolStrip(Bar, QWidget):
         self._say.setVisible(live and permissions.speech and step is not None and bool(step.say))
         self._go.setVisible(live and permissions.driving and step is not None and bool(step.go_to))
         self._branch.setVisible(live and step is not None and bool(step.branches))
-        self._back.setVisible(live)
+        self._back.setVisible(live and (step is not None or status.ended))
         self._skip.setVisible(live and step is not None)
         self.next_button.setVisible(live and not status.ended)
         if step is not None:

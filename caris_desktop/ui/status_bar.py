@@ -30,7 +30,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.status_button import StatusButton
 from caris_desktop.ui.window_above import InSight
 
-HEIGHT_PX = 32
+HEIGHT_PX = 28
 _SIDE_PX, _GAP_PX, _STEP_PX = 16, 20, 6
 # Items that appear only with something to report (any role but "dim"); else the bar's tooltip has them.
 _WHEN_NEEDED = ("models", "round_trip", "listening", "perception", "lidar", "video", "recording", "disk")

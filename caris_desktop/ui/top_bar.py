@@ -20,13 +20,13 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
 from caris_desktop.ui.wrapped_tip import set_wrapped_tip
 
-HEIGHT_PX = 56
+HEIGHT_PX = 44
 ROOMY_PX = 1500
-_SIDE_PX, _GAP_PX = 8, 10
+_SIDE_PX, _GAP_PX = 8, 8
 _LEAST_PX = 640
 # Maximum characters per name in a narrow and a wide window; the tooltip has the rest.
 _PART_CHARACTERS, _TIP_CHARACTERS = (24, 40), 1000
-_SCENARIO_PX, _STRETCH_PX = 120, 110
+_SCENARIO_PX, _STRETCH_PX = 160, 110
 _TRIAL_PX = (150, 70)
 # Levels of shrinking at which each part shrinks or disappears; the text of Find is the first.
 _FIND_SHRINKS, _ERROR_SHRINKS, _TRIAL_SHRINKS, _MARK_SHRINKS = 2, 3, 4, 5
@@ -138,12 +138,12 @@ class TopBar(Bar, QWidget):
         self._find.setObjectName("find_button")
         self._find.bind(actions, "find")
         self._find.setToolTip(tr("Find anything: actions, phrases, places, panels"))
-        self.window_button = ActionButton(theme, "", icon="layout")
+        self.window_button = ActionButton(theme, tr("Window"), menu_arrow=True)
         self.window_button.setObjectName("window_menu_button")
         self.window_button.setAccessibleName(tr("Panels and appearance"))
         self.window_button.setToolTip(tr("Panels and appearance"))
         self.window_button.clicked.connect(self.window_menu_requested)
-        self.emergency = ActionButton(theme, tr("Emergency stop"), key="Esc Esc", role="danger", height_px=40)
+        self.emergency = ActionButton(theme, tr("Emergency stop"), key="Esc Esc", role="danger")
         self.emergency.setObjectName("emergency_stop")
         self.emergency.setProperty(STOPS, True)
         self.emergency.setToolTip(
@@ -343,7 +343,7 @@ class TopBar(Bar, QWidget):
         others = f" +{len(status.open) - 1}" if len(status.open) > 1 else ""
         label, end = label or tr("Interval"), tr("End")
         self.stretch_button.set_label(f"{label}{others} · {lasts} · {end}")
-        self.stretch_button.set_key(self._actions.key_text("stretch"))
+        self.stretch_button.set_key(self._actions.key_text("stretch"), self._actions.key_texts("stretch"))
         self.stretch_button.setToolTip(tr("This interval of the session is being marked. Click to end it."))
 
     def _on_mark_shown(self) -> None:

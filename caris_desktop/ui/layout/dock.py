@@ -70,6 +70,7 @@ class Dock(KeyPlace):
         self._title_px = TITLE_PX if picture is None else 0
         self._handle = _Handle(panel.theme, icon="dots-six-vertical", height_px=_BUTTON_PX)
         self._handle.setObjectName("panel_handle")
+        self._handle.set_quiet(True)
         self._handle.setToolTip(tr("Drag to move this panel, click for its menu"))
         self._handle.clicked.connect(self._open_menu)
         self._handle.setParent(self)
@@ -79,6 +80,7 @@ class Dock(KeyPlace):
             panel.theme, icon="arrow-square-out", role="ghost" if picture is None else "plain", height_px=_BUTTON_PX
         )
         self._float.setObjectName("float_button")
+        self._float.set_quiet(True)
         self._float.clicked.connect(lambda: self.float_requested.emit(self.name))
         parts = (self._more, self._float) if picture is None else (self._more, self._float, self._handle)
         self._title_bar = PanelTitleBar(panel, parts, picture=picture)
@@ -86,7 +88,6 @@ class Dock(KeyPlace):
         self._title_bar.show()
         if picture is not None:
             picture.installEventFilter(self)
-        self._show_tools(shown=False)
         panel.title_changed.connect(self._on_title_changed)
         self._on_title_changed(panel.shown_title)
         self.set_place(floating=False, locked=False)
@@ -195,17 +196,13 @@ class Dock(KeyPlace):
 
     # ---- controls that appear under the pointer
 
-    def _show_tools(self, *, shown: bool) -> None:
-        self._float.set_seen(shown)
-        self._handle.set_seen(shown)
-
     def enterEvent(self, event: QEnterEvent) -> None:
         super().enterEvent(event)
-        self._show_tools(shown=True)
+        self._title_bar.set_pointed(True)
 
     def leaveEvent(self, event: QEvent) -> None:
         super().leaveEvent(event)
-        self._show_tools(shown=False)
+        self._title_bar.set_pointed(False)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Keep the controls along the upper edge of the picture."""

@@ -169,6 +169,7 @@ class ConversationPanel(Panel):
             return
         self._under_way = self._heard()
         self.view.show_rows(self._maker.rows(self._turns(), self._names, self._under_way))
+        self._find.set_quiet(not self.view.rows)
         if self._search.isVisible():
             self._check_again()
         self._tick()
@@ -370,6 +371,7 @@ class LevelsButton(ActionButton):
         levels: LevelsStatus = self._state.levels.value
         acting = any(getattr(levels, function) == "act" for function in FUNCTIONS)
         self.set_label(tr("Automatic") if acting else "", role="amber" if acting else "ghost")
+        self.set_quiet(not acting)
         lines = [f"{tr(FUNCTIONS[each])}: {tr(LEVELS[getattr(levels, each)])}" for each in self._assisted]
         self.setToolTip("\n".join((tr("Assistance levels"), *lines)))
         self.setAccessibleName(tr("Assistance levels"))

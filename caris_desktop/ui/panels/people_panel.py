@@ -141,6 +141,7 @@ class PeoplePanel(Panel):
         if permitted:
             search = ActionButton(self.theme, "", icon="magnifying-glass", role="ghost", height_px=30)
             search.setObjectName("people_search_button")
+            search.set_quiet(True)
             search.setAccessibleName(tr("Find a person"))
             search.setToolTip(tr("Find by name, group or tag (Ctrl+F in this panel)"))
             search.clicked.connect(lambda: self._open_search() if self._search.isHidden() else self._close_search())

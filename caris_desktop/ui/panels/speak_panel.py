@@ -19,7 +19,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.phrases import MOST_GESTURES, phrase_groups, sentences
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions, cap_text, keyed_phrases
-from caris_desktop.ui.action_rows import PHRASE_COUNT, perform_nth_gesture, phrases_on_keys
+from caris_desktop.ui.action_rows import PHRASE_COUNT, perform_nth_gesture, phrases_on_keys, say_keyed_phrase
 from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.focus_widget import existing, focus_widget, focused_widget
 from caris_desktop.ui.panel import Panel, PanelContext
@@ -114,6 +114,7 @@ class SpeakPanel(Panel):
         self._offer_talking()
         self._voice = ActionButton(self.theme, icon="sliders-horizontal", height_px=30)
         self._voice.setObjectName("voice_button")
+        self._voice.set_quiet(True)
         self._voice.setAccessibleName(tr("Voice"))
         self._voice.setToolTip(tr("Who speaks, voice, speed and volume"))
         self._voice.clicked.connect(self._open_voice_menu)
@@ -157,7 +158,7 @@ class SpeakPanel(Panel):
             self.controls_changed.emit()
 
     def title_widgets(self) -> list[QWidget]:
-        return [*self._talk, self._voice, self._silence] if self.state.present.live else [self._silence]
+        return [self._voice, *self._talk, self._silence] if self.state.present.live else [self._silence]
 
     def focus_target(self) -> QWidget:
         return self._gap.field if self._gap.isVisible() else self.field
@@ -481,7 +482,7 @@ class PhraseRows(QWidget):
             title.set_label(group.title or tr(_UNTITLED))
         self._next_key.set_text(self._actions.key_text("next_phrases"))
         there = {spec.id for spec in self._actions.all_specs}
-        action_ids = [action_id for action_id in _CHIPS if action_id in there]
+        action_ids = [action_id for action_id in (*self._always_seen(), *_CHIPS) if action_id in there]
         for action_id in self._chips.keys() - set(action_ids):
             chip = self._chips.pop(action_id)
             self._flow.remove(chip)
@@ -492,6 +493,12 @@ class PhraseRows(QWidget):
         self._flow.arrange([*(self._chips[action_id] for action_id in action_ids), self._next])
         self._report_keyless()
         self._refresh()
+
+    def _always_seen(self) -> list[str]:
+        """Phrases with a key of their own that a step of the protocol says, for example a hand-over, in every group."""
+        steps = {step.say for step in self._console.scenario.protocol.steps}
+        keyed = enumerate(keyed_phrases(self._console.scenario), start=1)
+        return [f"keyed_phrase_{number}" for number, phrase in keyed if phrase.say in steps]
 
     def _new_title(self, number: int) -> ActionButton:
         title = ActionButton(self._theme, role="ghost", height_px=28)
@@ -541,12 +548,15 @@ class PhraseRows(QWidget):
                 # The keys may still belong to the former scenario, which had more gestures.
                 titles = [gesture.title for gesture in self._console.scenario.gestures]
                 spec, label = (spec, titles[spec.argument - 1]) if spec.argument <= len(titles) else (None, "")
+            if spec is not None and spec.intent is say_keyed_phrase:
+                on_keys = phrases_on_keys(self._console.scenario, chosen)
+                spec = None if spec.argument in on_keys[:PHRASE_COUNT] else spec
             chip.setVisible(spec is not None)
             if spec is not None:
                 chip.set_label(label)
                 chip.setAccessibleName(spec.text)
                 chip.setToolTip(spec.text)
-                chip.set_key(self._actions.key_text(action_id))
+                chip.set_key(self._actions.key_text(action_id), self._actions.key_texts(action_id))
         self._flow.updateGeometry()
 
     def _report_keyless(self) -> None:
@@ -604,7 +614,7 @@ class TalkButton(ActionButton):
         self._show()
 
     def _show_key(self) -> None:
-        self.set_key(self._actions.key_text(TALK))
+        self.set_key(self._actions.key_text(TALK), self._actions.key_texts(TALK))
 
     def _show(self, _value: object = None) -> None:
         sound: SoundStatus = self._state.sound.value

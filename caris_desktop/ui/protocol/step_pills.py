@@ -15,7 +15,7 @@ from caris_desktop.ui.theme import Theme
 
 StepState = Literal["done", "skipped", "now", "late", "ahead"]
 
-HEIGHT_PX = 30
+HEIGHT_PX = 28
 _SIDE_PX, _ICON_PX, _GAP_PX = 12, 14, 6
 _LEAST_PX = 130
 _ICONS: dict[StepState, str] = {"done": "check", "skipped": "skip-forward", "now": "", "late": "", "ahead": ""}

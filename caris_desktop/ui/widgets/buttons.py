@@ -50,8 +50,9 @@ class ActionButton(QAbstractButton):
         self._dot: str | None = None
         self._badge: Badge = ""
         self._key = key
+        self._keys_later: tuple[str, ...] = ()
         self._key_shown = True
-        self._seen = True
+        self._quiet = self._pointed = False
         self._role: ButtonRole = role
         self._key_first = key_first
         self._height_px = height_px
@@ -78,10 +79,12 @@ class ActionButton(QAbstractButton):
     def key(self) -> str:
         return self._key
 
-    def set_key(self, key: str) -> None:
-        if key != self._key:
-            self._key = key
-            self.updateGeometry()
+    def set_key(self, key: str, later: tuple[str, ...] = ()) -> None:
+        """Set the key cap; with room for those of ``later``, so that nothing moves when they replace it."""
+        if (key, later) != (self._key, self._keys_later):
+            before, self._key, self._keys_later = self._cap_px, key, later
+            if before != self._cap_px:
+                self.updateGeometry()
             self.update()
 
     def set_key_shown(self, shown: bool) -> None:
@@ -92,19 +95,33 @@ class ActionButton(QAbstractButton):
             self.updateGeometry()
             self.update()
 
-    def set_seen(self, seen: bool) -> None:
-        """Set whether it is painted. Unseen it keeps its place, and appears when Tab reaches it."""
-        if seen != self._seen:
-            self._seen = seen
+    def set_quiet(self, quiet: bool) -> None:
+        """Set whether it is painted only while the pointer is over its panel, or Tab has reached it. It keeps its
+        place.
+        """
+        if quiet != self._quiet:
+            self._quiet = quiet
+            self.update()
+
+    def set_pointed(self, pointed: bool) -> None:
+        """Set whether the pointer is over its panel."""
+        if pointed != self._pointed:
+            self._pointed = pointed
             self.update()
 
     @property
     def is_seen(self) -> bool:
-        return self._seen or self.hasFocus()
+        return not self._quiet or self._pointed or self.hasFocus()
 
     @property
     def _cap(self) -> str:
         return self._key if self._key_shown else ""
+
+    @property
+    def _cap_px(self) -> float:
+        """Width of the widest key cap that it may have."""
+        caps = (self._key, *self._keys_later) if self._key_shown else ()
+        return max((key_cap_width(self._theme, cap) for cap in caps), default=0.0)
 
     def set_size(self, *, height_px: int, text_px: int) -> None:
         if (height_px, text_px) != (self._height_px, self._text_px):
@@ -159,7 +176,7 @@ class ActionButton(QAbstractButton):
     def width_with(self, text: str) -> int:
         """Width with this text, and the current icon and key."""
         has_icon = bool(self._icon_name) or self._dot is not None
-        measured = (text, self._cap, has_icon, self._menu_arrow, self._height_px, self._text_px, self._weight)
+        measured = (text, self._cap_px, has_icon, self._menu_arrow, self._height_px, self._text_px, self._weight)
         width = self._widths.get(measured)
         if width is None:
             width = round(self._content_width(text) + 2 * self._side_px(text) + 0.5)
@@ -175,7 +192,7 @@ class ActionButton(QAbstractButton):
             return QSize(self.width_with(""), full.height())
         if not self._may_shrink:
             return full
-        return QSize(min(full.width(), round(key_cap_width(self._theme, self._cap)) + 72), full.height())
+        return QSize(min(full.width(), round(self._cap_px) + 72), full.height())
 
     def _side_px(self, text: str) -> int:
         if not text:
@@ -190,7 +207,7 @@ class ActionButton(QAbstractButton):
         spaces = -8
         for present, part in (
             (bool(self._icon_name) or self._dot is not None, float(_ICON_PX)),
-            (bool(self._cap), key_cap_width(self._theme, self._cap)),
+            (self._cap_px > 0, self._cap_px),
             (self._menu_arrow, 12.0),
             (bool(text), 0.0),
         ):
@@ -229,7 +246,7 @@ class ActionButton(QAbstractButton):
         colors = tuple(
             None if color is None else color.name(QColor.NameFormat.HexArgb) for color in (ground, line, ink)
         )
-        marks = (self._icon_name, self._dot, self._badge, self._cap, self._key_first, self._menu_arrow)
+        marks = (self._icon_name, self._dot, self._badge, self._cap, self._cap_px, self._key_first, self._menu_arrow)
         font = (self._height_px, self._text_px, self._weight, self._may_lose_words)
         now = (self.isEnabled(), self.hasFocus(), on)
         key = ("button", self.text(), colors, marks, font, now)
@@ -271,9 +288,9 @@ class ActionButton(QAbstractButton):
         if self._may_lose_words and self.width() < self.width_with(text) - 1:
             text = ""
         side = float(self._side_px(text))
-        left = max(side, (self.width() - self._content_width(text)) / 2)
-        right_end = self.width() - side
         cap = key_cap_width(theme, self._cap)
+        left = max(side, (self.width() - self._content_width(text) + self._cap_px - cap) / 2)
+        right_end = self.width() - side
         if self._dot is not None:
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(theme.color(self._dot))
@@ -323,5 +340,6 @@ class _Binding(QObject):
         self._action_id = action_id
 
     def refresh(self) -> None:
-        self._button.set_key(self._actions.key_text(self._action_id))
-        self._button.setEnabled(self._actions.available(self._action_id))
+        actions, action_id = self._actions, self._action_id
+        self._button.set_key(actions.key_text(action_id), actions.key_texts(action_id))
+        self._button.setEnabled(actions.available(action_id))

@@ -12,7 +12,7 @@ from caris_desktop.ui.drive_input_filter import DriveInputFilter, KeyOwner
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
 
-_HEIGHT_PX = 24
+_HEIGHT_PX = 22
 _WORDS: dict[KeyOwner, tuple[str, str, str]] = {
     "driving": (QT_TR_NOOP("Keys drive"), "blue", "game-controller"),
     "typing": (QT_TR_NOOP("You type · Alt drives"), "text", "text-aa"),
@@ -23,6 +23,8 @@ _WORDS: dict[KeyOwner, tuple[str, str, str]] = {
     "elsewhere": (QT_TR_NOOP("Keys used elsewhere"), "amber", "keyboard"),
     "off": ("", "dim", "keyboard"),
 }
+
+_USUAL: tuple[KeyOwner, ...] = ("driving", "typing", "window")
 
 
 def owner_words(owner: KeyOwner) -> str:
@@ -76,7 +78,9 @@ class KeyOwnerChip(QWidget):
 
     def sizeHint(self) -> QSize:
         metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX))
-        return QSize(round(metrics.horizontalAdvance(self.text)) + 42, _HEIGHT_PX)
+        # As wide for typing as for driving, so that nothing beside it moves with the focus.
+        texts = [self.text, *map(owner_words, _USUAL)]
+        return QSize(round(max(map(metrics.horizontalAdvance, texts))) + 42, _HEIGHT_PX)
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         theme = self._theme
