@@ -32,6 +32,7 @@ from PySide6.QtWidgets import (
     QComboBox,
     QDialog,
     QLineEdit,
+    QMenu,
     QPlainTextEdit,
     QTextEdit,
     QWidget,
@@ -744,7 +745,11 @@ class DriveInputFilter(QObject):
         # A non-modal dialog closes only while it is in front; a stop from the main window leaves it open.
         front = self._app.activeModalWidget() or self._app.activeWindow()
         if popup is not None:
-            popup.hide()  # closing would destroy its native window, and a following Esc sent to it would be lost
+            # A menu closes with its submenus, so that a second Esc finds neither.
+            while popup is not None:
+                popup.hide()  # closing would destroy its native window, and a following Esc sent to it would be lost
+                below = self._app.activePopupWidget()
+                popup = below if isinstance(popup, QMenu) and isinstance(below, QMenu) and below is not popup else None
             return
         if front is not None and front is not self._window:
             self._keyboard_grab.hold_during_close(front, self._window)

@@ -125,7 +125,7 @@ def refusal(spec: ActionSpec, column: Column, key: str, rows: Iterable[ActionSpe
     if spec.kind == "safety":
         return tr("This key always stops the robot and cannot be changed.")
     if last in _STOPS:
-        return tr("Esc and Pause always stop the robot.")
+        return tr("Esc and Pause always stop the robot. Esc also closes what is open in front.")
     if last in ("Tab", "Backtab"):
         return tr("Tab moves the focus through the window.")
     if spec.by_position:

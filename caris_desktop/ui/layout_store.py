@@ -123,7 +123,7 @@ class LayoutStore(QObject):
         self._name = ""
         self._trees: dict[SizeClass, LayoutNode] = {}
         self._baseline: LayoutNode | None = None
-        self._touched = False
+        self._touched = self._resetting = False
         self._histories: dict[SizeClass, LayoutHistory] = {}
         self.rest = QTimer(self, singleShot=True, interval=LAYOUT_AT_REST_MS)
         self.rest.timeout.connect(self.record_layout)
@@ -276,6 +276,11 @@ class LayoutStore(QObject):
         )
         self._touched = changed
 
+    def takes_reset(self) -> bool:
+        """Whether the next file of the scenario is that of a reset, whose layout is shown; asked once."""
+        resetting, self._resetting = self._resetting, False
+        return resetting
+
     def follow(self, scenario: Scenario) -> None:
         """Adopt a changed layout of the scenario file without moving the panels."""
         self._of_scenario = scenario.layout
@@ -390,6 +395,7 @@ class LayoutStore(QObject):
 
     def save(self) -> None:
         """Request saving the current layout to the scenario file."""
+        self._resetting = False
         tree = self._docks.tree
         if tree is not None:
             self._console.do(intents.SaveLayout(layout_text(tree), self._kind))
@@ -412,6 +418,7 @@ class LayoutStore(QObject):
 
     def put_back(self) -> None:
         """Restore the scenario's original layout, after another one was saved over it."""
+        self._resetting = True
         present = self._docks.arrangement
         if present is not None:
             self._history.note(tr("Reset"), present)

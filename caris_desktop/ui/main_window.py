@@ -382,7 +382,8 @@ class MainWindow(PanelWindow, QWidget):
         before = self._shown_scenario
         if scenario is before:
             return
-        if before is not None and same_panels(before, scenario, self.dock_host.tree):
+        reset = self.layout_keeper.takes_reset()
+        if before is not None and not reset and same_panels(before, scenario, self.dock_host.tree):
             self._shown_scenario = scenario
             self.layout_keeper.follow(scenario)
             self._top_bar.show_scenario()

@@ -22,6 +22,7 @@ from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.focus_widget import focus_widget, give_focus_back
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.mark_intents import move_last_mark_back, withdraw_last_mark
+from caris_desktop.ui.text_formatting import ESC_CLOSES
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
@@ -279,6 +280,7 @@ class MarkCard(QWidget):
         self._keep = self._button("note_keep", tr("Save"), key="Enter", role="primary")
         self._keep.clicked.connect(self._store_note)
         leave = self._button("note_leave", tr("Discard"), key="Esc")
+        leave.setToolTip(tr(ESC_CLOSES))
         leave.clicked.connect(self.close_card)
         self._note_row = QWidget()
         note_row = layouts.hbox(self._note_row, margins_px=0, spacing_px=6)

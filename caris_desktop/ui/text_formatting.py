@@ -226,6 +226,10 @@ def mark_sentence(mark: events.Marked) -> str:
     return with_label(text, label) + note
 
 
+ESC_CLOSES = QT_TR_NOOP("Esc closes this and stops the robot")
+"""Tooltip of a button with the key Esc, which never only closes."""
+
+
 def in_menu(text: str) -> str:
     """``text`` escaped for a menu, where Qt treats "&" as a mnemonic and a tab as the start of the shortcut."""
     return text.replace("&", "&&").replace("\t", " ")

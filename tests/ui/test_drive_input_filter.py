@@ -20,6 +20,7 @@ from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.teleop_input import command_of
+from caris_desktop.ui.widgets.buttons import ActionButton
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 
@@ -321,6 +322,35 @@ def test_escape_stops_before_a_dialog_and_a_popup_see_it(
     QTest.keyClick(menu, Qt.Key.Key_Escape)
     assert [name for name, _ in console.calls] in (["stop", "stop"], ["stop", "emergency_stop"])
     assert not menu.isVisible()
+
+
+def test_one_escape_closes_a_menu_with_its_submenus_and_the_second_latches_the_emergency_stop(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    qtbot.mouseClick(find(window, "window_menu_button"), Qt.MouseButton.LeftButton)
+    menu = window.findChild(QMenu, "window_menu")
+    assert menu is not None
+    entry = next(action for action in menu.actions() if action.menu() is not None and action.isEnabled())
+    menu.setActiveAction(entry)
+    below = entry.menu()
+    assert isinstance(below, QMenu)
+    if not below.isVisible():
+        below.popup(menu.mapToGlobal(menu.actionGeometry(entry).topRight()))
+    assert QApplication.activePopupWidget() is below
+    QTest.keyClick(below, Qt.Key.Key_Escape)
+    assert not menu.isVisible() and not below.isVisible() and QApplication.activePopupWidget() is None
+    assert console.calls == [("stop", None)]
+    QTest.keyClick(window, Qt.Key.Key_Escape)
+    assert console.calls[-1] == ("emergency_stop", None)
+
+
+def test_buttons_with_the_key_esc_say_that_it_also_stops_the_robot(window: MainWindow) -> None:
+    window.show_preflight()
+    window._alarms.show_alarms()
+    keyed = [button for button in window.findChildren(ActionButton) if button.key == "Esc"]
+    closing = [button for button in keyed if button.objectName() not in ("stop_button",)]
+    assert len(closing) >= 3
+    assert {button.toolTip() for button in closing} == {"Esc closes this and stops the robot"}
 
 
 def test_a_drive_that_the_link_ended_needs_a_new_press(view: QWidget, console: FakeConsole) -> None:

@@ -15,6 +15,7 @@ from caris_desktop.ui.action_rows import ALARMS_GROUP
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.problems import LOOKS
+from caris_desktop.ui.text_formatting import ESC_CLOSES
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.status_button import StatusButton
@@ -59,6 +60,7 @@ class AlarmList(Overlay):
         log.setToolTip(tr("Open the Session log"))
         log.clicked.connect(self.log_requested)
         close = ActionButton(theme, tr("Close"), icon="x", key="Esc", role="ghost")
+        close.setToolTip(tr(ESC_CLOSES))
         close.setObjectName("alarms_close")
         close.clicked.connect(self.close_overlay)
         head = QHBoxLayout()

@@ -124,9 +124,9 @@ class SuggestionCards(QWidget):
         if status.state == "asking":
             return tr("{model} is writing suggestions based on {grounds}").format(model=status.model, grounds=grounds)
         edit = self._context.actions.key_text("edit_suggestion_1")
-        parts = [tr("Suggested by {model}, based on {grounds}").format(model=status.model, grounds=grounds)]
-        if edit:
-            parts.append(tr("{key} edit first").format(key=edit))
+        # The key comes first, because the end is cut off where room is short.
+        parts = [tr("{key} edit first").format(key=edit)] if edit else []
+        parts.append(tr("Suggested by {model}, based on {grounds}").format(model=status.model, grounds=grounds))
         return " · ".join(parts)
 
 

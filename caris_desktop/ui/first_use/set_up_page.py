@@ -26,6 +26,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.preflight.preflight_words import ICONS, ROLES, STATES, worst
 from caris_desktop.ui.robot_choice import RobotChooser
+from caris_desktop.ui.text_formatting import ESC_CLOSES
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.scroll_areas import Scrolled
@@ -114,6 +115,7 @@ class SetUpPage(Overlay):
         robot_button.setObjectName("first_use_own")
         robot_button.clicked.connect(self._on_own)
         later = ActionButton(theme, tr("Not now"), key="Esc", role="ghost")
+        later.setToolTip(tr(ESC_CLOSES))
         later.setObjectName("first_use_later")
         later.clicked.connect(self.close_overlay)
         again = QLabel(tr("You can find this again in the Window menu: Set up."), wordWrap=True)
@@ -178,6 +180,7 @@ class SetUpPage(Overlay):
         foot.addWidget(self._back)
         foot.addStretch(1)
         close = ActionButton(theme, tr("Close"), key="Esc", role="ghost")
+        close.setToolTip(tr(ESC_CLOSES))
         close.setObjectName("first_use_close")
         close.clicked.connect(self.close_overlay)
         foot.addWidget(close)

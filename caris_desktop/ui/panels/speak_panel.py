@@ -403,6 +403,7 @@ class PlaceholderPrompt(QWidget):
             theme, tr("Cancel"), key="Esc", height_px=30, text_px=tokens.BODY_PX - 1, role="ghost"
         )
         self._leave.setObjectName("gap_leave")
+        self._leave.setToolTip(tr(text_formatting.ESC_CLOSES))
         self._leave.clicked.connect(self.given_up)
         self._question.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
         row = layouts.hbox(self, margins_px=0, spacing_px=8)

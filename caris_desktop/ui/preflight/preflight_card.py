@@ -10,6 +10,7 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.preflight.preflight_list import PreflightList
 from caris_desktop.ui.preflight.preflight_words import ICONS, ROLES, STATES, summary, worst
+from caris_desktop.ui.text_formatting import ESC_CLOSES
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.status_button import StatusButton
@@ -30,6 +31,7 @@ class PreflightCard(Overlay):
         self._summary.setObjectName("preflight_summary")
         self._summary.setFont(theme.font(tokens.STATUS_PX))
         close = ActionButton(theme, tr("Close"), icon="x", key="Esc", role="ghost")
+        close.setToolTip(tr(ESC_CLOSES))
         close.setObjectName("preflight_close")
         close.clicked.connect(self.close_overlay)
         head = QHBoxLayout()

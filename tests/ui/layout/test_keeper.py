@@ -162,6 +162,26 @@ def test_saving_makes_it_the_files_and_takes_the_mark_away(window: MainWindow, c
     assert arranged(window).for_file == tidy(tree)
 
 
+def test_the_first_reset_after_saving_brings_the_original_layout_back(window: MainWindow, console: FakeConsole) -> None:
+    own = Path("/own/tour_guide.yaml")
+
+    def opened(layout: LayoutNode, sha256: str) -> None:
+        console._others[own] = dataclasses.replace(samples.TOUR, layout=layout, path=own, sha256=sha256)
+        console.open_scenario(own)
+
+    window.dock_host.move_panel("map", "video", "right")
+    window.layout_keeper.save()
+    (saved,) = console.named("SaveLayout")
+    mine = layout_from_data(json.loads(saved.layout))
+    opened(mine, "saved")
+    window.layout_keeper.put_back()
+    assert console.named("ResetLayout")
+    opened(samples.TOUR_LAYOUT, "reset")  # the file is written in the background
+    window.board.complete()
+    assert arranged(window) == arrangement_of(samples.TOUR_LAYOUT)
+    assert not window.layout_keeper.is_unsaved
+
+
 @pytest.mark.long
 def test_locked_nothing_is_moved_closed_or_floated_and_it_is_reported(
     window: MainWindow, told: list[str], settings: MemorySettings, qtbot: QtBot, theme: Theme
