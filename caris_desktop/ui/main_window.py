@@ -284,7 +284,7 @@ class MainWindow(PanelWindow, QWidget):
         self.actions_table.rebuild(self._console.scenario)
         self._top_bar.show_replay(replay.live_robots)
         self._status_bar.show_replay()
-        self._strip.hide()
+        self._strip.use_replay()
         self._protocol.show_replay(replay.overview)
         self._protocol.moment_requested.connect(replay.seek)
         self.closing.use_replay()

@@ -28,6 +28,12 @@ class NoticeStrip(Bar, QWidget):
         over.installEventFilter(self)
         self.hide()
 
+    def use_replay(self) -> None:
+        """Stay hidden: what the banners tell was then."""
+        for watched in (self._over, *self._bands):
+            watched.removeEventFilter(self)
+        self.hide()
+
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         told = QEvent.Type.ShowToParent, QEvent.Type.HideToParent, QEvent.Type.LayoutRequest
         if event.type() in told if watched is not self._over else event.type() == QEvent.Type.Resize:

@@ -342,9 +342,12 @@ class TopBar(Bar, QWidget):
         lasts = text_formatting.duration((self._console.state.present.now_ns() - began_ns) / 1e9)
         others = f" +{len(status.open) - 1}" if len(status.open) > 1 else ""
         label, end = label or tr("Interval"), tr("End")
+        before = self.stretch_button.sizeHint().width()
         self.stretch_button.set_label(f"{label}{others} · {lasts} · {end}")
         self.stretch_button.set_key(self._actions.key_text("stretch"), self._actions.key_texts("stretch"))
         self.stretch_button.setToolTip(tr("This interval of the session is being marked. Click to end it."))
+        if self.stretch_button.sizeHint().width() > before:
+            self._make_room()
 
     def _on_mark_shown(self) -> None:
         self.mark_button.set_label(self.mark_button.text(), icon="bookmark-simple")

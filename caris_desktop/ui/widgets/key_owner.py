@@ -77,17 +77,18 @@ class KeyOwnerChip(QWidget):
         self.update()
 
     def sizeHint(self) -> QSize:
-        metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX))
         # As wide for typing as for driving, so that nothing beside it moves with the focus.
-        texts = [self.text, *map(owner_words, _USUAL)]
-        return QSize(round(max(map(metrics.horizontalAdvance, texts))) + 42, _HEIGHT_PX)
+        return QSize(max(map(self._width_of, (self.text, *map(owner_words, _USUAL)))), _HEIGHT_PX)
+
+    def _width_of(self, text: str) -> int:
+        return round(QFontMetricsF(self._theme.font(tokens.STATUS_PX)).horizontalAdvance(text)) + 42
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         theme = self._theme
         _text, role, icon = _WORDS[self._owner]
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        rect = QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5)
+        rect = QRectF(0.5, 0.5, self._width_of(self.text) - 1, self.height() - 1)
         soft = f"{role}_soft" if role in ("blue", "amber") else "raised"
         painter.setPen(QPen(theme.color(role if role in ("blue", "amber") else "line"), 1))
         painter.setBrush(theme.color(soft))
