@@ -99,7 +99,7 @@ class GuardBanner(Banner):
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__(theme, "guard_band", role="amber")
-        self.say(tr("Obstacle guard is off. The robot does not slow down or stop for obstacles."))
+        self.say(tr("Obstacle guard is off. Nothing stops the robot at obstacles."))
         on = ActionButton(theme, tr("Turn on"), icon="shield-check", height_px=_BUTTON_PX)
         on.setAccessibleName(tr("Turn on the guard"))
         on.setToolTip(tr("Turn on the guard"))

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from PySide6.QtCore import QEvent, QObject
+from PySide6.QtCore import QEvent, QObject, QRect, Signal
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.ui import layouts, tokens
@@ -13,7 +13,9 @@ _HEIGHT_PX, _EDGE_PX, _TEXT_PX = 38, 4, 4
 
 
 class NoticeStrip(Bar, QWidget):
-    """Visible banners side by side, as wide as their texts if there is room."""
+    """Visible banners side by side, as wide as their texts if there is room. ``placed``: they came, changed or went."""
+
+    placed = Signal()
 
     def __init__(self, over: QWidget, bands: Mapping[Banner, int]) -> None:
         """``bands`` from left to right, with their share of the width where it is short."""
@@ -47,3 +49,9 @@ class NoticeStrip(Bar, QWidget):
         self.setGeometry(_EDGE_PX, _EDGE_PX, width, _HEIGHT_PX)
         self.setVisible(bool(shown))
         self.raise_()
+        self.placed.emit()
+
+    @property
+    def covered(self) -> QRect:
+        """What is covered of the panels."""
+        return QRect() if self.isHidden() else self.geometry()

@@ -84,10 +84,24 @@ class PanelTitleBar(Bar, QWidget):
         for widget in self._controls:
             if isinstance(widget, ActionButton):
                 widget.set_pointed(pointed)
+        self._place_fact()
+
+    def _place_fact(self) -> None:
+        """Give the status text the place of quiet buttons, as long as they are not seen."""
+        seen = [
+            widget
+            for widget in self._controls
+            if not widget.isHidden() and (self._pointed or not isinstance(widget, ActionButton) or widget.is_seen)
+        ]
+        place = self._fact.geometry()
+        edge = self.width() - self._row.contentsMargins().right() + self._row.spacing()
+        place.setRight(min((widget.x() for widget in seen), default=min(edge, self.width() - 6)) - self._row.spacing())
+        self._fact.setGeometry(place)
 
     def event(self, event: QEvent) -> bool:
         if event.type() in (QEvent.Type.Resize, QEvent.Type.LayoutRequest):
             self._fit()
+            self._place_fact()
         return super().event(event)
 
     def _fit(self) -> None:

@@ -168,3 +168,24 @@ def test_a_saved_photo_hides_no_hint_on_driving(qtbot: QtBot, window: MainWindow
         assert not note.geometry().intersects(chip.toRect())
     photo = find(window, "photo_button")
     assert not place_of(note, window).intersects(place_of(photo, window))
+
+
+def test_a_banner_covers_neither_the_controls_on_the_picture_nor_its_labels(
+    window: MainWindow, console: FakeConsole
+) -> None:
+    photo, panel = find(window, "photo_button"), window.panels["video"]
+    assert isinstance(panel, VideoPanel)
+    before = place_of(photo, window)
+    console.set_guard(on=False)
+    QApplication.processEvents()
+    covered = place_of(find(window, "notice_strip"), window)
+    assert not covered.intersects(place_of(photo, window))
+    for _text, _role, chip in panel.view._chip_places():
+        assert not covered.intersects(chip.toRect().translated(panel.view.mapTo(window, QPoint())))
+    window.resize(1500, 800)
+    QApplication.processEvents()
+    assert not covered.intersects(place_of(photo, window))
+    window.resize(*SIZE)
+    console.set_guard(on=True)
+    QApplication.processEvents()
+    assert place_of(photo, window) == before

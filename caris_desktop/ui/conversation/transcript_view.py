@@ -38,7 +38,7 @@ RowAct = Literal["text", "who", "tags", "mark"]
 _BUTTON_PX = 24
 _FIELD_PX = 36
 _LONGEST = 1000
-_EMPTY_PX = 44
+_EMPTY_PX = 50
 _AT_ONCE = 150
 """Rows measured per event loop turn: a few milliseconds."""
 

@@ -1,6 +1,6 @@
 """Dock widget: a panel with its title bar, which can be dragged, closed, floated and enlarged."""
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QSize, Qt, Signal
 from PySide6.QtGui import QCloseEvent, QContextMenuEvent, QEnterEvent, QHideEvent, QMouseEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -207,8 +207,14 @@ class Dock(KeyPlace):
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Keep the controls along the upper edge of the picture."""
         if event.type() == QEvent.Type.Resize and isinstance(watched, QWidget):
-            self._title_bar.setGeometry(0, 0, watched.width(), TITLE_PX)
+            self._title_bar.setGeometry(0, self._title_bar.y(), watched.width(), TITLE_PX)
         return super().eventFilter(watched, event)
+
+    def leave_clear(self, covered: QRect) -> None:
+        """Keep the controls on a picture below what covers its upper edge, in the coordinates of the parent."""
+        if not self._title_px:
+            lower = covered.bottom() + 1 - self.y() if covered.intersects(self.geometry()) else 0
+            self._title_bar.move(0, max(0, lower))
 
     def _is_handle(self, at: QPoint) -> bool:
         return self._handle.isVisible() and self._handle.rect().contains(self._handle.mapFromGlobal(at))
@@ -218,8 +224,13 @@ class Dock(KeyPlace):
 
     # ---- dragging
 
+    @property
+    def _title_bottom(self) -> int:
+        """Lower end of the title bar, by which the panel is dragged."""
+        return self._title_bar.mapTo(self, QPoint(0, TITLE_PX)).y()
+
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        if event.button() == Qt.MouseButton.LeftButton and event.position().y() < TITLE_PX:
+        if event.button() == Qt.MouseButton.LeftButton and event.position().y() < self._title_bottom:
             self._pressed_at = event.globalPosition().toPoint()
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
@@ -245,11 +256,11 @@ class Dock(KeyPlace):
             self._open_menu()
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
-        if event.position().y() < TITLE_PX:
+        if event.position().y() < self._title_bottom:
             self.float_requested.emit(self.name)
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
-        if event.y() < TITLE_PX:
+        if event.y() < self._title_bottom:
             self.menu_requested.emit(self.name, event.globalPos())
 
     # ---- Qt events

@@ -101,6 +101,7 @@ class ActionButton(QAbstractButton):
         """
         if quiet != self._quiet:
             self._quiet = quiet
+            self.updateGeometry()
             self.update()
 
     def set_pointed(self, pointed: bool) -> None:
