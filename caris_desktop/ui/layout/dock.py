@@ -1,6 +1,6 @@
 """Dock widget: a panel with its title bar, which can be dragged, closed, floated and enlarged."""
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QPoint, QRect, QSize, Qt, Signal
 from PySide6.QtGui import QCloseEvent, QContextMenuEvent, QEnterEvent, QHideEvent, QMouseEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -14,7 +14,7 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.scenario_model import PanelName
-from caris_desktop.ui import tokens
+from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.focus_widget import KeyPlace
 from caris_desktop.ui.layout.dock_geometry import TITLE_PX, Room
 from caris_desktop.ui.panel import Panel, show_part
@@ -84,10 +84,13 @@ class Dock(KeyPlace):
         self._float.clicked.connect(lambda: self.float_requested.emit(self.name))
         parts = (self._more, self._float) if picture is None else (self._more, self._float, self._handle)
         self._title_bar = PanelTitleBar(panel, parts, picture=picture)
-        self._title_bar.setParent(picture or self)
+        if picture is None:
+            self._title_bar.setParent(self)
+        else:
+            self._over_picture = layouts.vbox(picture, margins_px=0)
+            self._over_picture.addWidget(self._title_bar)
+            self._over_picture.addStretch(1)
         self._title_bar.show()
-        if picture is not None:
-            picture.installEventFilter(self)
         panel.title_changed.connect(self._on_title_changed)
         self._on_title_changed(panel.shown_title)
         self.set_place(floating=False, locked=False)
@@ -204,17 +207,11 @@ class Dock(KeyPlace):
         super().leaveEvent(event)
         self._title_bar.set_pointed(False)
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Keep the controls along the upper edge of the picture."""
-        if event.type() == QEvent.Type.Resize and isinstance(watched, QWidget):
-            self._title_bar.setGeometry(0, self._title_bar.y(), watched.width(), TITLE_PX)
-        return super().eventFilter(watched, event)
-
     def leave_clear(self, covered: QRect) -> None:
         """Keep the controls on a picture below what covers its upper edge, in the coordinates of the parent."""
         if not self._title_px:
             lower = covered.bottom() + 1 - self.y() if covered.intersects(self.geometry()) else 0
-            self._title_bar.move(0, max(0, lower))
+            self._over_picture.setContentsMargins(0, max(0, lower), 0, 0)
 
     def _is_handle(self, at: QPoint) -> bool:
         return self._handle.isVisible() and self._handle.rect().contains(self._handle.mapFromGlobal(at))
