@@ -27,6 +27,7 @@ from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.robot_motion import RobotMotion
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.key_owner import KeyOwnerChip
 from caris_desktop.ui.widgets.status_button import StatusButton
 from caris_desktop.ui.window_above import InSight
 
@@ -40,6 +41,7 @@ _MAY_BE_CUT = (
 )  # fmt: skip
 _LEAST_PX, _NAME_CHARACTERS = 90, 40
 _NEWS_PX = (120, 340)
+_ROOMY_PX = 1200
 ROOM_LOW_S, ROOM_ALMOST_GONE_S = 30 * 60.0, 5 * 60.0
 BATTERY_OLD_AFTER_S = 60.0
 _LINK_WORDS = {
@@ -319,6 +321,9 @@ class StatusBar(Bar, InSight):
 
         The bar's tooltip shows hidden items, an item's own its elided text.
         """
+        for widget in self._first:
+            if isinstance(widget, KeyOwnerChip):
+                widget.set_roomy(self.width() >= _ROOMY_PX)
         hidden = []
         for name in _WHEN_NEEDED:
             item = self.items[name]

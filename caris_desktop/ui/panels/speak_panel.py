@@ -201,7 +201,7 @@ class SpeakPanel(Panel):
             self.field.set_line_height(40 if size.tight else 48)
             self._column.setContentsMargins(14, 7 if size.tight else 10, 14, 4 if size.tight else 6)
             self._column.setSpacing(6 if size.tight else 8)
-            self._hints.setVisible(not size.tight)
+            self._hints.setVisible(not size.tight and self._hints.sizeHint().width() <= self.width() - 28)
             queue_px = ROW_PX * min(self._queue.count, size.queue_rows)
             rest_px = self.field.height() + queue_px + (_TIGHT_PX if size.tight else _ROOMY_PX)
             if self._phrases.height_for(self.width() - 36) <= self.height() - rest_px:

@@ -56,6 +56,7 @@ class KeyOwnerChip(QWidget):
         self.setObjectName("key_owner")
         self._theme = theme
         self._owner: KeyOwner = "off"
+        self._roomy = False
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         self.setToolTip(tr("Shows what the keyboard controls now"))
         theme.changed.connect(self.update)
@@ -77,8 +78,14 @@ class KeyOwnerChip(QWidget):
         self.update()
 
     def sizeHint(self) -> QSize:
-        # As wide for typing as for driving, so that nothing beside it moves with the focus.
-        return QSize(max(map(self._width_of, (self.text, *map(owner_words, _USUAL)))), _HEIGHT_PX)
+        texts = (self.text, *map(owner_words, _USUAL)) if self._roomy else (self.text,)
+        return QSize(max(map(self._width_of, texts)), _HEIGHT_PX)
+
+    def set_roomy(self, roomy: bool) -> None:
+        """Set whether it is as wide for typing as for driving, so that nothing beside it moves with the focus."""
+        if roomy != self._roomy:
+            self._roomy = roomy
+            self.updateGeometry()
 
     def _width_of(self, text: str) -> int:
         return round(QFontMetricsF(self._theme.font(tokens.STATUS_PX)).horizontalAdvance(text)) + 42
