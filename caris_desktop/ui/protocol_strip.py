@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from textwrap import shorten
 from typing import TYPE_CHECKING, TypeVar
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, QTimer, Signal
@@ -38,6 +39,7 @@ _GAP_PX, _SIDE_PX = 6, 8
 _SECOND_MS = 250
 _LEAST_PX, _NOTE_PX = 600, 160
 _MOST_INLINE_TICKS = 2
+_QUOTED_LETTERS = 40
 # Levels of shrinking in a narrow window, in this order; key caps and the current step always stay.
 _FULL, _NO_NOTE, _TICKS_COUNTED, _NEXT_SHORT, _ACTS_SHORT, _BRANCH_SHORT, _ALL_SHORT = range(7)
 
@@ -204,6 +206,11 @@ class ProtocolStrip(Bar, QWidget):
         if not status.next_title:
             return tr("Finish")
         return tr("Next step") if short else tr("Next: {step}").format(step=status.next_title)
+
+    def _say_words(self, step: ProtocolStep | None, level: int) -> str:
+        if level > _FULL or step is None or not step.say:
+            return "" if level >= _ACTS_SHORT else tr("Say it")
+        return tr("Say “{text}”").format(text=shorten(step.say, _QUOTED_LETTERS, placeholder="…"))
 
     def _branch_words(self, step: ProtocolStep, level: int) -> str:
         if level >= _ALL_SHORT:
@@ -389,7 +396,7 @@ class ProtocolStrip(Bar, QWidget):
         """Button texts at this level of shrinking."""
         step = self._step
         return {
-            self._say: "" if level >= _ACTS_SHORT else tr("Say it"),
+            self._say: self._say_words(step, level),
             self._go: "" if level >= _ACTS_SHORT else tr("Go there"),
             self._branch: "" if step is None or not step.branches else self._branch_words(step, level),
             self._back: "",

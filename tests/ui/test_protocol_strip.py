@@ -211,6 +211,19 @@ def test_texts_and_goals_of_the_step_have_one_key_each(desk: Desk) -> None:
     assert desk.console.named("go_to_place") == ["Robot arm"] * 2
 
 
+def test_what_a_step_says_is_read_on_its_button(desk: Desk) -> None:
+    """A narrower button has it in its accessible name and its tooltip."""
+    desk.window.resize(1920, 1080)
+    desk.begin("ask-questions")
+    button = find(desk.window, "strip_say_step")
+    assert isinstance(button, ActionButton)
+    assert button.text() == button.accessibleName() == "Say “How are you?”"
+    desk.window.resize(900, 700)
+    assert button.text() in ("Say it", "")
+    assert button.accessibleName() == button.toolTip() == "Say “How are you?”"
+    desk.window.resize(1366, 768)
+
+
 def test_time_is_reported_in_words_and_late_in_words_and_colour() -> None:
     status = ProtocolStatus("ask", "Ask", 2, 4, since_ns=0, expected_s=90.0)
     assert [time_words(status, round(s * 1e9)) for s in (0, 42, 90.4, 91, 170, 3700)] == [
