@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from caris_desktop import __version__
+from caris_desktop.domain.plugins import PluginError, find
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -15,7 +16,7 @@ def build_parser() -> argparse.ArgumentParser:
         description="An operator console for Wizard-of-Oz studies with mobile robots.",
         epilog=(
             "Other commands: simulate, rehearse, replay, export, sessions, statistics, agreement, forget, track, "
-            "perceive-again, robots, camera-server, perceive, check. Each has its own --help."
+            "perceive-again, robots, plugins, camera-server, perceive, check. Each has its own --help."
         ),
     )
     parser.add_argument("--version", action="version", version=f"CARIS Desktop {__version__}")
@@ -48,6 +49,24 @@ def add_console_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--theme", choices=("system", "dark", "light"), help="theme for this run")
     parser.add_argument("--language", metavar="NAME", help="language for this run, such as 'de' (default: English)")
     parser.add_argument("--verbose", action="store_true", help="show the log in the terminal")
+
+
+def add_tracker(parser: argparse.ArgumentParser) -> None:
+    """Add ``--tracker``, for commands that detect people in recordings."""
+    parser.add_argument(
+        "--tracker",
+        metavar="NAME",
+        type=_tracker,
+        default="own",
+        help="tracker for people: own, deepsort, bytetrack, botsort or a plug-in (default: own)",
+    )
+
+
+def _tracker(name: str) -> str:
+    try:
+        return find("trackers", name).name
+    except PluginError as error:
+        raise argparse.ArgumentTypeError(f"'{name}': {error}") from error
 
 
 def add_accept_named(parser: argparse.ArgumentParser) -> None:

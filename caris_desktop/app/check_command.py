@@ -11,6 +11,7 @@ import numpy as np
 
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_console_arguments
+from caris_desktop.app.plugins_command import why_unusable
 from caris_desktop.app.simulated_camera import open_any_camera
 from caris_desktop.conversation.listening.engine import EngineUnavailableError, NoEngineError
 from caris_desktop.conversation.listening.recogniser_files import find_recogniser
@@ -18,6 +19,7 @@ from caris_desktop.conversation.listening.server_engine import ServerEngine
 from caris_desktop.conversation.speech_checks import probe_language_model, probe_sound
 from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.picture_checks import PictureError, fitted
+from caris_desktop.domain.plugins import PluginError, find
 from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.backends.remote import RemoteDetector
 from caris_desktop.perception.cameras.camera_source import CameraError
@@ -71,6 +73,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
     yield Finding("Cameras here", True, ", ".join(found_cameras()) or "none connected to this computer")
     yield from _cameras(arguments.camera, scenario)
     yield detector_finding(scenario)
+    yield from _plugins(scenario)
     sound = probe_sound()
     yield Finding("Sound", sound.ok, sound.text, sound.advice)
     if scenario.permissions.transcription:
@@ -148,6 +151,20 @@ def detector_finding(scenario: Scenario) -> Finding:
     except WeightsError as error:
         return Finding("Person detector", False, f"{error}.", f"{error.advice}.")
     return Finding("Person detector", True, f"{weights.label} ({weights.path})")
+
+
+def _plugins(scenario: Scenario) -> Iterator[Finding]:
+    """Findings for the plug-ins that the scenario names; each is imported in a process of its own."""
+    try:
+        used = [find("trackers", scenario.perception.tracker)]
+    except PluginError as error:  # removed since the scenario was read
+        yield Finding("Plug-in", False, f"{error.plugin.name}: {error}.", "Install it, or remove its name.")
+        return
+    for plugin in used:
+        if not plugin.is_built_in:
+            wrong = why_unusable(plugin)
+            text = f"{plugin.title} ({plugin.package}): {wrong}." if wrong else f"{plugin.title} ({plugin.package})"
+            yield Finding("Plug-in", not wrong, text, "Update it, or remove its name from the scenario.")
 
 
 def recogniser_finding(scenario: Scenario) -> Finding:

@@ -33,6 +33,7 @@ COMMANDS = {
     "perceive-again": ("caris_desktop.app.perceive_again_command", "detect people in recordings with another model"),
     "robots": ("caris_desktop.app.robots_command", "list the known robots, and explore an unknown one"),
     "models": ("caris_desktop.app.models_command", "list, add and remove language models that run in this program"),
+    "plugins": ("caris_desktop.app.plugins_command", "list the plug-ins on this computer, and try to load each"),
     "camera-server": ("caris_desktop.app.camera_server_command", "serve a camera to the console on another computer"),
     "perceive": ("caris_desktop.app.perceive_command", "detect people for a console on another computer"),
     "check": ("caris_desktop.app.check_command", "check that everything is ready for a session"),

@@ -12,10 +12,12 @@ from functools import partial
 from pathlib import Path
 
 from caris_desktop import __version__
+from caris_desktop.app.arguments import add_tracker
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.foreign_json import parse_json
+from caris_desktop.domain.plugins import PluginError
 from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
@@ -30,7 +32,7 @@ from caris_desktop.live.study_jobs import (
 from caris_desktop.perception.camera_rotation import CameraTurning
 from caris_desktop.perception.inference import person_box
 from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, DetectionRequest
-from caris_desktop.perception.inference_settings import TRACKERS, default_threads
+from caris_desktop.perception.inference_settings import default_threads
 from caris_desktop.perception.offline_smoothing import looked_back
 from caris_desktop.perception.perceiver import Perceiver, open_perceiver
 from caris_desktop.perception.pose import Pose
@@ -53,7 +55,7 @@ _AHEAD_NS = 500_000_000
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", metavar="SESSION|STUDY", type=Path, help="session folder, or study folder")
     parser.add_argument("--model", metavar="FILE", type=Path, help="detector (default: the same as the console)")
-    parser.add_argument("--tracker", choices=TRACKERS, default="own", help="tracker for people (default: own)")
+    add_tracker(parser)
     parser.add_argument(
         "--offline-quality",
         action="store_true",
@@ -114,6 +116,9 @@ def _perceive_or_explain(arguments: argparse.Namespace, folder: Path, progress: 
         return _perceive(folder, arguments, progress)
     except SessionError as error:
         raise JobError(str(error)) from error
+    except PluginError as error:
+        text = f"the plug-in {error.plugin.name} ({error.plugin.package}) failed: {error}. Nothing was saved."
+        raise JobError(text) from error
     except WeightsError as error:
         raise JobError(f"{error}. {error.advice}.") from error
     except OSError as error:
@@ -150,6 +155,7 @@ def _perceive(folder: Path, arguments: argparse.Namespace, progress: Progress) -
         "model": perceiver.label,
         "looks": perceiver.appearance_model,
         "tracker": arguments.tracker,
+        "plugins": {each.title: each.package for each in perceiver.plugins},
         "offline_quality": arguments.offline_quality,
     }
     if target.exists():

@@ -317,7 +317,7 @@ def _or_raise(read: T | ValueError) -> T:
 @functools.lru_cache(_MAX_TEXTS)
 def _scenario_in(text: str, file_name: str) -> Scenario | ValueError:
     try:
-        return parse_scenario(text, path=Path(file_name))
+        return parse_scenario(text, path=Path(file_name), recorded=True)
     except (ScenarioError, ValueError, RecursionError) as error:
         return ValueError(str(error))
 

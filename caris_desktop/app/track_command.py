@@ -7,10 +7,12 @@ import sys
 import time
 from pathlib import Path
 
+from caris_desktop.app.arguments import add_tracker
 from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.plugins import PluginError
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.perception.inference_messages import DetectionRequest
-from caris_desktop.perception.inference_settings import TRACKERS, default_threads
+from caris_desktop.perception.inference_settings import default_threads
 from caris_desktop.perception.perceiver import open_perceiver
 from caris_desktop.perception.recorded_video import VideoFile, VideoFileError
 from caris_desktop.perception.tracker import TrackedBox
@@ -24,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", metavar="RESULT.txt", type=Path, required=True, help="output file for the MOTChallenge rows"
     )
     parser.add_argument("--model", metavar="FILE", type=Path, help="detector (default: the same as the console)")
-    parser.add_argument("--tracker", choices=TRACKERS, default="own", help="tracker for people (default: own)")
+    add_tracker(parser)
     parser.add_argument(
         "--no-looks", action="store_true", help="distinguish people by their movement only, not by their appearance"
     )
@@ -44,6 +46,9 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(_track(arguments)))
     except (_WrongError, VideoFileError) as error:
         print(error, file=sys.stderr)
+        return 1
+    except PluginError as error:
+        print(f"The plug-in {error.plugin.name} ({error.plugin.package}) failed: {error}.", file=sys.stderr)
         return 1
     except WeightsError as error:
         print(f"{error}. {error.advice}.", file=sys.stderr)
@@ -113,6 +118,7 @@ def _track(arguments: argparse.Namespace) -> dict[str, object]:
         "model": perceiver.label,
         "looks": perceiver.appearance_model,
         "tracker": arguments.tracker,
+        "plugins": {each.title: each.package for each in perceiver.plugins},
     }
 
 

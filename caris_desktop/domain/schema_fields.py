@@ -22,8 +22,8 @@ from caris_desktop.domain.key_path import KeyPath
 from caris_desktop.domain.type_hints import union_members, without_alias
 from caris_desktop.domain.value_class import Value
 
-Known = Literal["gestures", "expressions", "robots", "faces"]
-External = Literal["address", "camera", "language_model", "model", "network", "path", "robot", "variable"]
+Known = Literal["gestures", "expressions", "robots", "faces", "trackers"]
+External = Literal["address", "camera", "language_model", "model", "network", "path", "robot", "tracker", "variable"]
 """How a value refers to something outside its file, which the user confirms before use."""
 
 # A frozen dataclass of the keys in one group.

@@ -23,6 +23,7 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.intents import Intent, OpenScenario, UseRobot
 from caris_desktop.domain.model_files import sha256_of
+from caris_desktop.domain.plugins import BUILT_IN, installed
 from caris_desktop.domain.printable import printable
 from caris_desktop.domain.schema_fields import External, data_of, externals_in
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
@@ -41,13 +42,14 @@ from caris_desktop.scenario.scenario_model import Scenario
 _log = logging.getLogger(__name__)
 _MAX_FILES = 300
 _PLAIN_NAME = re.compile(r"[A-Za-z0-9_-]+")
-ReferenceKind = Literal["address", "variable", "path", "model", "network", "stop_release", "motion", "held"]
+ReferenceKind = Literal["address", "variable", "path", "model", "network", "plugin", "stop_release", "motion", "held"]
 KIND_TITLES: dict[ReferenceKind, str] = {
     "address": QT_TR_NOOP("Addresses it connects to"),
     "variable": QT_TR_NOOP("Environment variables it reads and sends as a secret"),
     "path": QT_TR_NOOP("Files and devices it opens"),
     "model": QT_TR_NOOP("Models it uses"),
     "network": QT_TR_NOOP("Data that others on your network can receive"),
+    "plugin": QT_TR_NOOP("Plug-ins it runs: code of others that is installed on this computer"),
     "stop_release": QT_TR_NOOP("Controls that would release the emergency stop; they are refused"),
     "motion": QT_TR_NOOP("Controls that move the robot"),
     "held": QT_TR_NOOP("Controls of an unknown kind; the emergency stop blocks them"),
@@ -62,6 +64,7 @@ _PURPOSES = {
     "listening.model": QT_TR_NOOP("transcribes speech"),
     "listening.server": QT_TR_NOOP("receives participants' speech"),
     "perception.model": QT_TR_NOOP("detects people in pictures"),
+    "perception.tracker": QT_TR_NOOP("follows people from picture to picture"),
     "perception.server": QT_TR_NOOP("receives the camera pictures"),
     "recording.lsl": QT_TR_NOOP("marks and steps, as LSL"),
     "recording.lsl_words": QT_TR_NOOP("everything said and written, as LSL"),
@@ -285,6 +288,10 @@ def _references(external: External, value: Any, place: str) -> Iterator[FileRefe
                 yield FileReference("address", _shown(text), place)
             elif not _PLAIN_NAME.fullmatch(text):
                 yield FileReference("path", text, place)
+        case "tracker":
+            if text not in BUILT_IN["trackers"]:
+                plugin = installed("trackers").get(text)
+                yield FileReference("plugin", f"{text} ({plugin.package})" if plugin else text, place)
         case "camera":
             yield from _camera(text, place)
 

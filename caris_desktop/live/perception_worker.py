@@ -16,6 +16,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import Event, Problem
 from caris_desktop.domain.person_values import PersonLooks, PersonPortrait
+from caris_desktop.domain.plugins import Plugin, PluginCall, PluginFailed, switched_off
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.sensing import (
     CameraLens,
@@ -27,7 +28,7 @@ from caris_desktop.domain.sensing import (
     People,
     RobotPose,
 )
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.process_manager import localize_problem
 from caris_desktop.live.service import Restarts
@@ -45,6 +46,7 @@ from caris_desktop.perception.inference_messages import (
     InferenceFailed,
     InferenceReady,
 )
+from caris_desktop.perception.inference_settings import InferenceSettings
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.2
@@ -89,6 +91,8 @@ class PerceptionWorker(QObject):
         self._turning = CameraTurning()
         self._cameras: dict[str, CameraModel] = {}
         self._faces = self._to_cover = False
+        self._called = (PluginCall(), 0)
+        self._plugins_off: tuple[Plugin, ...] = ()
 
     @property
     def name(self) -> str:
@@ -248,7 +252,12 @@ class PerceptionWorker(QObject):
                 presence.add_portrait(item)
             elif isinstance(item, InferenceReady):
                 ready, busy = True, False
-                self._set_status(PerceptionStatus("ready", item.model, server=item.server, recognises=item.recognises))
+                plugins = tuple(sorted((one.title, one.package) for one in item.plugins))
+                self._set_status(
+                    PerceptionStatus(
+                        "ready", item.model, server=item.server, recognises=item.recognises, plugins=plugins
+                    )
+                )
             elif isinstance(item, InferenceFailed):
                 self._publish(localize_problem(item.problem))
                 self._set_status(PerceptionStatus(state="failed", detail=item.problem.what))
@@ -269,6 +278,8 @@ class PerceptionWorker(QObject):
                 self._report_pace(item.inference_ms)
             elif isinstance(item, FrameSkipped):
                 busy = False
+            elif isinstance(item, PluginFailed):
+                self._switch_off(item.plugin, item.reason)
             elif isinstance(item, Problem):
                 self._publish(localize_problem(item))
             elif isinstance(item, _ChildEnded) and item.child is child:
@@ -276,7 +287,11 @@ class PerceptionWorker(QObject):
                 child.stop(grace_s=0.0)
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
                 self._child = None
-                self.restarts.after_end(self._report_ended, self._start_child)
+                if (plugin := self._called[0].plugin) is None:
+                    self.restarts.after_end(self._report_ended, self._start_child)
+                else:
+                    self._switch_off(plugin, self._overdue() or QT_TR_NOOP("it ended its process"))
+                    self._start_child()
                 child = self._child
                 if child is None:
                     detail = QT_TR_NOOP("Stopped unexpectedly too often")
@@ -284,6 +299,8 @@ class PerceptionWorker(QObject):
             self._publish_all(presence.tick(clock.now_ns()))
             if busy and clock.now_ns() - requested_ns > _ANSWER_WITHIN_NS:
                 busy = False
+            if child is not None and self._overdue():
+                child.kill()
             rested = clock.now_ns() - requested_ns >= self._detection_interval_ns
             if ready and rested and not busy and child is not None:
                 requested_ns = clock.now_ns()
@@ -315,11 +332,37 @@ class PerceptionWorker(QObject):
             )
         )
 
+    def _overdue(self) -> str:
+        """What the called plug-in did not do; empty while it has time."""
+        call, since_ns = self._called
+        if call.plugin is None or clock.now_ns() - since_ns < call.within_s * 1e9:
+            return ""
+        return localized(QT_TR_NOOP("it did not return within {seconds} s"), seconds=f"{call.within_s:g}")
+
+    def _switch_off(self, plugin: Plugin, reason: str) -> None:
+        self._plugins_off += (plugin,)
+        self._set_status(
+            replace(self._status, plugins=tuple(each for each in self._status.plugins if each[0] != plugin.title))
+        )
+        self._publish(localize_problem(switched_off(clock.now_ns(), plugin, reason)))
+
+    def _on_message(self, value: Any) -> None:
+        """Receive a message, in the child's reader thread."""
+        if isinstance(value, PluginCall):  # twice for each picture: the queue's work is not done for it
+            self._called = (value, clock.now_ns())
+        else:
+            self._inputs.put(value)
+
     def _start_child(self) -> None:
         self._set_status(PerceptionStatus(state="loading"))
+        self._called = (PluginCall(), 0)
+        arguments = (
+            replace(each, plugins_off=self._plugins_off) if isinstance(each, InferenceSettings) else each
+            for each in self._body.arguments
+        )
         child = ChildProcess(
-            self._body,
-            on_message=lambda value, _raw: self._inputs.put(value),
+            replace(self._body, arguments=tuple(arguments)),
+            on_message=lambda value, _raw: self._on_message(value),
             on_exit=lambda _code: self._inputs.put(_ChildEnded(child)),
         )
         child.start()

@@ -534,7 +534,7 @@ class PerceptionStatus(Value):
     """Perception status. ``looks_per_s``: detection rate by camera.
 
     ``server``: the other machine that receives the frames, empty for none. ``recognises``: available re-identification
-    networks, clothing or face.
+    networks, clothing or face. ``plugins``: those in use, with the package and version of each.
     """
 
     state: Literal["off", "loading", "ready", "failed"] = "off"
@@ -544,6 +544,7 @@ class PerceptionStatus(Value):
     looks_per_s: dict[str, float] = field(default_factory=dict)
     server: str = ""
     recognises: tuple[str, ...] = ()
+    plugins: tuple[tuple[str, str], ...] = ()
 
 
 class ExportStatus(Value):

@@ -12,6 +12,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.person_values import LooksKind, PersonLooks
+from caris_desktop.domain.plugins import PluginError, PluginFailed
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.process_priority import step_back
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
@@ -25,7 +26,7 @@ from caris_desktop.perception.inference_messages import (
     InferenceFailed,
     InferenceReady,
 )
-from caris_desktop.perception.inference_settings import InferenceSettings
+from caris_desktop.perception.inference_settings import OWN_TRACKER, InferenceSettings
 from caris_desktop.perception.perceiver import Perceived, Perceiver, open_perceiver
 from caris_desktop.perception.pose import Pose
 from caris_desktop.perception.tracker import TrackedBox
@@ -68,7 +69,7 @@ def _serve(connection: Connection, frames: FrameReader, settings: InferenceSetti
     )
     server = without_credentials(settings.detector.server)
     recognises = _recognises(perceiver, settings)
-    connection.send(InferenceReady(clock.now_ns(), perceiver.label, load_s, server, recognises))
+    connection.send(InferenceReady(clock.now_ns(), perceiver.label, load_s, server, recognises, perceiver.plugins))
     if perceiver.trouble:
         connection.send(_appearance_problem(perceiver.trouble))
     if perceiver.unknown_things:
@@ -85,18 +86,24 @@ def _recognises(perceiver: Perceiver, settings: InferenceSettings) -> tuple[Look
 def _open(connection: Connection, settings: InferenceSettings) -> Perceiver:
     """Open the perceiver; waits for a remote detector until it is available, or the connection closes."""
     away = ""
+    off = {plugin.name for plugin in settings.plugins_off if plugin.group == "trackers"}
     while True:
         try:
             return open_perceiver(
                 settings.weights_path,
-                tracker=settings.tracker,
+                tracker=OWN_TRACKER if settings.tracker in off else settings.tracker,
                 threads=settings.threads,
                 recognise_appearance=settings.recognise_appearance,
                 allow_download=settings.allow_download,
                 confidence=settings.confidence,
                 settings=settings.detector,
                 models_folder=None if settings.face_model is None else settings.face_model.parent,
+                notify=connection.send,
             )
+        except PluginError as error:
+            connection.send(PluginFailed(error.plugin, error.reason))
+            off.add(error.plugin.name)
+            continue
         except DetectorAwayError as error:
             if str(error) != away:
                 away = str(error)
@@ -118,6 +125,11 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
             continue
         try:
             perceived = perceiver.perceive(image_bgr, request)
+        except PluginError as error:
+            perceiver.switch_off(error.plugin)
+            connection.send(PluginFailed(error.plugin, error.reason))
+            connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
+            continue
         except DetectorAwayError as error:
             if str(error) != away:
                 away = str(error)

@@ -2,6 +2,7 @@
 
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.person_values import LooksKind
+from caris_desktop.domain.plugins import Plugin
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.value_class import Value
 
@@ -27,7 +28,7 @@ class InferenceReady(Value):
     """The model is loaded and warm; sent once, before the first ``People``.
 
     ``server`` is the machine that runs the detector and gets the images; empty for this one. ``recognises`` lists the
-    available kinds of embeddings.
+    available kinds of embeddings, ``plugins`` those in use.
     """
 
     stamp_ns: int
@@ -35,6 +36,7 @@ class InferenceReady(Value):
     load_s: float
     server: str = ""
     recognises: tuple[LooksKind, ...] = ()
+    plugins: tuple[Plugin, ...] = ()
 
 
 class InferenceFailed(Value):

@@ -3,14 +3,14 @@
 import os
 from dataclasses import field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
+from caris_desktop.domain.plugins import Plugin
 from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.weights import DetectorChoice
 
 Device = Literal["auto", "cpu", "cuda", "mps"]
-TrackerName = Literal["own", "deepsort", "bytetrack", "botsort"]
-TRACKERS: tuple[TrackerName, ...] = get_args(TrackerName)
+OWN_TRACKER = "own"
 LEAST_CONFIDENCE = 0.1
 """Minimum for a report. A tracked person may be hardly visible for a while, a new one may not."""
 
@@ -52,10 +52,11 @@ class InferenceSettings(Value):
     detector: DetectorSettings = field(default_factory=DetectorSettings)
     recognise_appearance: bool = True
     allow_download: bool = True
-    tracker: TrackerName = "own"
+    tracker: str = OWN_TRACKER
     confidence: float = LEAST_CONFIDENCE
     max_hz: float = 30.0
     max_load: float = 0.8
     threads: int = field(default_factory=default_threads)
     niceness: int = 10
     face_model: Path | None = None
+    plugins_off: tuple[Plugin, ...] = ()

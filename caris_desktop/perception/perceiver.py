@@ -3,7 +3,7 @@ console and offline.
 """
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import cv2
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.model_files import models_dirs
 from caris_desktop.domain.person_values import PersonPortrait
+from caris_desktop.domain.plugins import Plugin, PluginCall
 from caris_desktop.domain.sensing import FrameRef, PersonBox, ThingBox
 from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.appearance_embedding import AppearanceError, AppearanceModel, find_appearance
@@ -19,7 +20,7 @@ from caris_desktop.perception.backends.selected_runtime import Chosen, open_chos
 from caris_desktop.perception.blur import head_of
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.inference_messages import DetectionRequest
-from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, DetectorSettings, TrackerName
+from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, OWN_TRACKER, DetectorSettings
 from caris_desktop.perception.pose import Pose, Poses
 from caris_desktop.perception.tracker import PersonTracker, TrackedBox
 
@@ -76,7 +77,7 @@ class Perceiver:
         self._portraits = PortraitTaker()
 
     def perceive(self, image_bgr: NDArray[np.uint8], request: DetectionRequest) -> Perceived:
-        """Process the next frame of a camera: uint8 BGR, shape (height, width, 3)."""
+        """Process the next frame of a camera: uint8 BGR, shape (height, width, 3). Raises PluginError."""
         began_s = time.perf_counter()
         detections = self._detector.detect(image_bgr)
         detected_s = time.perf_counter()
@@ -93,6 +94,16 @@ class Perceiver:
         unfollowed = self._unfollowed(detections, boxes) if request.to_cover else ()
         detector_s, tracker_s = detected_s - began_s, tracked_s - detected_s
         return Perceived(boxes, poses, things, unfollowed, portraits, detections, detector_s, tracker_s)
+
+    @property
+    def plugins(self) -> tuple[Plugin, ...]:
+        """Plug-ins in use, without the built-in ones."""
+        return tuple(one for one in (self._tracker.plugin,) if not one.is_built_in)
+
+    def switch_off(self, plugin: Plugin) -> None:
+        """Use the built-in one from now on."""
+        if plugin == self._tracker.plugin:
+            self._tracker.use(OWN_TRACKER)
 
     def _unfollowed(self, detections: Detections, boxes: list[TrackedBox]) -> tuple[PersonBox, ...]:
         """Detected people without a track (yet), and separate head boxes where known: heads need not be at the upper
@@ -126,25 +137,29 @@ class Perceiver:
 def open_perceiver(
     weights_path: Path | None,
     *,
-    tracker: TrackerName,
+    tracker: str,
     threads: int,
     recognise_appearance: bool,
     allow_download: bool = True,
     confidence: float = LEAST_CONFIDENCE,
     settings: DetectorSettings | None = None,
     models_folder: Path | None = None,
+    notify: Callable[[PluginCall], None] = lambda _call: None,
 ) -> Perceiver:
-    """Find, load and warm up everything; takes seconds. ``models_folder`` is the study's own.
+    """Find, load and warm up everything; takes seconds. ``models_folder`` is the study's own. ``notify`` gets the calls
+    of plug-ins.
 
     Raises
     ------
     WeightsError
         When there is no detector, it cannot be loaded, or it finds no people.
+    PluginError
+        When a plug-in cannot be used.
     """
     settings = settings or DetectorSettings()
     chosen = open_chosen(weights_path, settings, confidence=confidence, threads=threads, allow_download=allow_download)
     appearance, trouble = _appearance((models_folder, chosen.folder), threads) if recognise_appearance else (None, "")
-    people = PersonTracker(chosen.people, tracker=tracker, appearance=appearance)
+    people = PersonTracker(chosen.people, tracker=tracker, appearance=appearance, notify=notify)
     appearance_model = "" if appearance is None else appearance.name
     return Perceiver(chosen, people, appearance_model, trouble=trouble, things=settings.things)
 

@@ -10,8 +10,9 @@ from typing import Any
 from caris_desktop.domain.control_definitions import control_problems
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.key_path import Problem
+from caris_desktop.domain.plugins import BUILT_IN, installed
 from caris_desktop.domain.schema_fields import data_of, value_from
-from caris_desktop.domain.schema_validation import problem_lines, problems
+from caris_desktop.domain.schema_validation import allowed_words, problem_lines, problems, quoted
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
@@ -165,9 +166,15 @@ def scenario_text(scenario: Scenario) -> str:
 
 
 def parse_scenario(
-    text: str, *, path: Path, velocity_topic_of: Callable[[str], str | None] = lambda _robot: None
+    text: str,
+    *,
+    path: Path,
+    velocity_topic_of: Callable[[str], str | None] = lambda _robot: None,
+    recorded: bool = False,
 ) -> Scenario:
-    """Parse a scenario, as if from ``path``. Raises ScenarioError."""
+    """Parse a scenario, as if from ``path``. One that was ``recorded`` may have used plug-ins that are not installed
+    here. Raises ScenarioError.
+    """
     try:
         source = parse_yaml(text)
     except YamlSourceError as error:
@@ -180,7 +187,7 @@ def parse_scenario(
         data = migrate(source.data)
     except ValueError as error:
         raise ScenarioError(_at_line(path, source.line_of(("version",)), error)) from error
-    wrong = mistakes(data, velocity_topic_of)
+    wrong = mistakes(data, velocity_topic_of, recorded=recorded)
     if wrong:
         raise ScenarioError(problem_lines(_shown(path), source, wrong))
     scenario: Scenario = value_from(Scenario, data)
@@ -188,11 +195,24 @@ def parse_scenario(
 
 
 def mistakes(
-    data: dict[str, Any], velocity_topic_of: Callable[[str], str | None] = lambda _robot: None
+    data: dict[str, Any],
+    velocity_topic_of: Callable[[str], str | None] = lambda _robot: None,
+    *,
+    recorded: bool = False,
 ) -> list[Problem]:
     """All mistakes in the content of a scenario file of any version."""
     data = migrate(data)
-    return list(problems(Scenario, data)) or list(_meaning_problems(data, velocity_topic_of))
+    if found := list(problems(Scenario, data)):
+        return found
+    return [*_meaning_problems(data, velocity_topic_of), *(() if recorded else _missing_plugins(data))]
+
+
+def _missing_plugins(data: dict[str, Any]) -> Iterator[Problem]:
+    """Names of plug-ins that are not installed here. A scenario names them; only the user installs them."""
+    name = data.get("perception", {}).get("tracker", "")
+    if name and name not in BUILT_IN["trackers"] and name not in (here := installed("trackers")):
+        unknown = tr("unknown {noun} {value}.").format(noun="tracker", value=quoted(name))
+        yield ("perception", "tracker"), f"{unknown} {allowed_words(name, list(here))}"
 
 
 def _new_file(scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:

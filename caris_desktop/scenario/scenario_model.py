@@ -18,6 +18,7 @@ from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Permission, PromptPart, SizeClass
 from caris_desktop.domain.key_path import KeyPath, Problem
+from caris_desktop.domain.plugins import NAME_PATTERN
 from caris_desktop.domain.schema_fields import Excluded, FieldSpec, Flattened, StoredAs, data_of, value_from
 from caris_desktop.domain.schema_validation import allowed_words, problems
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -390,8 +391,16 @@ class PerceptionSettings(Value):
     )
     """Address of a `caris-desktop perceive --serve` that detects people instead of this computer. Its token is in the
     environment variable CARIS_PERCEPTION_TOKEN and is sent only to the server in CARIS_PERCEPTION_SERVER."""
-    tracker: Literal["own", "deepsort", "bytetrack", "botsort"] = setting(default="own", quiet=True)
-    """Tracker that follows people from frame to frame: the built-in one, or another one for comparison."""
+    tracker: str = setting(
+        default="own",
+        pattern=NAME_PATTERN,
+        allowed="own, deepsort, bytetrack, botsort, or the name of a plug-in that is installed.",
+        knows="trackers",
+        external="tracker",
+        quiet=True,
+    )
+    """Tracker that follows people from frame to frame: the built-in one (`own`), `deepsort`, `bytetrack` or `botsort`
+    for comparison, or a plug-in that is installed, by its name."""
     classes: tuple[Annotated[str, FieldSpec(shortest=1, longest=40)], ...] = setting(
         default=(), longest=80, unique=True, quiet=True
     )

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from caris_desktop.perception.inference_settings import TRACKERS, InferenceSettings
+from caris_desktop.perception.inference_settings import InferenceSettings
 from tests.perception.shared_data import MOT_SCORE, TUD_CAMPUS_TRUTH, TUD_CAMPUS_VIDEO
 from tests.perception.video_pipeline import play, score, write_mot
 
@@ -26,7 +26,7 @@ def main() -> None:
     parser.add_argument("--weights", type=Path, help="default: as the console finds them")
     parser.add_argument("--threads", type=int, default=defaults.threads)
     parser.add_argument("--max-load", type=float, default=defaults.max_load)
-    parser.add_argument("--tracker", choices=TRACKERS, default=defaults.tracker)
+    parser.add_argument("--tracker", default=defaults.tracker)
     arguments = parser.parse_args()
     settings = InferenceSettings(
         weights_path=arguments.weights,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from caris_desktop.perception.box_motion import Floats
-from caris_desktop.perception.tracker import DeepSort
+from caris_desktop.perception.deep_sort import DeepSort
 from tests.perception.crowd import Picture, filmed, idf1
 
 

@@ -1,5 +1,6 @@
 """Session service: coordinates the services at start, pause and end of a recording."""
 
+import functools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -136,7 +137,14 @@ class SessionService(Service):
         concerned = self._with
         scenario, connection = concerned.scenario.current, concerned.robot.connection
         concerned.recording.begin_session(
-            lambda: self._parts.new_session(intent.details, scenario, connection),
+            functools.partial(
+                _with_plugins,
+                self._parts.new_session,
+                intent.details,
+                scenario,
+                connection,
+                plugins=dict(self._state.perception.value.plugins),
+            ),
             intent.actor,
             refused=concerned.microphone.close,
         )
@@ -208,3 +216,16 @@ class SessionService(Service):
             return BeforeRecording(self._parts.suggested_details(), bytes_per_hour, free_bytes)
 
         self._slow_work.do(query, on_result, lambda _failure: on_result(BeforeRecording()))
+
+
+def _with_plugins(
+    new_session: Callable[[TrialDetails, Scenario, RobotConnection | None], tuple[Path, SessionHeader]],
+    details: TrialDetails,
+    scenario: Scenario,
+    connection: RobotConnection | None,
+    *,
+    plugins: dict[str, str],
+) -> tuple[Path, SessionHeader]:
+    """New session whose header names the plug-ins that run, with the package and version of each."""
+    folder, header = new_session(details, scenario, connection)
+    return folder, replace(header, software=header.software | {f"plug-in {name}": of for name, of in plugins.items()})

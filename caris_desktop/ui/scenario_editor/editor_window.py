@@ -21,6 +21,7 @@ from PySide6.QtWidgets import (
 from caris_desktop.conversation.face.face_file import face_names
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.key_path import KeyPath
+from caris_desktop.domain.plugins import installed
 from caris_desktop.domain.schema_fields import Known
 from caris_desktop.domain.schema_paths import value_at
 from caris_desktop.domain.shipped import layouts_dir
@@ -456,7 +457,7 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         if kind == "expressions":
             return Names(state.face.value.expressions, document.value(("face", "face")) == state.face.value.face)
         # A robot may also be an address.
-        return Names(self._file_names.get(kind, ()), kind == "faces" and kind in self._file_names)
+        return Names(self._file_names.get(kind, ()), kind in ("faces", "trackers") and kind in self._file_names)
 
     def _on_theme_changed(self) -> None:
         self.setStyleSheet(_style_sheet(self._theme.colors))
@@ -482,4 +483,8 @@ def _text_of(path: Path) -> str:
 
 def _names_of_files() -> dict[Known, tuple[str, ...]]:
     """Names of existing robot profiles and faces. Reads files."""
-    return {"robots": tuple(profile.name for profile in list_profiles()), "faces": face_names()}
+    return {
+        "robots": tuple(profile.name for profile in list_profiles()),
+        "faces": face_names(),
+        "trackers": tuple(installed("trackers")),
+    }
