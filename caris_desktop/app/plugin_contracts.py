@@ -32,9 +32,8 @@ def check_tracker(make: Callable[..., Tracker]) -> None:
         shown = Counter[int]()
         for step in range(_FRAMES):
             stamp_s = 100.0 + 0.1 * step + (0.2 if step > _FRAMES // 2 else 0.0)
-            walkers = np.array(
-                [[20.0 + 6 * step, 100, 90 + 6 * step, 300], [540.0 - 6 * step, 260, 620 - 6 * step, 470]]
-            )
+            way_px = 6.0 * step
+            walkers = np.array([[20 + way_px, 100, 90 + way_px, 300], [540 - way_px, 260, 620 - way_px, 470]])
             pairs = _follow(first, walkers, np.array([0.9, 0.8]), stamp_s, appearance=appearance)
             shown.update(pairs)
             _follow(second, walkers[:1], np.array([0.9]), stamp_s, appearance=appearance)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from caris_desktop.conversation.microphone_messages import MicrophoneAlive
 from caris_desktop.conversation.synthesis_messages import Speak
@@ -18,6 +19,7 @@ from caris_desktop.domain.person_values import PersonLooks, PersonPortrait
 from caris_desktop.domain.ports import FrameReader, FrameWriter
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.perception.inference_messages import DetectorAway, FrameSkipped, InferenceReady
+from caris_desktop.perception.inference_settings import InferenceSettings
 
 
 def echo(connection: Connection) -> None:
@@ -71,6 +73,27 @@ def brightness(connection: Connection, frames: FrameReader, marker: str) -> None
         if value > 200:
             connection.send(PersonLooks(ref.stamp_ns, ref.camera, track, "clothing", "eye", looks, 0.9))
             connection.send(PersonPortrait(ref.stamp_ns, ref.camera, track, b"\xff\xd8", 0.9))
+
+
+def inference_of_bright_frames(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:
+    """The real inference process with a detector double: one person in a bright frame."""
+    from caris_desktop.perception import inference, perceiver, tracker
+    from caris_desktop.perception.backends.selected_runtime import Chosen
+    from caris_desktop.perception.detector import Detections
+
+    class Bright:
+        label = "bright"
+        class_names = ("person",)
+
+        def detect(self, image_bgr: NDArray[np.uint8]) -> Detections:
+            count = int(image_bgr[0, 0, 0] > 100)
+            return Detections(
+                np.array([[4.0, 4, 24, 44]] * count).reshape(-1, 4), np.full(count, 0.9), np.zeros(count, int)
+            )
+
+    perceiver.open_chosen = lambda *_args, **_settings: Chosen(Bright(), (0,), None)  # type: ignore[attr-defined]
+    tracker.LOAD_WITHIN_S = 3.0  # type: ignore[attr-defined]
+    inference.run_inference(connection, frames, settings)
 
 
 def write_frames(connection: Connection, count: int, frames: FrameWriter) -> None:

@@ -22,17 +22,19 @@ from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.people.portrait_store import Portraits
 from caris_desktop.people.presence import PresenceTracker
+from caris_desktop.perception.inference_settings import InferenceSettings
 from tests.live import bodies
+from tests.support.plugins import install
 
 
 class Setup:
-    def __init__(self) -> None:
+    def __init__(self, target: Any = bodies.brightness, argument: Any = "test") -> None:
         self.ring = FrameRing.create(max_frame_bytes=64 * 48 * 3)
         self.published: list[Any] = []
         self.portraits = Portraits()
         self.everybody: list[Any] = []
         self.worker = PerceptionWorker(
-            ProcessSpec("inference", bodies.brightness, (RingsToRead((self.ring.name,)), "test")),
+            ProcessSpec("inference", target, (RingsToRead((self.ring.name,)), argument)),
             lambda: (PresenceTracker(), []),
             self.published.append,
             self.portraits,
@@ -41,6 +43,8 @@ class Setup:
         self.rows: list[Any] = []
         self.models: list[str] = []
         self.worker.status_changed.connect(lambda status: self.statuses.append(status.state))
+        self.plugins: list[Any] = []
+        self.worker.status_changed.connect(lambda status: self.plugins.append(status.plugins))
         self.worker.status_changed.connect(lambda status: self.models.append(status.model))
         self.worker.persons_changed.connect(self.rows.append)
         self.worker.everybody_changed.connect(self.everybody.append)
@@ -219,3 +223,85 @@ def test_people_of_the_practice_stay_in_the_practice(qtbot: QtBot, setup: Setup,
     qtbot.waitUntil(lambda: "Ada" not in names(), timeout=20_000)
     with closing(PeopleStore(tmp_path / "people.sqlite")) as store:
         assert {person.name for person in store.everybody() if person.name} == {"Ada"}
+
+
+def _plugin(body: str, before: str = "") -> str:
+    return f"""
+import ctypes, os, time
+{before}
+
+class Plugin:
+    caris_interface = 1
+
+    def __init__(self, *, appearance):
+        self.pictures = 0
+
+    def follow(self, corners_px, confidences, frame):
+        self.pictures += 1
+        {body}
+"""
+
+
+def _run_with_tracker(name: str) -> Setup:
+    settings = InferenceSettings(tracker=name, recognise_appearance=False, niceness=0)
+    return Setup(bodies.inference_of_bright_frames, settings)
+
+
+def _end(setup: Setup) -> None:
+    setup.worker.stop()
+    assert setup.thread.wait(10_000)
+    setup.ring.close()
+
+
+def test_a_tracker_of_others_follows_people_and_its_package_is_known(
+    qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(
+        tmp_path, "trackers", "steady", _plugin("return [(41, row) for row in range(len(corners_px))]"), monkeypatch
+    )
+    setup = _run_with_tracker("steady")
+    try:
+        qtbot.waitUntil(lambda: "ready" in setup.statuses, timeout=60_000)
+        _show_until(qtbot, setup, 200, lambda: setup.people() and setup.people()[-1].boxes)
+        assert setup.plugins[-1] == (("tracker steady", "lab-steady 2.1"),)
+        assert not setup.of(Problem)
+    finally:
+        _end(setup)
+
+
+@pytest.mark.timeout(200)
+@pytest.mark.logs("failed", "ended by itself with exit code")
+@pytest.mark.parametrize(
+    ("body", "before", "reason"),
+    [
+        ("raise KeyError('who')", "", "it raised KeyError: 'who'"),
+        ("return [(1, 5)]", "", "it returned rows of no box"),
+        ("print('hello')", "", "it printed “hello”"),
+        ("time.sleep(3600)", "", "it did not return within 5 s"),
+        ("ctypes.PyDLL(None).sleep(3600)", "", "it did not return within 5 s"),
+        ("os.abort()", "", "it ended its process"),
+        ("pass", "time.sleep(3600)", "it did not return within 3 s"),
+        ("pass", "raise ImportError('no such library')", "it raised ImportError: no such library"),
+    ],
+    ids=["raises", "nonsense", "prints", "hangs", "hangs-with-the-lock", "crashes", "import-hangs", "import-raises"],
+)
+@pytest.mark.long("nonsense", "prints", "hangs-with-the-lock", "import-hangs", "import-raises")
+def test_a_tracker_that_fails_is_named_once_and_ours_takes_over(
+    body: str, before: str, reason: str, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(tmp_path, "trackers", "bad", _plugin(body, before), monkeypatch)
+    setup = _run_with_tracker("bad")
+    try:
+        qtbot.waitUntil(lambda: "ready" in setup.statuses or bool(setup.of(Problem)), timeout=60_000)
+
+        def followed() -> bool:
+            setup.show(200)
+            return bool(setup.of(Problem)) and any(people.boxes for people in setup.people())
+
+        qtbot.waitUntil(followed, timeout=60_000)
+        (problem,) = setup.of(Problem)
+        assert problem.what == f"The plug-in bad (lab-bad 2.1) was switched off: {reason}."
+        assert setup.plugins[-1] == ()
+        assert setup.worker.restarts.used == 0, "the process itself is not to blame"
+    finally:
+        _end(setup)
