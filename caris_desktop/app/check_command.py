@@ -80,7 +80,8 @@ def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
         yield recogniser_finding(scenario)
     if scenario.permissions.assistant:
         for model in dict.fromkeys((scenario.assistant.model, *scenario.assistant.models)):
-            yield _language_model(model, scenario)
+            if not model.startswith("plugin:"):
+                yield _language_model(model, scenario)
     yield from _disk(arguments)
 
 
@@ -157,6 +158,10 @@ def _plugins(scenario: Scenario) -> Iterator[Finding]:
     """Findings for the plug-ins that the scenario names; each is imported in a process of its own."""
     try:
         used = [find("trackers", scenario.perception.tracker)]
+        if scenario.permissions.assistant:
+            models = dict.fromkeys((scenario.assistant.model, *scenario.assistant.models))
+            names = [name for provider, _, name in (each.partition(":") for each in models) if provider == "plugin"]
+            used += [find("language_models", name) for name in names]
     except PluginError as error:  # removed since the scenario was read
         yield Finding("Plug-in", False, f"{error.plugin.name}: {error}.", "Install it, or remove its name.")
         return

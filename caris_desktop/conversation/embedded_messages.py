@@ -1,6 +1,7 @@
 """Messages between the console and the process of the embedded language model."""
 
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.plugins import Plugin
 from caris_desktop.domain.value_class import Value
 
 SLOTS = 3
@@ -14,11 +15,12 @@ read. A cancelled question leaves the slot at its first word.
 
 
 class EmbeddedReady(Value):
-    """The model is served at ``url`` for clients with ``key``."""
+    """The model is served at ``url`` for clients with ``key``. ``plugin``: the one that it is of, if any."""
 
     url: str
     model: str
     key: str
+    plugin: Plugin | None = None
 
 
 class EmbeddedFailed(Value):

@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from caris_desktop.conversation.embedded_messages import SLOTS, CloseEmbedded, EmbeddedFailed, EmbeddedReady
-from caris_desktop.conversation.models.embedded_models import CONTEXT_TOKENS, find_added
+from caris_desktop.conversation.models.embedded_models import CONTEXT_TOKENS, PLUGIN, find_added
+from caris_desktop.conversation.plugin_server import serve_plugin
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file, packaged_file
+from caris_desktop.domain.plugins import PluginError, PluginFailed, find
 from caris_desktop.domain.process_priority import step_back
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 
@@ -63,19 +65,27 @@ def missing_for_embedded(model: str = "") -> str:
 
 
 def run_embedded_server(connection: Connection, niceness: int = _NICENESS, model: str = "") -> None:
-    """Process entry point: serve the built-in model, or the added one of this name, until the connection closes or
-    CloseEmbedded arrives.
+    """Process entry point: serve the built-in model, the added one of this name, or that of ``plugin:NAME``, until the
+    connection closes or CloseEmbedded arrives.
 
-    Sends EmbeddedReady or EmbeddedFailed once. Never returns: the process exits at once with its native threads, since
-    the server has no state and an orphan would keep a processor busy.
+    Sends EmbeddedReady, EmbeddedFailed or PluginFailed once; of a plug-in also PluginCalls, and PluginFailed later.
+    Never returns: the process exits at once with its native threads, since the server has no state and an orphan would
+    keep a processor busy.
     """
     step_back(niceness)
     threading.Thread(target=_end_with, args=(connection,), name="console", daemon=True).start()
     server = None
     try:
         key = secrets.token_urlsafe(32)
+        if model.startswith(f"{PLUGIN}:"):
+            plugin = find("language_models", model.partition(":")[2])
+            url = serve_plugin(plugin, key, connection.send)
+            _send(connection, EmbeddedReady(url, model, key, plugin))
+            threading.Event().wait()
         server = serve_model(key, model)
         _send(connection, EmbeddedReady(str(server.listening_address), model or EMBEDDED_MODEL, key))
+    except PluginError as error:
+        _send(connection, PluginFailed(error.plugin, error.reason))
     except Exception as error:
         _log.exception("the embedded language model did not start")
         _send(connection, EmbeddedFailed(embedded_problem(error)))
@@ -156,7 +166,7 @@ def _end_with(connection: Connection) -> None:
     os._exit(0)
 
 
-def _send(connection: Connection, message: EmbeddedReady | EmbeddedFailed) -> None:
+def _send(connection: Connection, message: EmbeddedReady | EmbeddedFailed | PluginFailed) -> None:
     try:
         connection.send(message)
     except OSError:

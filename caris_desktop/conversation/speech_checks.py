@@ -10,7 +10,7 @@ from typing import Any
 from caris_desktop.conversation.embedded_messages import SLOTS
 from caris_desktop.conversation.embedded_server import INSTALL_EMBEDDED, missing_for_embedded
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts, Retries, stream_chat
-from caris_desktop.conversation.models.embedded_models import embedded_name, find_added
+from caris_desktop.conversation.models.embedded_models import find_added, served_name
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
 from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened
 from caris_desktop.conversation.models.reasoning import Withdrawn
@@ -47,7 +47,7 @@ def probe_language_model(model: str, *, local_only: bool, embedded_url: str | No
     An embedded model without an address is only looked up, since nothing serves it yet.
     """
     try:
-        added = embedded_name(model)
+        added = served_name(model)
         if added is not None and embedded_url is None:
             if missing := missing_for_embedded(added):
                 return ProbeResult(False, missing, INSTALL_EMBEDDED)

@@ -15,7 +15,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import platformdirs
 
-from caris_desktop.conversation.models.embedded_models import embedded_name
+from caris_desktop.conversation.models.embedded_models import served_name
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.control_definitions import RobotControl, decided
 from caris_desktop.domain.control_effects import NO_NAMES, RobotInterfaceNames
@@ -23,7 +23,7 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.intents import Intent, OpenScenario, UseRobot
 from caris_desktop.domain.model_files import sha256_of
-from caris_desktop.domain.plugins import BUILT_IN, installed
+from caris_desktop.domain.plugins import BUILT_IN, PluginGroup, installed
 from caris_desktop.domain.printable import printable
 from caris_desktop.domain.schema_fields import External, data_of, externals_in
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
@@ -278,7 +278,9 @@ def _references(external: External, value: Any, place: str) -> Iterator[FileRefe
             if text:
                 yield FileReference("model", text, place)
         case "language_model":
-            if embedded_name(text) is None:  # such a name leads to a file that the user has added
+            if text.startswith("plugin:"):
+                yield _plugin("language_models", text.partition(":")[2], place)
+            elif served_name(text) is None:  # such a name leads to a file that the user has added
                 yield FileReference("model", text, place)
         case "address":
             if "://" in text:
@@ -290,10 +292,14 @@ def _references(external: External, value: Any, place: str) -> Iterator[FileRefe
                 yield FileReference("path", text, place)
         case "tracker":
             if text not in BUILT_IN["trackers"]:
-                plugin = installed("trackers").get(text)
-                yield FileReference("plugin", f"{text} ({plugin.package})" if plugin else text, place)
+                yield _plugin("trackers", text, place)
         case "camera":
             yield from _camera(text, place)
+
+
+def _plugin(group: PluginGroup, name: str, place: str) -> FileReference:
+    plugin = installed(group).get(name)
+    return FileReference("plugin", f"{name} ({plugin.package})" if plugin else name, place)
 
 
 def _camera(text: str, place: str) -> Iterator[FileReference]:

@@ -167,8 +167,9 @@ class ModelClient(QObject):
 
     @property
     def embedded(self) -> bool:
-        """Whether the model is the embedded one."""
-        return self._endpoint is not None and self._endpoint.provider == "embedded"
+        """Whether the model is the embedded one, or one that the user added."""
+        endpoint = self._endpoint
+        return endpoint is not None and endpoint.provider == "embedded" and not endpoint.is_plugin
 
     @property
     def answers_here(self) -> bool:

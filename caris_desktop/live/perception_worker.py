@@ -28,8 +28,9 @@ from caris_desktop.domain.sensing import (
     People,
     RobotPose,
 )
-from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
+from caris_desktop.live.plugin_watch import PluginWatch
 from caris_desktop.live.process_manager import localize_problem
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
@@ -91,7 +92,7 @@ class PerceptionWorker(QObject):
         self._turning = CameraTurning()
         self._cameras: dict[str, CameraModel] = {}
         self._faces = self._to_cover = False
-        self._called = (PluginCall(), 0)
+        self._watch = PluginWatch()
         self._plugins_off: tuple[Plugin, ...] = ()
 
     @property
@@ -287,10 +288,10 @@ class PerceptionWorker(QObject):
                 child.stop(grace_s=0.0)
                 self._publish_all(presence.restart_tracks(clock.now_ns()))
                 self._child = None
-                if (plugin := self._called[0].plugin) is None:
+                if (plugin := self._watch.called) is None:
                     self.restarts.after_end(self._report_ended, self._start_child)
                 else:
-                    self._switch_off(plugin, self._overdue() or QT_TR_NOOP("it ended its process"))
+                    self._switch_off(plugin, self._watch.blame)
                     self._start_child()
                 child = self._child
                 if child is None:
@@ -299,7 +300,7 @@ class PerceptionWorker(QObject):
             self._publish_all(presence.tick(clock.now_ns()))
             if busy and clock.now_ns() - requested_ns > _ANSWER_WITHIN_NS:
                 busy = False
-            if child is not None and self._overdue():
+            if child is not None and self._watch.overdue:
                 child.kill()
             rested = clock.now_ns() - requested_ns >= self._detection_interval_ns
             if ready and rested and not busy and child is not None:
@@ -332,13 +333,6 @@ class PerceptionWorker(QObject):
             )
         )
 
-    def _overdue(self) -> str:
-        """What the called plug-in did not do; empty while it has time."""
-        call, since_ns = self._called
-        if call.plugin is None or clock.now_ns() - since_ns < call.within_s * 1e9:
-            return ""
-        return localized(QT_TR_NOOP("it did not return within {seconds} s"), seconds=f"{call.within_s:g}")
-
     def _switch_off(self, plugin: Plugin, reason: str) -> None:
         self._plugins_off += (plugin,)
         self._set_status(
@@ -349,13 +343,13 @@ class PerceptionWorker(QObject):
     def _on_message(self, value: Any) -> None:
         """Receive a message, in the child's reader thread."""
         if isinstance(value, PluginCall):  # twice for each picture: the queue's work is not done for it
-            self._called = (value, clock.now_ns())
+            self._watch.note(value)
         else:
             self._inputs.put(value)
 
     def _start_child(self) -> None:
         self._set_status(PerceptionStatus(state="loading"))
-        self._called = (PluginCall(), 0)
+        self._watch = PluginWatch()
         arguments = (
             replace(each, plugins_off=self._plugins_off) if isinstance(each, InferenceSettings) else each
             for each in self._body.arguments

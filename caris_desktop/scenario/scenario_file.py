@@ -213,6 +213,15 @@ def _missing_plugins(data: dict[str, Any]) -> Iterator[Problem]:
     if name and name not in BUILT_IN["trackers"] and name not in (here := installed("trackers")):
         unknown = tr("unknown {noun} {value}.").format(noun="tracker", value=quoted(name))
         yield ("perception", "tracker"), f"{unknown} {allowed_words(name, list(here))}"
+    assistant = data.get("assistant", {})
+    named = {("assistant", "model"): assistant.get("model", "")}
+    named |= {("assistant", "models", index): name for index, name in enumerate(assistant.get("models", ()))}
+    for path, model in named.items():
+        provider, _, name = model.partition(":")
+        if provider == "plugin" and name not in (here := installed("language_models")):
+            unknown = tr("no plug-in {value} for language models is installed.").format(value=quoted(name))
+            found = [f"plugin:{each}" for each in here]
+            yield path, f"{unknown} {allowed_words(model, found) if found else ''}".rstrip()
 
 
 def _new_file(scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:

@@ -179,8 +179,10 @@ class AssistanceSettings(Value):
 
 PROMPT_CHARACTERS, TEXT_CHARACTERS = 8000, 4000
 """The longest system prompt, and the longest of the other texts: in the file and as the wizard changes them."""
-MODEL_PATTERN = "^(embedded(:[A-Za-z0-9][A-Za-z0-9._-]*)?|ollama:.+|openai:.+|gemini:.+)$"
-MODEL_ALLOWED = "embedded, embedded:NAME, ollama:NAME, openai:NAME or gemini:NAME."
+MODEL_PATTERN = (
+    "^(embedded(:[A-Za-z0-9][A-Za-z0-9._-]*)?|plugin:[A-Za-z0-9][A-Za-z0-9._-]*|ollama:.+|openai:.+|gemini:.+)$"
+)
+MODEL_ALLOWED = "embedded, embedded:NAME, plugin:NAME, ollama:NAME, openai:NAME or gemini:NAME."
 
 
 class NamedText(Value):
@@ -199,8 +201,8 @@ class AssistantSettings(Value):
     """Settings of the language model."""
 
     model: str = setting(default="embedded", pattern=MODEL_PATTERN, allowed=MODEL_ALLOWED, external="language_model")
-    """The built-in model, one that was added to this program, or one of Ollama, of an OpenAI-compatible server or of
-    Gemini."""
+    """The built-in model, one that was added to this program, a plug-in, or one of Ollama, of an OpenAI-compatible
+    server or of Gemini."""
     system_prompt: str = setting(default="", prose=True, longest=PROMPT_CHARACTERS)
     """Instructions to the model before the conversation."""
     max_tokens: int = setting(default=96, title="Longest answer", at_least=1, at_most=8192)

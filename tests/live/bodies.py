@@ -87,9 +87,8 @@ def inference_of_bright_frames(connection: Connection, frames: FrameReader, sett
 
         def detect(self, image_bgr: NDArray[np.uint8]) -> Detections:
             count = int(image_bgr[0, 0, 0] > 100)
-            return Detections(
-                np.array([[4.0, 4, 24, 44]] * count).reshape(-1, 4), np.full(count, 0.9), np.zeros(count, int)
-            )
+            corners_px = np.array([[4.0, 4, 24, 44]] * count).reshape(-1, 4)
+            return Detections(corners_px, np.full(count, 0.9), np.zeros(count, np.int64))
 
     perceiver.open_chosen = lambda *_args, **_settings: Chosen(Bright(), (0,), None)  # type: ignore[attr-defined]
     tracker.LOAD_WITHIN_S = 3.0  # type: ignore[attr-defined]

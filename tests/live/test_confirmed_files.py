@@ -12,6 +12,7 @@ from caris_desktop.live import confirmed_files
 from caris_desktop.live.confirmed_files import ConfirmationNeededError, FileQuestion, accept, question_words
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import load_scenario
+from tests.support.plugins import install
 
 PLAIN = "version: 1\ntitle: Shared\nlayout: {panel: video}\n"
 HOSTILE = (
@@ -202,3 +203,12 @@ def test_nothing_steers_a_terminal_from_a_question(tmp_path: Path) -> None:
     question = asked(written(tmp_path / "s.yaml", PLAIN + f"cameras: [{{source: {source}}}]\n"))
     assert question is not None
     assert question_words(replace(question, title="A\x1b[2J")).replace("\n", "").isprintable()
+
+
+def test_a_plug_in_is_listed_with_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(tmp_path / "packages", "trackers", "steady", "raise SystemError('imported')", monkeypatch)
+    question = asked(written(tmp_path / "s.yaml", PLAIN + "perception: {tracker: steady}\n"))
+    assert question is not None
+    assert [(one.kind, one.text) for one in question.named] == [("plugin", "steady (lab-steady 2.1)")]
+    assert "code of others" in question_words(question)
+    assert asked(written(tmp_path / "own.yaml", PLAIN + "perception: {tracker: botsort}\n")) is None

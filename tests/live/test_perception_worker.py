@@ -256,9 +256,8 @@ def _end(setup: Setup) -> None:
 def test_a_tracker_of_others_follows_people_and_its_package_is_known(
     qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    install(
-        tmp_path, "trackers", "steady", _plugin("return [(41, row) for row in range(len(corners_px))]"), monkeypatch
-    )
+    body = "return [(41, row) for row in range(len(corners_px))]"
+    install(tmp_path, "trackers", "steady", _plugin(body), monkeypatch)
     setup = _run_with_tracker("steady")
     try:
         qtbot.waitUntil(lambda: "ready" in setup.statuses, timeout=60_000)
@@ -272,24 +271,24 @@ def test_a_tracker_of_others_follows_people_and_its_package_is_known(
 @pytest.mark.timeout(200)
 @pytest.mark.logs("failed", "ended by itself with exit code")
 @pytest.mark.parametrize(
-    ("body", "before", "reason"),
+    ("module", "reason"),
     [
-        ("raise KeyError('who')", "", "it raised KeyError: 'who'"),
-        ("return [(1, 5)]", "", "it returned rows of no box"),
-        ("print('hello')", "", "it printed “hello”"),
-        ("time.sleep(3600)", "", "it did not return within 5 s"),
-        ("ctypes.PyDLL(None).sleep(3600)", "", "it did not return within 5 s"),
-        ("os.abort()", "", "it ended its process"),
-        ("pass", "time.sleep(3600)", "it did not return within 3 s"),
-        ("pass", "raise ImportError('no such library')", "it raised ImportError: no such library"),
+        (_plugin("raise KeyError('who')"), "it raised KeyError: 'who'"),
+        (_plugin("return [(1, 5)]"), "it returned rows of no box"),
+        (_plugin("print('hello'); return []"), "it printed “hello”"),
+        (_plugin("time.sleep(3600)"), "it did not return within 5 s"),
+        (_plugin("ctypes.PyDLL(None).sleep(3600)"), "it did not return within 5 s"),
+        (_plugin("os.abort()"), "it ended its process"),
+        (_plugin("pass", "time.sleep(3600)"), "it did not return within 3 s"),
+        (_plugin("pass", "raise ImportError('no such library')"), "it raised ImportError: no such library"),
     ],
     ids=["raises", "nonsense", "prints", "hangs", "hangs-with-the-lock", "crashes", "import-hangs", "import-raises"],
 )
 @pytest.mark.long("nonsense", "prints", "hangs-with-the-lock", "import-hangs", "import-raises")
 def test_a_tracker_that_fails_is_named_once_and_ours_takes_over(
-    body: str, before: str, reason: str, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    module: str, reason: str, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    install(tmp_path, "trackers", "bad", _plugin(body, before), monkeypatch)
+    install(tmp_path, "trackers", "bad", module, monkeypatch)
     setup = _run_with_tracker("bad")
     try:
         qtbot.waitUntil(lambda: "ready" in setup.statuses or bool(setup.of(Problem)), timeout=60_000)

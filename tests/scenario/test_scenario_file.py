@@ -58,6 +58,7 @@ from caris_desktop.scenario.scenario_model import (
     VoiceSettings,
 )
 from tests.support.examples import examples
+from tests.support.plugins import install
 from tests.support.translated_messages import untranslated_part
 
 TOUR = (layouts_dir() / "tour-guide.yaml").read_text(encoding="utf-8")
@@ -569,3 +570,17 @@ def test_only_a_schema_of_this_computer_is_left_out(
     rest = SMALL.replace("\n", ending) + "# /home/anna is what its author wrote"
     path.write_bytes((comment + rest).encode())
     assert scenario_text(load_scenario(path)) == (comment + rest if stays else rest)
+
+
+def test_a_tracker_of_others_is_named_only_where_it_is_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = "version: 1\ntitle: Lab\nlayout: {panel: video}\nperception:\n  tracker: steady\n"
+    message = refusal(tmp_path, text)
+    assert "line 5: unknown tracker 'steady'. Allowed: own, deepsort, bytetrack, botsort." in message
+    recorded = parse_scenario(text, path=tmp_path / "s.yaml", recorded=True)
+    assert recorded.perception.tracker == "steady", "a session from elsewhere can be replayed"
+    install(tmp_path / "packages", "trackers", "steady", "raise SystemError('imported')", monkeypatch)
+    assert parse_scenario(text, path=tmp_path / "s.yaml").perception.tracker == "steady"
+    assert "Did you mean 'steady'?" in refusal(tmp_path, text.replace("steady", "stedy"))
+    assert "a plug-in that is installed" in refusal(tmp_path, text.replace("steady", "/home/me/tracker.py"))

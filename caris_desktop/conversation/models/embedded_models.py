@@ -15,6 +15,7 @@ from caris_desktop.domain.value_class import Value
 CONTEXT_TOKENS = 4096
 """Of all slots of the server together: each takes as much of it as its prompt is long."""
 SUFFIX = ".gguf"
+PLUGIN = "plugin"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 _MAGIC = b"GGUF"
 # Measured with SmolLM2 and Qwen2.5 of 0.5 B: code, vocabulary and the tensors of one batch.
@@ -39,9 +40,13 @@ class AddedModel(Value):
     size_bytes: int
 
 
-def embedded_name(model: str) -> str | None:
-    """NAME of ``embedded:NAME``; empty for the built-in model, None for a model of another server."""
+def served_name(model: str) -> str | None:
+    """Name under which a process of this program serves the model: NAME of ``embedded:NAME``, empty for the built-in
+    one, and ``plugin:NAME``; None for a model of another server.
+    """
     provider, colon, name = (part.strip() for part in model.partition(":"))
+    if provider == PLUGIN and _NAME.fullmatch(name):
+        return f"{PLUGIN}:{name}"
     if provider != "embedded" or (colon and not _NAME.fullmatch(name)):
         return None
     return name

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Literal
 from urllib.parse import urlsplit
 
-from caris_desktop.conversation.models.embedded_models import embedded_name
+from caris_desktop.conversation.models.embedded_models import PLUGIN, served_name
 from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened
 from caris_desktop.domain.address import before_port, is_loopback
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
@@ -45,6 +45,8 @@ class ModelEndpoint(Value):
     def place(self) -> str:
         """Name as the subject of a sentence."""
         match self.provider:
+            case "embedded" if self.is_plugin:
+                return localized(QT_TR_NOOP("The language model {name}"), name=self.model)
             case "embedded":
                 return QT_TR_NOOP("The embedded language model")
             case "ollama":
@@ -52,6 +54,11 @@ class ModelEndpoint(Value):
             case "gemini":
                 return localized(QT_TR_NOOP("Gemini at {server}"), server=self.server)
         return localized(QT_TR_NOOP("The language model server at {server}"), server=self.server)
+
+    @property
+    def is_plugin(self) -> bool:
+        """True for a plug-in, which a process of this program serves as it does the embedded model."""
+        return self.provider == "embedded" and self.model.startswith(f"{PLUGIN}:")
 
     @property
     def is_openai(self) -> bool:
@@ -65,7 +72,9 @@ class ModelEndpoint(Value):
 
     @property
     def leaves_computer(self) -> bool:
-        """True if requests leave this computer: by the address, or through Ollama's cloud."""
+        """True if requests leave this computer: by the address, through Ollama's cloud, or perhaps through a plug-in."""
+        if self.is_plugin:
+            return True
         named_cloud = any(part.endswith("cloud") for part in self.model.lower().split(":"))
         return not is_loopback(self.base_url) or (self.provider == "ollama" and named_cloud)
 
@@ -73,7 +82,8 @@ class ModelEndpoint(Value):
 def resolve_endpoint(
     model: str, *, embedded_url: str | None, environment: Mapping[str, str] | None = None
 ) -> ModelEndpoint:
-    """Resolve a scenario's ``embedded``, ``embedded:NAME``, ``ollama:NAME``, ``openai:NAME`` or ``gemini:NAME``.
+    """Resolve a scenario's ``embedded``, ``embedded:NAME``, ``plugin:NAME``, ``ollama:NAME``, ``openai:NAME`` or
+    ``gemini:NAME``.
 
     ``embedded_url`` is the address of the embedded server of this model, None without one. ``OLLAMA_HOST``,
     ``OPENAI_BASE_URL`` and ``GOOGLE_GEMINI_BASE_URL`` in ``environment`` (default: the process environment) override
@@ -87,11 +97,13 @@ def resolve_endpoint(
     environment = os.environ if environment is None else environment
     provider, _, name = model.strip().partition(":")
     name = name.strip()
-    embedded = embedded_name(model)
+    embedded = served_name(model)
     if embedded is not None:
         if embedded_url is None:
             raise LanguageModelError(
-                QT_TR_NOOP("The embedded language model is not running."),
+                QT_TR_NOOP("The language model's process is not running.")
+                if embedded.startswith(f"{PLUGIN}:")
+                else QT_TR_NOOP("The embedded language model is not running."),
                 QT_TR_NOOP("The assistant cannot answer."),
                 QT_TR_NOOP("Wait until it has started; if it failed, the Session log shows why."),
             )
@@ -108,7 +120,9 @@ def resolve_endpoint(
     raise LanguageModelError(
         localized(QT_TR_NOOP("“{model}” is not a valid language model."), model=shortened(model)),
         QT_TR_NOOP("The assistant cannot answer in this scenario."),
-        QT_TR_NOOP("Set assistant.model to embedded, embedded:NAME, ollama:NAME, openai:NAME or gemini:NAME."),
+        QT_TR_NOOP(
+            "Set assistant.model to embedded, embedded:NAME, plugin:NAME, ollama:NAME, openai:NAME or gemini:NAME."
+        ),
     )
 
 

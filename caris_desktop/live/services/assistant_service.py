@@ -10,7 +10,7 @@ from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.conversation.embedded_messages import EmbeddedFailed, EmbeddedReady, ModelAdded
 from caris_desktop.conversation.models.connection import check_place
-from caris_desktop.conversation.models.embedded_models import embedded_name
+from caris_desktop.conversation.models.embedded_models import PLUGIN, served_name
 from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, ModelEndpoint
 from caris_desktop.conversation.models.failure_texts import LanguageModelError
 from caris_desktop.conversation.prompts import MAX_QUESTION_CHARACTERS, build_messages, characters_too_long, system_text
@@ -18,6 +18,7 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor, cancelled_by
 from caris_desktop.domain.events import ANSWER, AnswerUsed, AssistantChanged, ChatMessage, LlmExchange, Marked
 from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.plugins import Plugin, PluginCall, PluginFailed, switched_off
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, tr
 from caris_desktop.domain.value_class import Value
@@ -27,6 +28,7 @@ from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.model_client import ModelClient, StreamChat
 from caris_desktop.live.model_lists import ListModels, ModelLists
+from caris_desktop.live.plugin_watch import PluginWatch
 from caris_desktop.live.process_manager import ProcessManager, localize_problem
 from caris_desktop.live.service import Follows, Handlers, Restarts, Service
 from caris_desktop.live.speech_queue import SpeechQueue
@@ -98,6 +100,11 @@ class AssistantService(Service):
         self._served = ""
         self._addition: ChildProcess | None = None
         self._restarts = Restarts()
+        self._watch = PluginWatch()
+        self._watching = QTimer(self, singleShot=True)
+        self._watching.timeout.connect(self._end_overdue)
+        self._plugins_off: set[str] = set()
+        self._serving: Plugin | None = None
         self._started = False
 
     def handlers(self) -> Handlers:
@@ -175,9 +182,12 @@ class AssistantService(Service):
     def check_picture(self) -> None:
         """Raise UserFacingError if a question cannot include images."""
         meaning = tr("The assistant was not asked; the picture is still attached.")
-        if embedded_name(self._setup.model) is not None:
+        if (name := served_name(self._setup.model)) is not None:
             raise UserFacingError(
-                tr("The embedded language model cannot process pictures."), meaning,
+                tr("A plug-in cannot process pictures.")
+                if _is_plugin(name)
+                else tr("The embedded language model cannot process pictures."),
+                meaning,
                 tr(
                     "Choose a model that can process pictures, in a scenario with "
                     "assistant.pictures."), severity="warning",
@@ -307,7 +317,7 @@ class AssistantService(Service):
         if not self._scenario.permissions.assistant:
             return
         setup = self._setup.shown()
-        pictures = embedded_name(self._setup.model) is None and self._scenario.assistant.pictures
+        pictures = served_name(self._setup.model) is None and self._scenario.assistant.pictures
         models = self._offered()
         where = next((choice.where for choice in models if choice.model == setup.model), _here())
         self._state.assistant_setup.set(
@@ -329,7 +339,10 @@ class AssistantService(Service):
 
     def _choice(self, model: str) -> ModelChoice | None:
         """Model as a choice; None if unknown or not permitted."""
-        if (name := embedded_name(model)) is not None:
+        if (name := served_name(model)) is not None and _is_plugin(name):
+            usable = self._scenario.permissions.cloud_models and name not in self._plugins_off
+            return ModelChoice(model, name.partition(":")[2], tr("a plug-in")) if usable else None
+        if name is not None:
             return ModelChoice(model, name or tr("SmolLM2, practice quality"), _here())
         try:
             endpoint = self._parts.resolve_endpoint(model, None)
@@ -386,9 +399,18 @@ class AssistantService(Service):
     # Model
 
     def _use_chosen(self) -> None:
+        if served_name(self._setup.model) in self._plugins_off:
+            self._setup.model = EMBEDDED
+            self._notify("model", EMBEDDED, "", CONSOLE)
         if not self._scenario.permissions.assistant:
             self._exchanges.show_status(AssistantStatus(state="off"))
-        elif (name := embedded_name(self._setup.model)) is not None and not self._serves(name):
+        elif _is_plugin(served_name(self._setup.model)) and not self._scenario.permissions.cloud_models:
+            detail = QT_TR_NOOP(
+                "A plug-in may send questions to other computers, and this scenario allows only local models. "
+                "Choose the embedded model."
+            )
+            self._exchanges.show_status(AssistantStatus(state="failed", detail=detail))
+        elif (name := served_name(self._setup.model)) is not None and not self._serves(name):
             self._exchanges.show_status(AssistantStatus(state="starting", model=_embedded_title(self._setup.model)))
             if self._server is None:
                 self._start_server(name)
@@ -403,7 +425,7 @@ class AssistantService(Service):
 
     def _start_server(self, name: str) -> None:
         server = self._parts.server
-        self._served = name
+        self._served, self._watch = name, PluginWatch()
 
         def on_message(message: Any) -> None:
             if child is self._server:  # else it was ended while its message was delivered
@@ -414,7 +436,8 @@ class AssistantService(Service):
         )
 
     def _end_server(self) -> None:
-        server, self._server, self._server_url = self._server, None, None
+        server, self._server, self._server_url, self._serving = self._server, None, None, None
+        self._watching.stop()
         if server is not None:
             self._children.dismiss(server, grace_s=2.0)
 
@@ -426,13 +449,22 @@ class AssistantService(Service):
         except LanguageModelError as error:
             self._exchanges.show_status(AssistantStatus(state="failed", detail=joined((error.what, error.advice))))
             return
-        display_name = endpoint.model if embedded_name(model) is None else _embedded_title(model)
+        display_name = endpoint.model if served_name(model) is None else _embedded_title(model)
         self._exchanges.use_endpoint(endpoint, display_name=display_name, local_only=local_only)
         self.client.warm_up_soon(lambda: self._messages("Hello.", "numbers"), "question")
 
     def _on_server_message(self, message: Any) -> None:
         match message:
-            case EmbeddedReady(url=url, key=key):
+            case PluginCall(plugin=plugin, within_s=within_s):
+                self._watch.note(message)
+                self._watching.stop()
+                if plugin is not None:
+                    self._watching.start(round(within_s * 1000) + 1)
+            case PluginFailed(plugin=plugin, reason=reason):
+                self._end_server()
+                self._switch_off(plugin, reason)
+            case EmbeddedReady(url=url, key=key, plugin=plugin):
+                self._serving = plugin
                 os.environ[EMBEDDED_KEY] = key
                 self._server_url = url
                 if self._asks_embedded():
@@ -443,16 +475,34 @@ class AssistantService(Service):
                     self._exchanges.show_status(AssistantStatus(state="failed", detail=problem.what))
 
     def _asks_embedded(self) -> bool:
-        return self._scenario.permissions.assistant and embedded_name(self._setup.model) == self._served
+        return self._scenario.permissions.assistant and served_name(self._setup.model) == self._served
 
     def _on_server_ended(self, child: ChildProcess) -> None:
         if child is not self._server:
             return  # replaced while its exit was being reported
-        self._server = self._server_url = None
-        if self._asks_embedded():
+        self._server = self._server_url = self._serving = None
+        self._watching.stop()
+        if (plugin := self._watch.called) is not None:
+            self._switch_off(plugin, self._watch.blame)
+        elif self._asks_embedded():
             self._restarts.after_end(self._report_server_ended, self._use_chosen)
         else:
             self._restarts.another()
+
+    def _end_overdue(self) -> None:
+        if self._server is not None and self._watch.overdue:
+            self._server.kill()
+
+    def _switch_off(self, plugin: Plugin, reason: str) -> None:
+        """Use the embedded model instead of this plug-in until the program ends."""
+        self._plugins_off.add(f"{PLUGIN}:{plugin.name}")
+        self._bus.publish(localize_problem(switched_off(clock.now_ns(), plugin, reason)))
+        self._use_chosen()
+
+    @property
+    def plugins(self) -> dict[str, str]:
+        """Plug-in that answers, with its package and version."""
+        return {} if self._serving is None else {self._serving.title: self._serving.package}
 
     def _report_server_ended(self, advice: str) -> None:
         self._exchanges.show_status(AssistantStatus(state="failed", detail=QT_TR_NOOP("The language model stopped.")))
@@ -465,13 +515,19 @@ class AssistantService(Service):
         )
 
 
+def _is_plugin(name: str | None) -> bool:
+    return name is not None and name.startswith(f"{PLUGIN}:")
+
+
 def _here() -> str:
     """Location of a model whose data stays on this computer."""
     return tr("on this computer")
 
 
 def _embedded_title(model: str) -> str:
-    name = embedded_name(model)
+    name = served_name(model)
+    if _is_plugin(name):
+        return model
     return tr("{model} on this computer").format(model=name) if name else tr("SmolLM2 on this computer")
 
 

@@ -143,7 +143,7 @@ class SessionService(Service):
                 intent.details,
                 scenario,
                 connection,
-                plugins=dict(self._state.perception.value.plugins),
+                plugins=dict(self._state.perception.value.plugins) | concerned.assistant.plugins,
             ),
             intent.actor,
             refused=concerned.microphone.close,

@@ -14,11 +14,11 @@ from gguf import GGUFReader, GGUFValueType, GGUFWriter
 from caris_desktop.conversation.embedded_server import find_embedded_weights, missing_for_embedded
 from caris_desktop.conversation.models.embedded_models import (
     added_models,
-    embedded_name,
     find_added,
     inspect_model,
     model_name,
     remove_model,
+    served_name,
     store_model,
 )
 from caris_desktop.conversation.models.failure_texts import LanguageModelError
@@ -132,7 +132,7 @@ def test_a_model_is_found_by_name_only_and_its_file_is_compared(tmp_path: Path, 
 def test_no_name_leads_out_of_the_folder(name: str, tmp_path: Path) -> None:
     with pytest.raises(LanguageModelError):
         find_added(name)
-    assert embedded_name(f"embedded:{name}") is None
+    assert served_name(f"embedded:{name}") is None
     if name:
         with pytest.raises(LanguageModelError, match="cannot be the name"):
             model_name(tmp_path / "model.gguf", name)
