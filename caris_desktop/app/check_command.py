@@ -26,7 +26,7 @@ from caris_desktop.perception.cameras.camera_source import CameraError
 from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
 from caris_desktop.perception.cameras.device_camera import found_cameras
 from caris_desktop.perception.detector import DetectorAwayError
-from caris_desktop.perception.weights import WeightsError, find_weights
+from caris_desktop.perception.weights import DetectorChoice, WeightsError, find_weights
 from caris_desktop.robot.discovery import load_profile_blocking
 from caris_desktop.robot.link import check_robot, robot_queue_advice
 from caris_desktop.robot.profile import ProfileError
@@ -148,7 +148,9 @@ def detector_finding(scenario: Scenario) -> Finding:
         remote.close()
         return Finding("Person detector", True, remote.label)
     try:
-        weights = find_weights(settings.model, allow_download=False)
+        # Without a plug-in that fails, the usual file is used.
+        is_plugin = settings.model.source.startswith("plugin:")
+        weights = find_weights(DetectorChoice() if is_plugin else settings.model, allow_download=False)
     except WeightsError as error:
         return Finding("Person detector", False, f"{error}.", f"{error.advice}.")
     return Finding("Person detector", True, f"{weights.label} ({weights.path})")
@@ -158,6 +160,8 @@ def _plugins(scenario: Scenario) -> Iterator[Finding]:
     """Findings for the plug-ins that the scenario names; each is imported in a process of its own."""
     try:
         used = [find("trackers", scenario.perception.tracker)]
+        if scenario.perception.model.startswith("plugin:"):
+            used.append(find("detectors", scenario.perception.model.partition(":")[2]))
         if scenario.permissions.assistant:
             models = dict.fromkeys((scenario.assistant.model, *scenario.assistant.models))
             names = [name for provider, _, name in (each.partition(":") for each in models) if provider == "plugin"]

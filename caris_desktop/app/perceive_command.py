@@ -111,6 +111,8 @@ class _WrongError(Exception):
 
 
 def _check(arguments: argparse.Namespace, token: str, tls: ssl.SSLContext | None) -> None:
+    if arguments.model and arguments.model.startswith("plugin:"):
+        raise _WrongError("--model: a plug-in cannot be served to other computers.")
     if token and len(token) < LEAST_TOKEN:
         raise _WrongError(f"The token in {arguments.token_env} is too short: use at least {LEAST_TOKEN} characters.")
     if is_loopback_host(arguments.host):

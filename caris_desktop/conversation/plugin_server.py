@@ -49,8 +49,8 @@ class LanguageModel(Protocol):
         waits: 0.5 s are good.
 
         ``messages`` have ``role`` (system, user or assistant) and ``content``. The answer is cut at about
-        ``max_tokens``. With ``seed``, the same question has the same answer if the model can do that. With ``schema``, a
-        JSON Schema, the answer is JSON of that form; suggestions need this, and answers that are not are passed over.
+        ``max_tokens``. With ``seed``, the same question has the same answer if the model can do that. With ``schema``,
+        a JSON Schema, the answer is JSON of that form; suggestions need this, and do without answers that are not.
 
         One answer at a time, in any thread. The iterator is closed in the middle when nobody waits for the rest: let go
         of what it uses in a ``finally``. OSError (also ConnectionError, TimeoutError) means that this answer failed and
@@ -59,7 +59,9 @@ class LanguageModel(Protocol):
         ...
 
 
-class _Asked(Value):
+class Asked(Value):
+    """One question to a language model, as in :meth:`LanguageModel.answer`."""
+
     messages: tuple[dict[str, str], ...]
     max_tokens: int
     temperature: float
@@ -82,7 +84,7 @@ def serve_plugin(plugin: Plugin, key: str, send: Callable[[PluginCall | PluginFa
 
 
 def pieces(
-    plugin: Plugin, model: LanguageModel, asked: _Asked, notify: Callable[[PluginCall], None] = lambda _call: None
+    plugin: Plugin, model: LanguageModel, asked: Asked, notify: Callable[[PluginCall], None] = lambda _call: None
 ) -> Iterator[str]:
     """The answer as the interface says, cut at its length. Raises PluginError. ``notify`` gets one call for all of it,
     again with every second, so that many small pieces do not occupy the console.
@@ -172,8 +174,8 @@ class _Handler(BaseHTTPRequestHandler):
         _log.debug(format, *args)
 
 
-def _asked(body: dict[str, Any]) -> _Asked:
+def _asked(body: dict[str, Any]) -> Asked:
     written = body.get("response_format", {})
     schema = written.get("schema") or written.get("json_schema", {}).get("schema")
     messages = tuple({"role": each["role"], "content": each["content"]} for each in body["messages"])
-    return _Asked(messages, int(body["max_tokens"]), float(body["temperature"]), body.get("seed"), schema)
+    return Asked(messages, int(body["max_tokens"]), float(body["temperature"]), body.get("seed"), schema)

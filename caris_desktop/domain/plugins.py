@@ -21,9 +21,9 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
-PluginGroup = Literal["trackers", "language_models"]
+PluginGroup = Literal["trackers", "language_models", "detectors"]
 GROUPS: tuple[PluginGroup, ...] = get_args(PluginGroup)
-INTERFACES: dict[PluginGroup, int] = {"trackers": 1, "language_models": 1}
+INTERFACES: dict[PluginGroup, int] = dict.fromkeys(GROUPS, 1)
 """Version of each interface; a plug-in declares the one that it is written for, as ``caris_interface``."""
 BUILT_IN: dict[PluginGroup, dict[str, str]] = {
     "trackers": {
@@ -33,6 +33,7 @@ BUILT_IN: dict[PluginGroup, dict[str, str]] = {
         "botsort": "caris_desktop.perception.tracker_plugins:BotSort",
     },
     "language_models": {},  # those of the program are servers, which a plug-in need not be
+    "detectors": {},  # those of the program are files of networks
 }
 """The entry points of this program: also here, since they must be found without reading the metadata of packages."""
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"

@@ -275,7 +275,9 @@ def _references(external: External, value: Any, place: str) -> Iterator[FileRefe
         case "path":
             yield FileReference("path", text, place)
         case "model":
-            if text:
+            if text.startswith("plugin:"):
+                yield _plugin("detectors", text.partition(":")[2], place)
+            elif text:
                 yield FileReference("model", text, place)
         case "language_model":
             if text.startswith("plugin:"):

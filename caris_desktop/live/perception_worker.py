@@ -210,8 +210,12 @@ class PerceptionWorker(QObject):
                 item = None
             if item is _STOP:
                 break
-            if isinstance(item, _UseBody):
-                self._body, ready, busy, pending, self.restarts = item.body, False, False, None, Restarts()
+            if isinstance(item, _UseBody) or (isinstance(item, PluginFailed) and item.plugin.group == "detectors"):
+                if isinstance(item, _UseBody):
+                    self._body, self.restarts = item.body, Restarts()
+                else:
+                    self._switch_off(item.plugin, item.reason)
+                ready, busy, pending = False, False, None
                 if child is not None:
                     child.stop(grace_s=2.0)
                 self._publish_all(presence.restart_tracks(clock.now_ns()))

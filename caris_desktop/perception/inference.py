@@ -3,6 +3,7 @@
 import contextlib
 import logging
 import time
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import NoReturn
 
@@ -30,7 +31,7 @@ from caris_desktop.perception.inference_settings import OWN_TRACKER, InferenceSe
 from caris_desktop.perception.perceiver import Perceived, Perceiver, open_perceiver
 from caris_desktop.perception.pose import Pose
 from caris_desktop.perception.tracker import TrackedBox
-from caris_desktop.perception.weights import WeightsError
+from caris_desktop.perception.weights import DetectorChoice, WeightsError
 
 log = logging.getLogger(__name__)
 
@@ -86,23 +87,28 @@ def _recognises(perceiver: Perceiver, settings: InferenceSettings) -> tuple[Look
 def _open(connection: Connection, settings: InferenceSettings) -> Perceiver:
     """Open the perceiver; waits for a remote detector until it is available, or the connection closes."""
     away = ""
-    off = {plugin.name for plugin in settings.plugins_off if plugin.group == "trackers"}
+    off = {(plugin.group, plugin.name) for plugin in settings.plugins_off}
+    detector = settings.detector
+    if ("detectors", detector.model.source.removeprefix("plugin:")) in off:
+        detector = replace(detector, model=DetectorChoice(input_px=detector.model.input_px))
     while True:
         try:
             return open_perceiver(
                 settings.weights_path,
-                tracker=OWN_TRACKER if settings.tracker in off else settings.tracker,
+                tracker=OWN_TRACKER if ("trackers", settings.tracker) in off else settings.tracker,
                 threads=settings.threads,
                 recognise_appearance=settings.recognise_appearance,
                 allow_download=settings.allow_download,
                 confidence=settings.confidence,
-                settings=settings.detector,
+                settings=detector,
                 models_folder=None if settings.face_model is None else settings.face_model.parent,
                 notify=connection.send,
             )
         except PluginError as error:
             connection.send(PluginFailed(error.plugin, error.reason))
-            off.add(error.plugin.name)
+            if error.plugin.group == "detectors":
+                _wait_for_end(connection)
+            off.add((error.plugin.group, error.plugin.name))
             continue
         except DetectorAwayError as error:
             if str(error) != away:
@@ -126,8 +132,10 @@ def _follow(connection: Connection, frames: FrameReader, perceiver: Perceiver, s
         try:
             perceived = perceiver.perceive(image_bgr, request)
         except PluginError as error:
-            perceiver.switch_off(error.plugin)
             connection.send(PluginFailed(error.plugin, error.reason))
+            if error.plugin.group == "detectors":
+                _wait_for_end(connection)
+            perceiver.use_own_tracker()
             connection.send(FrameSkipped(ref.stamp_ns, ref.camera, ref.sequence))
             continue
         except DetectorAwayError as error:
@@ -200,6 +208,11 @@ def _embeddings(ref: FrameRef, tracked: list[TrackedBox], model: str) -> list[Pe
 def _fail(connection: Connection, problem: Problem) -> NoReturn:
     """Report, then wait for the connection to close: an exit would count as a crash and be restarted."""
     connection.send(InferenceFailed(clock.now_ns(), problem))
+    _wait_for_end(connection)
+
+
+def _wait_for_end(connection: Connection) -> NoReturn:
+    """Wait until the console ends this process: after a detector's failure it starts another one."""
     while True:
         newest(connection)
 

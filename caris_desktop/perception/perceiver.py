@@ -19,6 +19,7 @@ from caris_desktop.perception.appearance_embedding import AppearanceError, Appea
 from caris_desktop.perception.backends.selected_runtime import Chosen, open_chosen
 from caris_desktop.perception.blur import head_of
 from caris_desktop.perception.detector import Detections
+from caris_desktop.perception.detector_plugins import WatchedDetector
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, OWN_TRACKER, DetectorSettings
 from caris_desktop.perception.pose import Pose, Poses
@@ -98,12 +99,12 @@ class Perceiver:
     @property
     def plugins(self) -> tuple[Plugin, ...]:
         """Plug-ins in use, without the built-in ones."""
-        return tuple(one for one in (self._tracker.plugin,) if not one.is_built_in)
+        detector = (self._detector.plugin,) if isinstance(self._detector, WatchedDetector) else ()
+        return tuple(one for one in (*detector, self._tracker.plugin) if not one.is_built_in)
 
-    def switch_off(self, plugin: Plugin) -> None:
-        """Use the built-in one from now on."""
-        if plugin == self._tracker.plugin:
-            self._tracker.use(OWN_TRACKER)
+    def use_own_tracker(self) -> None:
+        """Use the built-in tracker from now on."""
+        self._tracker.use(OWN_TRACKER)
 
     def _unfollowed(self, detections: Detections, boxes: list[TrackedBox]) -> tuple[PersonBox, ...]:
         """Detected people without a track (yet), and separate head boxes where known: heads need not be at the upper
@@ -157,7 +158,9 @@ def open_perceiver(
         When a plug-in cannot be used.
     """
     settings = settings or DetectorSettings()
-    chosen = open_chosen(weights_path, settings, confidence=confidence, threads=threads, allow_download=allow_download)
+    chosen = open_chosen(
+        weights_path, settings, confidence=confidence, threads=threads, allow_download=allow_download, notify=notify
+    )
     appearance, trouble = _appearance((models_folder, chosen.folder), threads) if recognise_appearance else (None, "")
     people = PersonTracker(chosen.people, tracker=tracker, appearance=appearance, notify=notify)
     appearance_model = "" if appearance is None else appearance.name

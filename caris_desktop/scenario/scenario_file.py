@@ -9,8 +9,8 @@ from typing import Any
 
 from caris_desktop.domain.control_definitions import control_problems
 from caris_desktop.domain.file_replacement import replace_file
-from caris_desktop.domain.key_path import Problem
-from caris_desktop.domain.plugins import BUILT_IN, installed
+from caris_desktop.domain.key_path import KeyPath, Problem
+from caris_desktop.domain.plugins import BUILT_IN, PluginGroup, installed
 from caris_desktop.domain.schema_fields import data_of, value_from
 from caris_desktop.domain.schema_validation import allowed_words, problem_lines, problems, quoted
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
@@ -214,14 +214,18 @@ def _missing_plugins(data: dict[str, Any]) -> Iterator[Problem]:
         unknown = tr("unknown {noun} {value}.").format(noun="tracker", value=quoted(name))
         yield ("perception", "tracker"), f"{unknown} {allowed_words(name, list(here))}"
     assistant = data.get("assistant", {})
-    named = {("assistant", "model"): assistant.get("model", "")}
-    named |= {("assistant", "models", index): name for index, name in enumerate(assistant.get("models", ()))}
-    for path, model in named.items():
-        provider, _, name = model.partition(":")
-        if provider == "plugin" and name not in (here := installed("language_models")):
-            unknown = tr("no plug-in {value} for language models is installed.").format(value=quoted(name))
+    named: list[tuple[KeyPath, PluginGroup, str]] = [
+        (("perception", "model"), "detectors", data.get("perception", {}).get("model", "")),
+        (("assistant", "model"), "language_models", assistant.get("model", "")),
+    ]
+    for index, model in enumerate(assistant.get("models", ())):
+        named.append((("assistant", "models", index), "language_models", model))
+    for path, group, value in named:
+        provider, _, name = value.partition(":")
+        if provider == "plugin" and name not in (here := installed(group)):
+            unknown = tr("unknown {noun} {value}.").format(noun=tr("plug-in"), value=quoted(name))
             found = [f"plugin:{each}" for each in here]
-            yield path, f"{unknown} {allowed_words(model, found) if found else ''}".rstrip()
+            yield path, f"{unknown} {allowed_words(value, found) if found else tr('None is installed.')}"
 
 
 def _new_file(scenario: Scenario, data: dict[str, Any], path: Path) -> tuple[str, Scenario]:

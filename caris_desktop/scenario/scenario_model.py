@@ -179,9 +179,7 @@ class AssistanceSettings(Value):
 
 PROMPT_CHARACTERS, TEXT_CHARACTERS = 8000, 4000
 """The longest system prompt, and the longest of the other texts: in the file and as the wizard changes them."""
-MODEL_PATTERN = (
-    "^(embedded(:[A-Za-z0-9][A-Za-z0-9._-]*)?|plugin:[A-Za-z0-9][A-Za-z0-9._-]*|ollama:.+|openai:.+|gemini:.+)$"
-)
+MODEL_PATTERN = "^((embedded|plugin):[A-Za-z0-9][A-Za-z0-9._-]*|embedded|ollama:.+|openai:.+|gemini:.+)$"
 MODEL_ALLOWED = "embedded, embedded:NAME, plugin:NAME, ollama:NAME, openai:NAME or gemini:NAME."
 
 
@@ -367,7 +365,7 @@ class PerceptionSettings(Value):
 
     model: str = setting(default="", title="Detector", external="model", longest=1000, quiet=True)
     """The detector: a .pt, .onnx or .tflite file or an OpenVINO folder. Give its path, its name next to the scenario or
-    in a models folder, or an `https://` address; the default one if empty."""
+    in a models folder, or an `https://` address; `plugin:NAME` for a plug-in; the default one if empty."""
     sha256: str = setting(
         default="",
         title="Checksum (SHA-256)",

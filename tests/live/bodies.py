@@ -19,7 +19,7 @@ from caris_desktop.domain.person_values import PersonLooks, PersonPortrait
 from caris_desktop.domain.ports import FrameReader, FrameWriter
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.perception.inference_messages import DetectorAway, FrameSkipped, InferenceReady
-from caris_desktop.perception.inference_settings import InferenceSettings
+from caris_desktop.perception.inference_settings import DetectorSettings, InferenceSettings
 
 
 def echo(connection: Connection) -> None:
@@ -77,7 +77,8 @@ def brightness(connection: Connection, frames: FrameReader, marker: str) -> None
 
 def inference_of_bright_frames(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:
     """The real inference process with a detector double: one person in a bright frame."""
-    from caris_desktop.perception import inference, perceiver, tracker
+    from caris_desktop.perception import detector_plugins, inference, perceiver, tracker
+    from caris_desktop.perception.backends import selected_runtime
     from caris_desktop.perception.backends.selected_runtime import Chosen
     from caris_desktop.perception.detector import Detections
 
@@ -90,7 +91,12 @@ def inference_of_bright_frames(connection: Connection, frames: FrameReader, sett
             corners_px = np.array([[4.0, 4, 24, 44]] * count).reshape(-1, 4)
             return Detections(corners_px, np.full(count, 0.9), np.zeros(count, np.int64))
 
-    perceiver.open_chosen = lambda *_args, **_settings: Chosen(Bright(), (0,), None)  # type: ignore[attr-defined]
+    def open_chosen(own: Path | None, settings: DetectorSettings, **given: Any) -> Chosen:
+        plugin = settings.model.source.startswith("plugin:")
+        return selected_runtime.open_chosen(own, settings, **given) if plugin else Chosen(Bright(), (0,), None)
+
+    perceiver.open_chosen = open_chosen  # type: ignore[attr-defined]
+    detector_plugins.LOAD_WITHIN_S = 3.0  # type: ignore[attr-defined]
     tracker.LOAD_WITHIN_S = 3.0  # type: ignore[attr-defined]
     inference.run_inference(connection, frames, settings)
 

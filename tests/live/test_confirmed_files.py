@@ -205,10 +205,14 @@ def test_nothing_steers_a_terminal_from_a_question(tmp_path: Path) -> None:
     assert question_words(replace(question, title="A\x1b[2J")).replace("\n", "").isprintable()
 
 
-def test_a_plug_in_is_listed_with_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    install(tmp_path / "packages", "trackers", "steady", "raise SystemError('imported')", monkeypatch)
-    question = asked(written(tmp_path / "s.yaml", PLAIN + "perception: {tracker: steady}\n"))
+def test_plug_ins_are_listed_with_their_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for group, name in (("trackers", "steady"), ("detectors", "seeing"), ("language_models", "wise")):
+        install(tmp_path / "packages", group, name, "raise SystemError('imported')", monkeypatch)
+    text = "perception: {tracker: steady, model: 'plugin:seeing'}\nassistant: {model: 'plugin:wise'}\n"
+    question = asked(written(tmp_path / "s.yaml", PLAIN + text))
     assert question is not None
-    assert [(one.kind, one.text) for one in question.named] == [("plugin", "steady (lab-steady 2.1)")]
+    assert {(one.kind, one.text) for one in question.named} == {
+        ("plugin", "steady (lab-steady 2.1)"), ("plugin", "seeing (lab-seeing 2.1)"), ("plugin", "wise (lab-wise 2.1)"),
+    }  # fmt: skip
     assert "code of others" in question_words(question)
     assert asked(written(tmp_path / "own.yaml", PLAIN + "perception: {tracker: botsort}\n")) is None

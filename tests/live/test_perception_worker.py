@@ -22,7 +22,8 @@ from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.people.portrait_store import Portraits
 from caris_desktop.people.presence import PresenceTracker
-from caris_desktop.perception.inference_settings import InferenceSettings
+from caris_desktop.perception.inference_settings import DetectorSettings, InferenceSettings
+from caris_desktop.perception.weights import DetectorChoice
 from tests.live import bodies
 from tests.support.plugins import install
 
@@ -302,5 +303,83 @@ def test_a_tracker_that_fails_is_named_once_and_ours_takes_over(
         assert problem.what == f"The plug-in bad (lab-bad 2.1) was switched off: {reason}."
         assert setup.plugins[-1] == ()
         assert setup.worker.restarts.used == 0, "the process itself is not to blame"
+    finally:
+        _end(setup)
+
+
+def _detector(body: str, before: str = "") -> str:
+    return f"""
+import os, time
+{before}
+
+class Plugin:
+    caris_interface = 1
+    class_names = ("chair", "person")
+
+    def __init__(self, *, confidence, threads):
+        pass
+
+    def detect(self, image_bgr):
+        {body}
+"""
+
+
+def _run_with_detector(name: str) -> Setup:
+    detector = DetectorSettings(DetectorChoice(f"plugin:{name}"))
+    settings = InferenceSettings(detector=detector, recognise_appearance=False, niceness=0)
+    return Setup(bodies.inference_of_bright_frames, settings)
+
+
+def test_a_detector_of_others_finds_people_and_its_package_is_known(
+    qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body = "return [[-5, 2, 30, 46], [40, 2, 60, 46]], [0.9, 0.8], [1, 0]"
+    install(tmp_path, "detectors", "seeing", _detector(body), monkeypatch)
+    setup = _run_with_detector("seeing")
+    try:
+        qtbot.waitUntil(lambda: "ready" in setup.statuses, timeout=60_000)
+        assert setup.models[-1] == "seeing (lab-seeing 2.1)"
+        _show_until(qtbot, setup, 0, lambda: setup.people() and setup.people()[-1].boxes)
+        (box,) = setup.people()[-1].boxes
+        assert (box.left_px, box.width_px) == (0.0, 30.0), "boxes end at the side of the picture; a chair is nobody"
+        assert setup.plugins[-1] == (("detector seeing", "lab-seeing 2.1"),)
+        assert not setup.of(Problem)
+    finally:
+        _end(setup)
+
+
+@pytest.mark.timeout(200)
+@pytest.mark.logs("failed", "ended by itself with exit code")
+@pytest.mark.parametrize(
+    ("module", "reason"),
+    [
+        (_detector("raise KeyError('who')"), "it raised KeyError: 'who'"),
+        (_detector("return [[0, 0, 9, float('nan')]], [0.9], [1]"), "it returned corners that are no numbers"),
+        (_detector("return [[0, 0, 9, 9]], [0.9], [2]"), "it returned classes that it does not name"),
+        (_detector("os.abort()"), "it ended its process"),
+        (_detector("time.sleep(3600)"), "it did not return within 20 s"),
+        (_detector("pass", "import nothing_of_this_name"), "it raised ModuleNotFoundError"),
+        (_detector("pass").replace('"person"', '"dog"'), "none of its classes is named person"),
+    ],
+    ids=["raises", "nan", "classes", "crashes", "hangs", "import", "no-person"],
+)
+@pytest.mark.long("nan", "classes", "hangs", "import", "no-person")
+def test_a_detector_that_fails_is_named_once_and_the_usual_one_takes_over(
+    module: str, reason: str, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(tmp_path, "detectors", "bad", module, monkeypatch)
+    setup = _run_with_detector("bad")
+    try:
+        qtbot.waitUntil(lambda: "ready" in setup.statuses or bool(setup.of(Problem)), timeout=60_000)
+
+        def found() -> bool:
+            setup.show(200)
+            return bool(setup.of(Problem)) and any(people.boxes for people in setup.people())
+
+        qtbot.waitUntil(found, timeout=60_000)
+        (problem,) = setup.of(Problem)
+        assert problem.what.startswith(f"The plug-in bad (lab-bad 2.1) was switched off: {reason}")
+        assert (setup.models[-1], setup.plugins[-1]) == ("bright", ())
+        assert setup.worker.restarts.used == 0
     finally:
         _end(setup)

@@ -584,3 +584,21 @@ def test_a_tracker_of_others_is_named_only_where_it_is_installed(
     assert parse_scenario(text, path=tmp_path / "s.yaml").perception.tracker == "steady"
     assert "Did you mean 'steady'?" in refusal(tmp_path, text.replace("steady", "stedy"))
     assert "a plug-in that is installed" in refusal(tmp_path, text.replace("steady", "/home/me/tracker.py"))
+
+
+@pytest.mark.parametrize(
+    ("group", "lines"),
+    [
+        ("detectors", "perception:\n  model: plugin:steady\n"),
+        ("language_models", "assistant:\n  model: plugin:steady\n"),
+        ("language_models", "assistant:\n  models: ['plugin:steady']\n"),
+    ],
+)
+def test_other_plug_ins_are_named_only_where_they_are_installed(
+    group: str, lines: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = f"version: 1\ntitle: Lab\nlayout: {{panel: video}}\n{lines}"
+    assert "line 5: unknown plug-in 'steady'. None is installed." in refusal(tmp_path, text)
+    install(tmp_path / "packages", group, "steady", "raise SystemError('imported')", monkeypatch)
+    parse_scenario(text, path=tmp_path / "s.yaml")
+    assert "unknown plug-in 'other'. Allowed: plugin:steady." in refusal(tmp_path, text.replace("steady", "other"))

@@ -1,9 +1,14 @@
 """Packages with plug-ins, installed into a folder."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 from textwrap import dedent
 
 import pytest
+
+ROOT = Path(__file__).parents[2]
 
 
 def install(folder: Path, group: str, name: str, source: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -18,3 +23,36 @@ def install(folder: Path, group: str, name: str, source: str, monkeypatch: pytes
     (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: lab-{name}\nVersion: 2.1\n", "utf-8")
     (about / "entry_points.txt").write_text(f"[caris_desktop.{group}]\n{name} = {module}:Plugin\n", "utf-8")
     monkeypatch.syspath_prepend(str(folder))
+
+
+def built_and_installed(example: Path, folder: Path) -> str:
+    """Build the wheel of an example of ``examples/plugins`` and install it below ``folder``; returns the PYTHONPATH."""
+    wheels, there = folder / "wheels", folder / "there"
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input"]
+    made = ["wheel", "--quiet", "--no-build-isolation", "--no-deps", "--no-index", "--wheel-dir", wheels, example]
+    subprocess.run([*pip, *made], check=True, timeout=100)
+    (wheel,) = wheels.iterdir()
+    subprocess.run([*pip, "install", "--quiet", "--no-deps", "--target", there, wheel], check=True, timeout=100)
+    return os.pathsep.join((str(there), str(ROOT)))
+
+
+def listed(python_path: str) -> str:
+    """What ``caris-desktop plugins`` says."""
+    done = subprocess.run(
+        [sys.executable, "-m", "caris_desktop", "plugins"],
+        env={**os.environ, "PYTHONPATH": python_path}, capture_output=True, text=True, check=True, timeout=100,
+    )  # fmt: skip
+    return done.stdout
+
+
+def check_example(name: str, folder: Path, line: str) -> None:
+    """Build, install, list, test by its own test, and remove an example."""
+    example = ROOT / "examples" / "plugins" / name
+    path = built_and_installed(example, folder)
+    assert line in listed(path)
+    (test,) = example.glob("test_*.py")
+    words = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", folder, test]
+    subprocess.run([sys.executable, *words], env={**os.environ, "PYTHONPATH": path}, check=True, timeout=100)
+    (module,) = example.glob("caris_*.py")
+    assert module.read_text("utf-8").count("\n") <= 60
+    assert line not in listed(str(ROOT))

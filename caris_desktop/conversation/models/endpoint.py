@@ -72,7 +72,7 @@ class ModelEndpoint(Value):
 
     @property
     def leaves_computer(self) -> bool:
-        """True if requests leave this computer: by the address, through Ollama's cloud, or perhaps through a plug-in."""
+        """True if requests leave this computer: by the address, Ollama's cloud, or perhaps a plug-in."""
         if self.is_plugin:
             return True
         named_cloud = any(part.endswith("cloud") for part in self.model.lower().split(":"))

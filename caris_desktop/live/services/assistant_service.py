@@ -6,7 +6,7 @@ from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject, Qt, QTimer
 
 from caris_desktop.conversation.embedded_messages import EmbeddedFailed, EmbeddedReady, ModelAdded
 from caris_desktop.conversation.models.connection import check_place
@@ -101,7 +101,7 @@ class AssistantService(Service):
         self._addition: ChildProcess | None = None
         self._restarts = Restarts()
         self._watch = PluginWatch()
-        self._watching = QTimer(self, singleShot=True)
+        self._watching = QTimer(self, singleShot=True, timerType=Qt.TimerType.PreciseTimer)
         self._watching.timeout.connect(self._end_overdue)
         self._plugins_off: set[str] = set()
         self._serving: Plugin | None = None
@@ -459,7 +459,7 @@ class AssistantService(Service):
                 self._watch.note(message)
                 self._watching.stop()
                 if plugin is not None:
-                    self._watching.start(round(within_s * 1000) + 1)
+                    self._watching.start(round(within_s * 1000) + 20)
             case PluginFailed(plugin=plugin, reason=reason):
                 self._end_server()
                 self._switch_off(plugin, reason)

@@ -1,9 +1,11 @@
 """Open the detector selected by scenario or user, or the default one, locally or on another machine."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from caris_desktop.domain.address import is_loopback, without_credentials
+from caris_desktop.domain.plugins import PluginCall, find
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.backends.runtime_selection import open_fastest
@@ -24,9 +26,16 @@ class Chosen(Value, eq=False):
 
 
 def open_chosen(
-    own: Path | None, settings: DetectorSettings, *, confidence: float, threads: int, allow_download: bool
+    own: Path | None,
+    settings: DetectorSettings,
+    *,
+    confidence: float,
+    threads: int,
+    allow_download: bool,
+    notify: Callable[[PluginCall], None] = lambda _call: None,
 ) -> Chosen:
-    """Open a detector; takes seconds. ``own`` is the user's file, which precedes the scenario's.
+    """Open a detector; takes seconds. ``own`` is the user's file, which precedes the scenario's. ``notify`` gets the
+    calls of a plug-in.
 
     Raises
     ------
@@ -34,6 +43,8 @@ def open_chosen(
         When there is no detector, it cannot be loaded, or it finds no people.
     DetectorAwayError
         When the other machine cannot be asked now.
+    PluginError
+        When a plug-in cannot be used.
     """
     if settings.server and not settings.other_computers and not is_loopback(settings.server):
         raise WeightsError(
@@ -45,6 +56,13 @@ def open_chosen(
             ),
             advice=localized(QT_TR_NOOP("Remove perception.server from the scenario, or permit cloud_models")),
         )
+    source = settings.model.source if own is None else str(own)
+    if source.startswith("plugin:") and (own is not None or not settings.server):
+        from caris_desktop.perception.detector_plugins import WatchedDetector
+
+        plugin = find("detectors", source.removeprefix("plugin:"))
+        watched = WatchedDetector(plugin, confidence=confidence, threads=threads, notify=notify)
+        return Chosen(watched, watched.people, None)
     if settings.server:
         from caris_desktop.perception.backends.remote import RemoteDetector
 

@@ -17,6 +17,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import AssistantChanged, ChatMessage, LlmExchange, Marked, Problem
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import PromptPart
+from caris_desktop.domain.plugins import Plugin, PluginCall, PluginFailed
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
@@ -53,6 +54,8 @@ class Child:
 
     def ask_to_end(self) -> None:
         self.running = False
+
+    kill = ask_to_end
 
 
 class Children:
@@ -353,3 +356,77 @@ def test_a_model_file_is_added_in_a_process_of_its_own(
     desk.do(intents.AddModel(tmp_path / "hostile.gguf"))
     desk.children.started[-1].die()
     assert "ended its process" in desk.published[-1].what
+
+
+LAB = Plugin("lab", "language_models", "lab-model", "2.1", "lab_model:Plugin")
+
+
+def with_lab_model(new_desk: Callable[..., Desk], **permissions: bool) -> Desk:
+    return new_desk(replace(SETTINGS, model="plugin:lab", models=()), **permissions)
+
+
+def test_a_plug_in_is_served_by_a_process_and_known_with_its_package(
+    new_desk: Callable[..., Desk], qtbot: QtBot
+) -> None:
+    desk = with_lab_model(new_desk)
+    (server,) = desk.children.started
+    assert server.body.arguments == ("plugin:lab",)
+    server.send(EmbeddedReady("http://127.0.0.1:5001", "plugin:lab", "key", LAB))
+    assert answered(desk, qtbot, intents.Ask("Where?")).answer == "Well."
+    assert desk.service.client.model == "plugin:lab"
+    assert not desk.service.client.embedded, "what the small model needs is not sent to another one"
+    assert [choice.where for choice in desk.setup.models if choice.model == "plugin:lab"] == ["a plug-in"]
+    assert desk.service.plugins == {"language model lab": "lab-model 2.1"}
+    with pytest.raises(UserFacingError, match="A plug-in cannot process pictures"):
+        desk.service.check_picture()
+
+
+def test_a_plug_in_that_fails_is_named_and_the_embedded_model_takes_over(
+    new_desk: Callable[..., Desk], qtbot: QtBot
+) -> None:
+    desk = with_lab_model(new_desk)
+    (server,) = desk.children.started
+    server.send(EmbeddedReady("http://127.0.0.1:5001", "plugin:lab", "key", LAB))
+    server.send(PluginFailed(LAB, "it raised KeyError: 'who'"))
+    (problem,) = [event for event in desk.published if isinstance(event, Problem)]
+    assert problem.what == "The plug-in lab (lab-model 2.1) was switched off: it raised KeyError: 'who'."
+    assert [child.body.arguments for child in desk.children.started if child.running] == [("",)]
+    assert desk.service.plugins == {}
+    assert (desk.setup.model, desk.published[-1].name) == ("embedded", "embedded"), "the change is in the record"
+    with pytest.raises(UserFacingError, match="cannot be chosen"):
+        desk.do(intents.ChooseModel("plugin:lab"))
+    desk.do(intents.ResetPrompts())
+    assert desk.setup.model == "embedded", "also when the scenario's model is asked for again"
+
+
+@pytest.mark.parametrize(("within_s", "reason"), [(60.0, "it ended its process"), (0.05, "it did not return within")])
+def test_a_plug_in_that_ends_its_process_or_hangs_is_named(
+    within_s: float, reason: str, new_desk: Callable[..., Desk], qtbot: QtBot
+) -> None:
+    desk = with_lab_model(new_desk)
+    (server,) = desk.children.started
+    server.send(PluginCall(LAB, within_s))
+    if within_s < 1:
+        qtbot.waitUntil(lambda: not server.running, timeout=5000)
+    server.die()
+    assert next(event.what for event in desk.published if isinstance(event, Problem)).startswith(
+        f"The plug-in lab (lab-model 2.1) was switched off: {reason}"
+    )
+    assert desk.children.started[-1].body.arguments == ("",)
+
+
+def test_a_plug_in_that_answers_in_time_goes_on(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
+    desk = with_lab_model(new_desk)
+    (server,) = desk.children.started
+    server.send(PluginCall(LAB, 0.05))
+    server.send(PluginCall())
+    qtbot.wait(150)
+    assert server.running
+
+
+def test_a_plug_in_is_not_used_where_nothing_may_leave_this_computer(new_desk: Callable[..., Desk]) -> None:
+    desk = with_lab_model(new_desk, cloud_models=False)
+    assert not desk.children.started
+    status: AssistantStatus = desk.state.assistant.value
+    assert status.state == "failed" and "only local models" in status.detail
+    assert "plugin:lab" not in [choice.model for choice in desk.setup.models]
