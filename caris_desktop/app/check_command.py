@@ -73,7 +73,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
     yield Finding("Cameras here", True, ", ".join(found_cameras()) or "none connected to this computer")
     yield from _cameras(arguments.camera, scenario)
     yield detector_finding(scenario)
-    yield from _plugins(scenario)
+    yield from plugin_findings(scenario)
     sound = probe_sound()
     yield Finding("Sound", sound.ok, sound.text, sound.advice)
     if scenario.permissions.transcription:
@@ -156,7 +156,7 @@ def detector_finding(scenario: Scenario) -> Finding:
     return Finding("Person detector", True, f"{weights.label} ({weights.path})")
 
 
-def _plugins(scenario: Scenario) -> Iterator[Finding]:
+def plugin_findings(scenario: Scenario) -> Iterator[Finding]:
     """Findings for the plug-ins that the scenario names; each is imported in a process of its own."""
     try:
         used = [find("trackers", scenario.perception.tracker)]

@@ -33,7 +33,7 @@ def check_tracker(make: Callable[..., Tracker]) -> None:
     for appearance in (True, False):
         first, second = make(appearance=appearance), make(appearance=appearance)
         assert first is not second, "one instance is made for each camera"
-        shown = Counter[int]()
+        shown = Counter[tuple[int, int]]()
         for step in range(_FRAMES):
             stamp_s = 100.0 + 0.1 * step + (0.2 if step > _FRAMES // 2 else 0.0)
             way_px = 6.0 * step

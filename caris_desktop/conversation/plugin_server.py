@@ -6,7 +6,7 @@ import logging
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, ClassVar, Protocol
 
@@ -85,7 +85,7 @@ def serve_plugin(plugin: Plugin, key: str, send: Callable[[PluginCall | PluginFa
 
 def pieces(
     plugin: Plugin, model: LanguageModel, asked: Asked, notify: Callable[[PluginCall], None] = lambda _call: None
-) -> Iterator[str]:
+) -> Generator[str]:
     """The answer as the interface says, cut at its length. Raises PluginError. ``notify`` gets one call for all of it,
     again with every second, so that many small pieces do not occupy the console.
     """

@@ -1,7 +1,7 @@
 """Interface of person detectors for plug-ins of the group ``caris_desktop.detectors``, and what calls them."""
 
 from collections.abc import Callable, Sequence
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,18 +75,18 @@ class WatchedDetector:
 def checked_detections(plugin: Plugin, found: object, size_px: tuple[int, ...], classes: int) -> Detections:
     """What a detector returned, inside the picture. Raises PluginError if it is not what the interface says."""
     try:
-        corners, confidences, kinds = found  # type: ignore[misc]
-        corners_px = np.array(corners, np.float64).reshape(-1, 4)
-        confidences, kinds = np.array(confidences, np.float64), np.array(kinds)
+        corners, sure, kinds = cast("Sequence[Any]", found)
+        corners_px, confidences = np.array(corners, np.float64).reshape(-1, 4), np.array(sure, np.float64)
+        classes_found = np.array(kinds)
     except (TypeError, ValueError) as error:
         raise PluginError(plugin, QT_TR_NOOP("it did not return corners, confidences and classes")) from error
     count = len(corners_px)
-    if confidences.shape != (count,) or kinds.shape != (count,):
+    if confidences.shape != (count,) or classes_found.shape != (count,):
         raise PluginError(plugin, QT_TR_NOOP("corners, confidences and classes are not of one length"))
     if not np.isfinite(corners_px).all() or not ((confidences >= 0.0) & (confidences <= 1.0)).all():
         raise PluginError(plugin, QT_TR_NOOP("it returned corners that are no numbers, or a confidence beyond 0 to 1"))
-    if count and (kinds.dtype.kind not in "iu" or kinds.min() < 0 or kinds.max() >= classes):
+    if count and (classes_found.dtype.kind not in "iu" or classes_found.min() < 0 or classes_found.max() >= classes):
         raise PluginError(plugin, QT_TR_NOOP("it returned classes that it does not name"))
     height_px, width_px = size_px[:2]
     corners_px = np.clip(corners_px, 0.0, [width_px, height_px, width_px, height_px])
-    return Detections(corners_px, confidences, kinds.astype(np.int64))
+    return Detections(corners_px, confidences, classes_found.astype(np.int64))
