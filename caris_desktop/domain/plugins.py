@@ -7,7 +7,6 @@ the console, a link or the recorder.
 import contextlib
 import functools
 import importlib
-import importlib.metadata
 import io
 import logging
 import re
@@ -91,6 +90,8 @@ class PluginError(Exception):
 
 def installed(group: PluginGroup) -> dict[str, Plugin]:
     """Plug-ins of a group by name, the built-in ones first. Reads the metadata of all packages, imports nothing."""
+    import importlib.metadata  # late: the window's start needs no plug-ins
+
     found = {name: Plugin(name, group, _OURS, __version__, value) for name, value in BUILT_IN[group].items()}
     others = importlib.metadata.entry_points(group=f"caris_desktop.{group}")
     for entry in sorted(others, key=lambda each: each.dist.name if each.dist else ""):

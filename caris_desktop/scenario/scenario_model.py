@@ -180,7 +180,7 @@ class AssistanceSettings(Value):
 PROMPT_CHARACTERS, TEXT_CHARACTERS = 8000, 4000
 """The longest system prompt, and the longest of the other texts: in the file and as the wizard changes them."""
 MODEL_PATTERN = "^((embedded|plugin):[A-Za-z0-9][A-Za-z0-9._-]*|embedded|ollama:.+|openai:.+|gemini:.+)$"
-MODEL_ALLOWED = "embedded, embedded:NAME, plugin:NAME, ollama:NAME, openai:NAME or gemini:NAME."
+MODEL_ALLOWED = "embedded, embedded:NAME, ollama:NAME, openai:NAME, gemini:NAME or plugin:NAME."
 
 
 class NamedText(Value):

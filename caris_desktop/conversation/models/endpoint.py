@@ -121,7 +121,7 @@ def resolve_endpoint(
         localized(QT_TR_NOOP("“{model}” is not a valid language model."), model=shortened(model)),
         QT_TR_NOOP("The assistant cannot answer in this scenario."),
         QT_TR_NOOP(
-            "Set assistant.model to embedded, embedded:NAME, plugin:NAME, ollama:NAME, openai:NAME or gemini:NAME."
+            "Set assistant.model to embedded, embedded:NAME, ollama:NAME, openai:NAME, gemini:NAME or plugin:NAME."
         ),
     )
 

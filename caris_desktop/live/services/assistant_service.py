@@ -480,9 +480,10 @@ class AssistantService(Service):
     def _on_server_ended(self, child: ChildProcess) -> None:
         if child is not self._server:
             return  # replaced while its exit was being reported
+        plugin = self._watch.called or self._serving
         self._server = self._server_url = self._serving = None
         self._watching.stop()
-        if (plugin := self._watch.called) is not None:
+        if plugin is not None:
             self._switch_off(plugin, self._watch.blame)
         elif self._asks_embedded():
             self._restarts.after_end(self._report_server_ended, self._use_chosen)

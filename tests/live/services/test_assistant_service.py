@@ -415,6 +415,15 @@ def test_a_plug_in_that_ends_its_process_or_hangs_is_named(
     assert desk.children.started[-1].body.arguments == ("",)
 
 
+def test_a_plug_in_whose_process_ends_between_two_answers_is_named(new_desk: Callable[..., Desk]) -> None:
+    desk = with_lab_model(new_desk)
+    (server,) = desk.children.started
+    server.send(EmbeddedReady("http://127.0.0.1:5001", "plugin:lab", "key", LAB))
+    server.die()
+    (problem,) = [event for event in desk.published if isinstance(event, Problem)]
+    assert problem.what == "The plug-in lab (lab-model 2.1) was switched off: it ended its process."
+
+
 def test_a_plug_in_that_answers_in_time_goes_on(new_desk: Callable[..., Desk], qtbot: QtBot) -> None:
     desk = with_lab_model(new_desk)
     (server,) = desk.children.started
