@@ -75,7 +75,7 @@ def add_accept_named(parser: argparse.ArgumentParser) -> None:
         "--accept-named",
         action="store_true",
         help=(
-            "confirm the addresses, files, environment variables and models named in the scenario and the robot "
-            "profile; the confirmation is saved for these files"
+            "confirm the addresses, files, environment variables, models and plug-ins named in the scenario and the "
+            "robot profile; the confirmation is saved for these files"
         ),
     )

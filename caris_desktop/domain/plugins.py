@@ -11,13 +11,16 @@ import io
 import logging
 import re
 from collections.abc import Callable, Iterator
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from caris_desktop import __version__
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.printable import printable
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
+
+if TYPE_CHECKING:
+    import importlib.metadata
 
 _log = logging.getLogger(__name__)
 PluginGroup = Literal["trackers", "language_models", "detectors"]
@@ -93,16 +96,31 @@ def installed(group: PluginGroup) -> dict[str, Plugin]:
     import importlib.metadata  # late: the window's start needs no plug-ins
 
     found = {name: Plugin(name, group, _OURS, __version__, value) for name, value in BUILT_IN[group].items()}
-    others = importlib.metadata.entry_points(group=f"caris_desktop.{group}")
-    for entry in sorted(others, key=lambda each: each.dist.name if each.dist else ""):
-        package, version = (entry.dist.name, entry.dist.version) if entry.dist else ("", "")
-        if package == _OURS or not re.fullmatch(NAME_PATTERN, entry.name):
+    others = [
+        (*_package(entry), entry.name, entry.value)
+        for entry in importlib.metadata.entry_points(group=f"caris_desktop.{group}")
+    ]
+    for package, version, name, value in sorted(others):
+        if package == _OURS:
             continue
-        if entry.name in found:  # nobody replaces the meaning of a name that a scenario uses
-            _log.warning("%s of %s is ignored: %s has that name", entry.name, package, found[entry.name].distribution)
-            continue
-        found[entry.name] = Plugin(entry.name, group, printable(package), printable(version), entry.value)
+        if not re.fullmatch(NAME_PATTERN, name):
+            _log.warning("%s of %s is ignored: it is no name for a scenario", printable(name), package)
+        elif name in found:  # nobody replaces the meaning of a name that a scenario uses
+            _log.warning("%s of %s is ignored: %s has that name", name, package, found[name].distribution)
+        else:
+            found[name] = Plugin(name, group, package, version, value)
     return found
+
+
+def _package(entry: "importlib.metadata.EntryPoint") -> tuple[str, str]:
+    """Name and version of the package that brings it; empty where its metadata are damaged."""
+    try:
+        words = (entry.dist.name, entry.dist.version) if entry.dist else ("", "")
+    except Exception:  # whatever reading a damaged file raises: one package must not hide the others
+        _log.warning("the metadata of the plug-in %s cannot be read", entry.name, exc_info=True)
+        words = ("", "")
+    package, version = (printable(str(word or "")) for word in words)
+    return package, version
 
 
 def find(group: PluginGroup, name: str) -> Plugin:

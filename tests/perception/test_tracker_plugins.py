@@ -148,5 +148,15 @@ def test_nobody_replaces_a_built_in_name(tmp_path: Path, monkeypatch: pytest.Mon
     assert installed("trackers")["own"].is_built_in
 
 
+@pytest.mark.logs("is ignored: it is no name", "cannot be read")
+def test_a_damaged_package_hides_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("steady", "empty", "a name"):
+        install(tmp_path, "trackers", name, "class Plugin: caris_interface = 1", monkeypatch)
+    (tmp_path / "lab_empty-2.1.dist-info" / "METADATA").unlink()
+    here = installed("trackers")
+    assert here["steady"].package == "lab-steady 2.1"
+    assert "empty" in here and "a name" not in here
+
+
 def test_the_example_is_built_installed_used_and_removed(tmp_path: Path) -> None:
     check_example("nearest-tracker", tmp_path, "ok   nearest              caris-nearest-tracker 1.0")

@@ -482,7 +482,7 @@ def _text_of(path: Path) -> str:
 
 
 def _names_of_files() -> dict[Known, tuple[str, ...]]:
-    """Names of existing robot profiles and faces. Reads files."""
+    """Names of existing robot profiles, faces and trackers. Reads files."""
     return {
         "robots": tuple(profile.name for profile in list_profiles()),
         "faces": face_names(),
