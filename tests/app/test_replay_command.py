@@ -170,7 +170,7 @@ def test_a_text_is_read_once(replays: Replays, monkeypatch: pytest.MonkeyPatch) 
     read: list[str] = []
     parse = replay_command.parse_scenario
     monkeypatch.setattr(
-        replay_command, "parse_scenario", lambda text, *, path: (read.append(text), parse(text, path=path))[1]
+        replay_command, "parse_scenario", lambda text, **given: (read.append(text), parse(text, **given))[1]
     )
     replay_command._scenario_in.cache_clear()
     tour = find_scenario("tour-guide")
