@@ -13,6 +13,7 @@ from pathlib import Path
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.person_marks import mark_of
 from caris_desktop.domain.private_files import narrow
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.study_jobs import JobError, Progress, WorkersError, add_worker_arguments, run_jobs, workers_of
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.people_store import PeopleStore
@@ -40,6 +41,12 @@ from caris_desktop.recording.terminal import ProgressLine
 from caris_desktop.study.study_folder import StudyFolder, file_name_part
 
 _CANCELLED = 130
+_INSIDE = QT_TR_NOOP(
+    "{out} is inside the study, with the names that the copy must not have. Nothing was written; "
+    "choose a folder outside."
+)
+_REVIEW_EXISTS = QT_TR_NOOP("{review} exists. Nothing was written; move it away, or choose another folder.")
+_NO_REVIEW = QT_TR_NOOP("{review} could not be written: {reason}. The copy is complete.")
 # Factors between which a changed pitch lies, higher or lower: the voice stays understandable.
 _PITCHES = (1.18, 1.32)
 
@@ -108,7 +115,7 @@ def _copy_all(arguments: argparse.Namespace) -> int:
     if study_file is not None:
         read_study_file(study_file)
     found: dict[Path, tuple[tuple[str, ...], tuple[FoundText, ...]]] = {}
-    problems: list[str] = []
+    failures: list[str] = []
     remove_partial_exports(out)
     with ProgressLine() as line, whole_folder(out, arguments.recording) as part:
         one = sessions == (arguments.recording,)
@@ -123,12 +130,12 @@ def _copy_all(arguments: argparse.Namespace) -> int:
         job = partial(_anonymise, options, targets, study_file if one else None)
         for folder, result in run_jobs(job, sessions, line.show, workers=workers_of(arguments)):
             if isinstance(result, JobError):
-                problems.append(f"{folder.name}: {result}")
+                failures.append(f"{folder.name}: {result}")
                 shutil.rmtree(targets[folder], ignore_errors=True)
             else:
                 found[folder] = result
         if not found:
-            raise ExportError("{problems} Nothing was written.", problems=" ".join(problems))
+            raise ExportError(QT_TR_NOOP("{failures} Nothing was written."), failures=" ".join(failures))
     left_out = [f"{folder.name}: {sentence}" for folder in sessions if folder in found for sentence in found[folder][0]]
     rows = [
         (
@@ -144,13 +151,13 @@ def _copy_all(arguments: argparse.Namespace) -> int:
         for text in found[folder][1]
     ]
     _write_review(review, rows, arguments)
-    for sentence in (*left_out, *problems):
+    for sentence in (*left_out, *failures):
         print(sentence, file=sys.stderr)
     if not study.people_database.exists():
         print("The study has no people database: only names of wizards, coders and participants were known.")
     print(f"Anonymised {len(found)} of {len(sessions)} sessions to {out}")
     print(f"Read {review}: {len(rows)} texts may still say who somebody is. It is not part of the copy.")
-    return 1 if problems else 0
+    return 1 if failures else 0
 
 
 def _study_of(recording: Path) -> StudyFolder:
@@ -164,12 +171,9 @@ def _study_of(recording: Path) -> StudyFolder:
 def _check_places(study: StudyFolder, out: Path, review: Path) -> None:
     home = study.path.resolve()
     if home in (out.resolve(), *out.resolve().parents):
-        raise ExportError(
-            f"{out} is inside the study, with the names that the copy must not have. Nothing was written; choose a "
-            "folder outside."
-        )
+        raise ExportError(_INSIDE, out=out)
     if review.exists():
-        raise ExportError(f"{review} exists. Nothing was written; move it away, or choose another folder.")
+        raise ExportError(_REVIEW_EXISTS, review=review)
 
 
 def _options(arguments: argparse.Namespace, sessions: Sequence[Path], study: StudyFolder) -> AnonymiseOptions:
@@ -242,4 +246,4 @@ def _write_review(path: Path, rows: Sequence[Sequence[object]], arguments: argpa
         replace_file(path, text.getvalue().encode(style.encoding, "replace"), durable=False)
         narrow([path])
     except OSError as error:
-        raise ExportError(f"{path} could not be written: {error.strerror or error}. The copy is complete.") from error
+        raise ExportError(_NO_REVIEW, review=path, reason=error.strerror or error) from error

@@ -20,7 +20,7 @@ class BlobDetector:
 
     def detect(self, image_bgr):
         grey = cv2.GaussianBlur(cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY), (9, 9), 0)
-        limit, bright = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+        _limit, bright = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
         corners, confidences = [], []
         if float(grey.max()) - float(grey.min()) >= LEAST_CONTRAST:
             _, _, shapes, _ = cv2.connectedComponentsWithStats(bright)

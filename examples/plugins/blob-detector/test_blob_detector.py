@@ -1,9 +1,9 @@
 """The detector keeps the contract of the program."""
 
 import numpy as np
+from caris_blob_detector import BlobDetector
 
 from caris_desktop.app.plugin_contracts import check_detector
-from caris_blob_detector import BlobDetector
 
 
 def test_it_keeps_the_contract():

@@ -22,8 +22,7 @@ class PhraseModel:
         if schema is not None:
             yield json.dumps(filled(schema, text))
             return
-        for word in re.findall(r"\S+\s*", text):
-            yield word
+        yield from re.findall(r"\S+\s*", text)
 
 
 def filled(schema, text):
