@@ -76,8 +76,8 @@ class StudyFile(Value):
         """Citation of the data set in one sentence."""
         authors = [f"{family}, {given}" if given else family for family, given in (each.names for each in self.authors)]
         by = " & ".join(filter(None, ("; ".join(authors[:-1]), *authors[-1:])))
-        told = f"{by} ({year}). {self.title} [Data set]." if by else f"{self.title} ({year}) [Data set]."
-        return f"{told} {self.doi_url}".rstrip()
+        text = f"{by} ({year}). {self.title} [Data set]." if by else f"{self.title} ({year}) [Data set]."
+        return f"{text} {self.doi_url}".rstrip()
 
 
 class StudyFileError(SessionError):
@@ -121,16 +121,16 @@ def _meaning_problems(data: dict[str, Any]) -> Iterator[Problem]:
     for number, author in enumerate(data.get("authors", ())):
         if (orcid := author.get("orcid")) and not _orcid_is_valid(orcid):
             place = ("authors", number, "orcid")
-            told = tr("{key} is {value}, which is no ORCID iD: its last character does not match.")
-            yield place, told.format(key=name_of(place), value=quoted(orcid))
+            text = tr("{key} is {value}, which is no ORCID iD: its last character does not match.")
+            yield place, text.format(key=name_of(place), value=quoted(orcid))
     if licence := data.get("licence"):
         from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 
         try:
             canonicalize_license_expression(licence)
         except InvalidLicenseExpression:
-            told = tr("{key} is {value}. Allowed: an SPDX identifier (https://spdx.org/licenses).")
-            yield ("licence",), told.format(key=name_of(("licence",)), value=quoted(licence))
+            text = tr("{key} is {value}. Allowed: an SPDX identifier (https://spdx.org/licenses).")
+            yield ("licence",), text.format(key=name_of(("licence",)), value=quoted(licence))
 
 
 def _orcid_is_valid(orcid: str) -> bool:

@@ -37,8 +37,8 @@ class NoticeStrip(Bar, QWidget):
         self.hide()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        told = QEvent.Type.ShowToParent, QEvent.Type.HideToParent, QEvent.Type.LayoutRequest
-        if event.type() in told if watched is not self._over else event.type() == QEvent.Type.Resize:
+        kinds = QEvent.Type.ShowToParent, QEvent.Type.HideToParent, QEvent.Type.LayoutRequest
+        if event.type() in kinds if watched is not self._over else event.type() == QEvent.Type.Resize:
             self._place()
         return super().eventFilter(watched, event)
 

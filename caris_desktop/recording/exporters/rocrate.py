@@ -190,8 +190,8 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _description(file: CopiedFile) -> str:
-    told = next((text for pattern, text in _DESCRIPTIONS if fnmatch(file.name, pattern)), "Part of the session.")
-    return f"{told} {_RENEWED if file.name == MANIFEST_NAME else _SCRUBBED}" if file.changed else told
+    description = next((text for pattern, text in _DESCRIPTIONS if fnmatch(file.name, pattern)), "Part of the session.")
+    return f"{description} {_RENEWED if file.name == MANIFEST_NAME else _SCRUBBED}" if file.changed else description
 
 
 def _packed_descriptions(session: Session, out: Path, context: ExportContext) -> list[_Packed]:
@@ -257,8 +257,8 @@ def _graph(session: Session, packed: list[_Packed], licence: Entity, study: Stud
     }
     entities: list[Entity] = []
     if study is not None:
-        told, entities = _study_entities(study, int(started[:4]))
-        root |= told
+        crate_properties, entities = _study_entities(study, int(started[:4]))
+        root |= crate_properties
         root["description"] = f"{study.description} {root['description']}".strip()
     if properties:
         root["additionalProperty"] = [{"@id": entity["@id"]} for entity in properties]
@@ -343,14 +343,14 @@ def _study_entities(study: StudyFile, year: int) -> tuple[Entity, list[Entity]]:
         for number, text in enumerate(study.funding, start=1)
     ]
     organisations = [{"@id": place, "@type": "Organization", "name": name} for name, place in institutes.items()]
-    told = {
+    properties = {
         "author": [{"@id": author["@id"]} for author in authors],
         "funding": [{"@id": grant["@id"]} for grant in grants],
         "keywords": ", ".join(study.keywords),
         "identifier": study.doi_url,
         "creditText": study.citation(year),
     }
-    return {name: value for name, value in told.items() if value}, [*authors, *organisations, *grants]
+    return {name: value for name, value in properties.items() if value}, [*authors, *organisations, *grants]
 
 
 def _affiliations(study: StudyFile) -> list[str]:

@@ -677,8 +677,8 @@ class MergePage(_Page):
             face.show_person(each)
             name.setText(text_formatting.person_name(each))
         goes, stays = map(text_formatting.person_name, who_stays(person, other))
-        told = tr("The visits, photos and notes of {goes} are moved to {stays}. You can undo this.")
-        self._consequence.setText(told.format(goes=goes, stays=stays))
+        text = tr("The visits, photos and notes of {goes} are moved to {stays}. You can undo this.")
+        self._consequence.setText(text.format(goes=goes, stays=stays))
 
     def _choose(self, number: int) -> None:
         if number < len(self._fits):
