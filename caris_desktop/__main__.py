@@ -10,7 +10,7 @@ def main(arguments: list[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     # Late imports: the window must not wait for what only another command needs, nor a child process for any of it.
     from caris_desktop.app import command_table
-    from caris_desktop.domain.private_files import make_new_files_private
+    from caris_desktop.domain.file_replacement import make_new_files_private
     from caris_desktop.domain.process_title import title_process
 
     if arguments is None:  # the whole process is this program

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QDialog, QLabel, QM
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.domain import intents
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.ui.alarms.alarm_list import AlarmsButton
+from caris_desktop.ui.notifications import AlarmsButton
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.protocol_strip import BranchesCard
 

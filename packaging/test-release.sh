@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Sets this checkout up on a bare Debian 13, as somebody does who has just got it, and runs the demo, the suite, the wheel
-# and the bundle.
+# Sets this checkout up on a bare Debian 13, as somebody does who has just got it, and runs the demo, the suite, the wheel,
+# the bundle and the containers.
 #
 #   bash packaging/test-release.sh            with the versions of packaging/lock.txt
 #   bash packaging/test-release.sh --newest   with the newest version of everything, whatever pyproject.toml permits
 #   bash packaging/test-release.sh -- tests/recording -k laser   the demo, and pytest with these arguments
 #
-# All tests run, soak tests included. Needs root, debootstrap, some 20 GB and several hours. The package sources,
+# All tests run, soak tests included. Needs root, debootstrap, some 25 GB and several hours. The package sources,
 # certificates and proxies are this machine's. The system stays in $CARIS_RELEASE_ROOT (/var/tmp/caris-debian-13) for the
 # next run; --fresh builds it again.
 set -euo pipefail
@@ -41,28 +41,37 @@ fi
 
 # --- the system ---------------------------------------------------------------------------------------------------------
 
-if [[ ! -e $root/made ]]; then
-  rm -rf --one-file-system -- "$root"
-  # The mirror of this machine where it is a Debian; else debootstrap has one.
-  mirror=$(apt-get indextargets --format '$(REPO_URI) $(RELEASE) $(COMPONENT)' 'Created-By: Packages' 'Origin: Debian' 2>/dev/null |
-    awk '$2 !~ /security/ && $1 !~ /security/ && $3 == "main" { print $1; exit }')
-  debootstrap --variant=minbase --include=ca-certificates trixie "$root" ${mirror:+"$mirror"}
-  touch "$root/made"
-fi
-cp -L /etc/resolv.conf /etc/hosts "$root/etc/"
-cp -L /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"
-cp -aL /etc/apt/apt.conf.d/. "$root/etc/apt/apt.conf.d/"
-for settings in /etc/pip.conf /etc/xdg/pip; do
-  if [[ -e $settings ]]; then mkdir -p "$root$(dirname "$settings")" && cp -aL "$settings" "$root$(dirname "$settings")/"; fi
-done
+# make_debian FOLDER: a bare Debian 13 with the package sources, certificates and pip settings of this machine.
+make_debian() {
+  local made=$1 mirror settings
+  if [[ ! -e $made/made ]]; then
+    rm -rf --one-file-system -- "$made"
+    # The mirror of this machine where it is a Debian; else debootstrap has one.
+    mirror=$(apt-get indextargets --format '$(REPO_URI) $(RELEASE) $(COMPONENT)' 'Created-By: Packages' 'Origin: Debian' 2>/dev/null |
+      awk '$2 !~ /security/ && $1 !~ /security/ && $3 == "main" { print $1; exit }')
+    debootstrap --variant=minbase --include=ca-certificates trixie "$made" ${mirror:+"$mirror"}
+    touch "$made/made"
+  fi
+  cp -L /etc/resolv.conf /etc/hosts "$made/etc/"
+  cp -L /etc/ssl/certs/ca-certificates.crt "$made/etc/ssl/certs/"
+  cp -aL /etc/apt/apt.conf.d/. "$made/etc/apt/apt.conf.d/"
+  for settings in /etc/pip.conf /etc/xdg/pip; do
+    if [[ -e $settings ]]; then mkdir -p "$made$(dirname "$settings")" && cp -aL "$settings" "$made$(dirname "$settings")/"; fi
+  done
+}
+make_debian "$root"
+mkdir -p "$root/containers"
+make_debian "$root/containers/base"
 
 mount --bind "$root" "$root"
 mount -t proc proc "$root/proc"
 mount --rbind /dev "$root/dev"
 mount --rbind /sys "$root/sys"
 # Folders of packages that pip looks into, and what tests find next to the checkout.
+of_packages=()
 while read -r folder; do
   mkdir -p "$root$folder" && mount --bind -o ro "$folder" "$root$folder"
+  of_packages+=(--folder "$folder")
 done < <(python3 -m pip config list 2>/dev/null | grep -o "/[^ ':]*" | sed 's|^//*|/|; s|/simple$||' | sort -u |
   while read -r path; do if [[ -d $path ]]; then printf '%s\n' "$path"; fi; done)
 if [[ -d $repository/../shared ]]; then mkdir -p "$root/shared" && mount --bind -o ro "$repository/../shared" "$root/shared"; fi
@@ -91,11 +100,19 @@ status=0
 printf '\n== demo on %s\n' "$(inside sh -c '. /etc/os-release; echo "$PRETTY_NAME"')"
 inside bash packaging/demo.sh || status=$?
 printf '\n== suite\n'
+# With a real ROS 2, for the links without rosbridge.
+if inside bash packaging/ros2.sh --test /var/tmp/ros2; then
+  environment+=(CARIS_ROS2_PYTHON=/var/tmp/ros2/bin/python ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST)
+else
+  status=1
+fi
 inside bash packaging/test.sh "${of_suite[@]}" || status=$?
 printf '\n== wheel in an empty environment\n'
 inside bash packaging/test-wheel.sh || status=$?
 printf '\n== bundle\n'
 inside bash packaging/bundle.sh --test || status=$?
+printf '\n== containers\n'
+inside .venv/bin/python packaging/containers/test.py "${of_packages[@]}" /containers/base || status=$?
 printf '\n== tested with\n'
 inside .venv/bin/python -c 'import platform; print("Python", platform.python_version())'
 inside .venv/bin/python -m pip freeze --exclude-editable | tee "$root/tried-with.txt" |

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.app.read_back import read_back
+from caris_desktop.app.rehearse_command import read_back
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.scenario.scenario_file import load_scenario
 

@@ -10,8 +10,7 @@ import pytest
 from caris_desktop.conversation.embedded_server import serve_model
 from caris_desktop.conversation.listening.local_engine import LocalEngine
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
-from caris_desktop.conversation.listening.turn_model import TurnModel
-from caris_desktop.conversation.listening.voice_activity import VoiceActivity
+from caris_desktop.conversation.listening.voice_activity import TurnModel, VoiceActivity
 from caris_desktop.conversation.voices.installed_voices import PiperFiles
 from caris_desktop.conversation.voices.piper import PiperVoice
 from caris_desktop.conversation.voices.voice_selection import VoiceChoice, open_voice
@@ -132,7 +131,7 @@ def test_the_system_speaks_in_place_of_a_damaged_voice_and_says_why(
 ) -> None:
     damaged(_VOICE)
     choice = VoiceChoice("piper:en_US-joe-medium", "en", 1.0, 1.0, "", at_hand=True)
-    voice, why = open_voice(choice, tmp_path)
+    voice, why = open_voice(choice, tmp_path, lambda _: None)
     assert not isinstance(voice, PiperVoice) and _SAID in why
 
 

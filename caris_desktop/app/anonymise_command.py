@@ -10,22 +10,20 @@ from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 
-from caris_desktop.domain.file_replacement import no_room, replace_file
+from caris_desktop.domain.file_replacement import narrow, no_room, replace_file
 from caris_desktop.domain.person_marks import mark_of
-from caris_desktop.domain.private_files import narrow
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.study_jobs import JobError, Progress, WorkersError, add_worker_arguments, run_jobs, workers_of
 from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.perception import blur
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
-from caris_desktop.recording.anonymising.known_names import KnownNames
 from caris_desktop.recording.anonymising.pseudonymous_copy import copy_file
-from caris_desktop.recording.anonymising.session_copy import AnonymiseOptions, FoundText, anonymise_session
+from caris_desktop.recording.anonymising.session_copy import AnonymiseOptions, FoundText, KnownNames, anonymise_session
 from caris_desktop.recording.csv_cells import add_csv_arguments, csv_style_of
 from caris_desktop.recording.pseudonyms import pseudonyms_of
 from caris_desktop.recording.recorder.recorder_messages import BlurDemand, UseConsents
-from caris_desktop.recording.session.media_names import free_name
+from caris_desktop.recording.session.media_files import free_name
 from caris_desktop.recording.session.session_header import SessionError, is_session, read_header
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import (

@@ -14,10 +14,6 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="caris-desktop",
         description="An operator console for Wizard-of-Oz studies with mobile robots.",
-        epilog=(
-            "Other commands: simulate, rehearse, replay, export, sessions, statistics, agreement, forget, track, "
-            "perceive-again, robots, plugins, camera-server, perceive, check. Each has its own --help."
-        ),
     )
     parser.add_argument("--version", action="version", version=f"CARIS Desktop {__version__}")
     add_console_arguments(parser)
@@ -30,7 +26,7 @@ def add_console_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--robot",
-        metavar="PROFILE|ws://HOST:PORT",
+        metavar="PROFILE|ws://HOST:PORT|ros2:",
         help="robot profile name or file, or a rosbridge address (default: the robot in the scenario)",
     )
     parser.add_argument(

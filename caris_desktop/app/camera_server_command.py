@@ -6,20 +6,18 @@ For the small computer on the robot: it needs numpy, opencv, PyAV and aiortc, bu
 import argparse
 import asyncio
 import logging
-import os
 import signal
 import ssl
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from caris_desktop.domain.address import before_port, is_loopback_host
-from caris_desktop.domain.certificates import WrongFilesError, server_context
+from caris_desktop.app.server_arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
+from caris_desktop.domain.address import before_port
 
 if TYPE_CHECKING:
-    from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
+    from caris_desktop.perception.cameras.camera_source import ChosenCamera
 
-LEAST_TOKEN = 16
 _log = logging.getLogger(__name__)
 
 
@@ -27,12 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--source", metavar="SOURCE", required=True, help="oak, webcam, a device number, an address, or a video file"
     )
-    parser.add_argument(
-        "--host", default="127.0.0.1", help="address to listen on (default: %(default)s, this computer only)"
-    )
-    parser.add_argument(
-        "--port", type=int, default=8090, help="port to listen on; 0 chooses a free one (default: %(default)s)"
-    )
+    add_server_arguments(parser, port=8090)
     parser.add_argument(
         "--microphone",
         metavar="NAME",
@@ -43,24 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "system default if no name is given; the microphone is open only while a client listens"
         ),
     )
-    parser.add_argument(
-        "--token-env",
-        metavar="NAME",
-        help="environment variable with the token that clients must send; required if other computers may connect",
-    )
-    parser.add_argument(
-        "--cert",
-        metavar="FILE",
-        type=Path,
-        help="certificate for https://, PEM; also required if other computers may connect",
-    )
-    parser.add_argument("--key", metavar="FILE", type=Path, help="its key")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve until SIGTERM or Ctrl+C (exit status 0); 2 if the start fails."""
-    from caris_desktop.perception.cameras.camera_source import CameraError
-    from caris_desktop.perception.cameras.chosen_camera import parse_camera
+    from caris_desktop.perception.cameras.camera_source import CameraError, parse_camera
 
     logging.basicConfig(format="%(message)s", level=logging.WARNING, stream=sys.stderr)
     text = "0" if arguments.source == "webcam" else arguments.source
@@ -72,32 +52,10 @@ def run(arguments: argparse.Namespace) -> int:
     if chosen.kind in ("robot", "simulated") or (chosen.recorded and not Path(chosen.target).is_file()):
         print(f"{text} is not a camera or video file on this computer.", file=sys.stderr)
         return 2
-    token = os.environ.get(arguments.token_env, "").strip() if arguments.token_env else ""
-    if arguments.token_env and len(token) < LEAST_TOKEN:
-        print(
-            f"The environment variable {arguments.token_env} must contain a token of at least {LEAST_TOKEN} "
-            "characters; 'openssl rand -hex 16' creates one.",
-            file=sys.stderr,
-        )
-        return 2
-    if not token and not is_loopback_host(arguments.host):
-        print(
-            f"On {arguments.host}, anyone on the network could watch: use --token-env to name an environment variable "
-            "that contains a token, or listen on 127.0.0.1.",
-            file=sys.stderr,
-        )
-        return 2
     try:
-        tls = server_context(arguments.cert, arguments.key)
-    except WrongFilesError as error:
+        token, tls = read_server_arguments(arguments, sent="video")
+    except ServerArgumentsError as error:
         print(error, file=sys.stderr)
-        return 2
-    if tls is None and not is_loopback_host(arguments.host):
-        print(
-            f"On {arguments.host}, others could intercept the token and the video: specify a certificate with --cert "
-            "and --key, or listen on 127.0.0.1 and use an SSH tunnel.",
-            file=sys.stderr,
-        )
         return 2
     return asyncio.run(_serve(chosen, arguments, token, tls))
 

@@ -11,20 +11,19 @@ import numpy as np
 
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_console_arguments
-from caris_desktop.app.plugins_command import why_unusable
-from caris_desktop.app.simulated_camera import open_any_camera
 from caris_desktop.conversation.listening.engine import EngineUnavailableError, NoEngineError
 from caris_desktop.conversation.listening.recogniser_files import find_recogniser
 from caris_desktop.conversation.listening.server_engine import ServerEngine
 from caris_desktop.conversation.speech_checks import probe_language_model, probe_sound
 from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.picture_checks import PictureError, fitted
+from caris_desktop.domain.plugin_process import why_unusable
 from caris_desktop.domain.plugins import PluginError, find
 from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.backends.remote import RemoteDetector
-from caris_desktop.perception.cameras.camera_source import CameraError
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
+from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera, parse_camera
 from caris_desktop.perception.cameras.device_camera import found_cameras
+from caris_desktop.perception.cameras.open_camera import open_camera
 from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.weights import DetectorChoice, WeightsError, find_weights
 from caris_desktop.robot.discovery import load_profile_blocking
@@ -76,7 +75,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
     yield from plugin_findings(scenario)
     sound = probe_sound()
     yield Finding("Sound", sound.ok, sound.text, sound.advice)
-    if scenario.permissions.transcription:
+    if scenario.permissions.transcription and not scenario.listening.model.startswith("plugin:"):
         yield recogniser_finding(scenario)
     if scenario.permissions.assistant:
         for model in dict.fromkeys((scenario.assistant.model, *scenario.assistant.models)):
@@ -115,7 +114,7 @@ def _cameras(texts: Sequence[str] | None, scenario: Scenario) -> Iterator[Findin
 
 def _camera(chosen: ChosenCamera) -> Finding:
     """Finding for one camera. Raises CameraError."""
-    camera = open_any_camera(chosen)
+    camera = open_camera(chosen)
     try:
         picture = camera.read()
         image_bgr = None if picture is None else fitted(picture.image)
@@ -166,6 +165,10 @@ def plugin_findings(scenario: Scenario) -> Iterator[Finding]:
             models = dict.fromkeys((scenario.assistant.model, *scenario.assistant.models))
             names = [name for provider, _, name in (each.partition(":") for each in models) if provider == "plugin"]
             used += [find("language_models", name) for name in names]
+        speech = dict.fromkeys((scenario.speech.name, scenario.listening.model))
+        sources = dict.fromkeys(camera.source for camera in scenario.cameras)
+        used += [find("cameras", source.split(":")[1]) for source in sources if source.startswith("plugin:")]
+        used += [find("speech", name.partition(":")[2]) for name in speech if name.startswith("plugin:")]
     except PluginError as error:  # removed since the scenario was read
         yield Finding("Plug-in", False, f"{error.plugin.name}: {error}.", "Install it, or remove its name.")
         return

@@ -31,8 +31,12 @@ COMMANDS = {
     "track": ("caris_desktop.app.track_command", "track people in a recorded video, as the console does"),
     "forget": ("caris_desktop.app.forget_command", "erase a person from a study"),
     "perceive-again": ("caris_desktop.app.perceive_again_command", "detect people in recordings with another model"),
+    "transcribe-again": ("caris_desktop.app.transcribe_again_command", "transcribe recorded speech with another model"),
     "robots": ("caris_desktop.app.robots_command", "list the known robots, and explore an unknown one"),
-    "models": ("caris_desktop.app.models_command", "list, add and remove language models that run in this program"),
+    "models": (
+        "caris_desktop.app.models_command",
+        "list, add, remove and serve language models that run in this program",
+    ),
     "plugins": ("caris_desktop.app.plugins_command", "list the plug-ins on this computer, and try to load each"),
     "camera-server": ("caris_desktop.app.camera_server_command", "serve a camera to the console on another computer"),
     "perceive": ("caris_desktop.app.perceive_command", "detect people for a console on another computer"),
@@ -51,6 +55,7 @@ _DETAILS_IN_LOG = (
     "forget",
     "track",
     "perceive-again",
+    "transcribe-again",
     "models",
 )
 
@@ -73,7 +78,9 @@ def run(words: Sequence[str]) -> int:
             file=sys.stderr,
         )
         return 2
-    arguments = build_parser().parse_args(list(words))
+    parser = build_parser()
+    parser.epilog = f"Other commands: {', '.join(COMMANDS)}. Each has --help."
+    arguments = parser.parse_args(list(words))
     quick_start.begin()
     from caris_desktop.app import console_command
 

@@ -27,6 +27,7 @@ from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import Event, Problem
 from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.plugins import PluginError, find
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.domain.sound_values import MICROPHONE, WIZARD_MICROPHONE, Role
 from caris_desktop.domain.translation import tr
@@ -51,9 +52,8 @@ from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.people.presence import PresenceTracker
-from caris_desktop.perception.cameras.camera_source import CameraError
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera, with_distinct_names
-from caris_desktop.perception.inference_settings import DetectorSettings, InferenceSettings
+from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera, parse_camera, with_distinct_names
+from caris_desktop.perception.inference_messages import DetectorSettings, InferenceSettings
 from caris_desktop.perception.weights import DetectorChoice
 from caris_desktop.recording.recorder.expected_size import expected_bytes_per_hour
 from caris_desktop.recording.session.session_header import (
@@ -213,7 +213,7 @@ def parts(
         ),
         session=SessionAdapters(
             suggested_details=lambda: following(load_last_details(study)),
-            new_session=functools.partial(_new_session, study),
+            new_session=functools.partial(_new_session, study, chosen),
             expected_bytes_per_hour=functools.partial(_expected_bytes_per_hour, study),
             free_bytes=functools.partial(free_bytes, study),
             photo_file=lambda: study.path / "photos" / f"{datetime.now():%Y-%m-%d_%H-%M-%S}.png",
@@ -365,6 +365,15 @@ def _software() -> dict[str, str]:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             versions[name] = importlib.metadata.version(name)
     return versions
+
+
+def _camera_plugins(given: tuple[ChosenCamera, ...] | None, scenario: Scenario) -> dict[str, str]:
+    """Plug-ins of the cameras of a run, with the package and version of each."""
+    cameras = [own.body.arguments[0] for own in selected_cameras(given, scenario).own]
+    with contextlib.suppress(PluginError):
+        used = [find("cameras", one.target.partition(":")[0]) for one in cameras if one.kind == "plugin"]
+        return {plugin.software_name: plugin.package for plugin in used}
+    return {}
 
 
 def robot_connection(name_or_path_or_url: str, *, address: str | None = None) -> RobotConnection:
@@ -527,7 +536,11 @@ def details_of_session(folder: Path) -> TrialDetails:
 
 
 def _new_session(
-    study: StudyFolder, details: TrialDetails, scenario: Scenario, robot: RobotConnection | None
+    study: StudyFolder,
+    cameras: tuple[ChosenCamera, ...] | None,
+    details: TrialDetails,
+    scenario: Scenario,
+    robot: RobotConnection | None,
 ) -> tuple[Path, SessionHeader]:
     details = with_recording_number(details, load_last_details(study))
     folder = new_session_folder(study, details)
@@ -539,7 +552,7 @@ def _new_session(
         scenario=RecordedScenario(scenario.title, scenario.path.name if scenario.path else "", scenario.sha256),
         robot=RecordedRobot(robot.name, robot.address) if robot else RecordedRobot(),
         trial=asdict(details),
-        software=_software(),
+        software=_software() | _camera_plugins(cameras, scenario),
         settings={
             "assistant model": scenario.assistant.model if scenario.permissions.assistant else "off",
             "voice": scenario.voice,

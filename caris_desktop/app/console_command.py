@@ -18,15 +18,13 @@ from PySide6.QtCore import QSettings, Qt, QTimer
 from caris_desktop import __version__
 from caris_desktop.app import composition, simulator_calls, single_instance
 from caris_desktop.app.demo_robot import PROFILE, DemoRobot
-from caris_desktop.app.lost_screen import end_with_screen, forget_screen
-from caris_desktop.app.qt_application import the_application
-from caris_desktop.app.saved_layouts import OwnLayoutFiles
-from caris_desktop.app.saved_settings import SavedSettings
+from caris_desktop.app.qt_application import end_with_screen, forget_screen, the_application
+from caris_desktop.app.saved_settings import OwnLayoutFiles, SavedSettings
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, retranslated_failure
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.events import ANSWER
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.domain.private_files import SHARE_VARIABLE, narrow
+from caris_desktop.domain.file_replacement import SHARE_VARIABLE, narrow
 from caris_desktop.domain.sound_values import Role
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.confirmed_files import ConfirmationNeededError
@@ -155,7 +153,7 @@ class ConsoleRun:
                 rest.callback(self._garbage.stop)
             rest.callback(self.library.shutdown)
             rest.callback(self.host.shutdown)
-            closing = ClosingWindow(self._theme)
+            closing = ClosingWindow()
             rest.callback(closing.close)
             rest.callback(self.console.shutdown, closing.during)
             rest.callback(self.window.close)

@@ -8,7 +8,7 @@ from caris_desktop.app import composition
 from caris_desktop.domain.actor import WIZARD, Actor
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.console import Console
-from caris_desktop.live.simulated_robot import SimulatedRobotProcess
+from caris_desktop.live.robot_connections import SimulatedRobotProcess
 
 PROFILE = "simulated"
 

@@ -20,6 +20,7 @@ from caris_desktop.recording.session_export import (
     FORMATS,
     ExportError,
     ExportRequest,
+    all_formats,
     export_all,
     export_folders,
     sessions_in,
@@ -28,19 +29,21 @@ from caris_desktop.recording.session_export import (
 from caris_desktop.recording.terminal import ProgressLine
 
 _CANCELLED = 130
+_TOGETHER = {fmt.name for fmt in FORMATS if fmt.together}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    width = max(len(fmt.name) for fmt in FORMATS)
+    formats = all_formats().values()
+    width = max(len(fmt.name) for fmt in formats)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = "formats:\n" + "\n".join(f"  {fmt.name:<{width}}  {fmt.description}" for fmt in FORMATS)
+    parser.epilog = "formats:\n" + "\n".join(f"  {fmt.name:<{width}}  {fmt.description}" for fmt in formats)
     parser.add_argument("session", type=Path, help="session folder, or study folder for all of its sessions")
     parser.add_argument(
         "--to",
         type=_formats,
         default=("csv",),
         metavar="FORMAT[,FORMAT...]",
-        help="formats to write (default: csv); all: every format",
+        help="formats to write (default: csv); all: every format except those of plug-ins",
     )
     parser.add_argument("--licence", default="", metavar="SPDX", help="licence of the data, such as CC-BY-4.0")
     parser.add_argument(
@@ -114,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
     elif not one:
         exported = len(set(finished.written) & set(targets))
         together = [f"{path.name} for all" for path in finished.written if path.name in BY_FORMAT]
-        apart = [] if all(BY_FORMAT[name].of_study for name in args.to) else [f"{exported} of {len(sessions)} sessions"]
+        apart = [] if set(args.to) <= _TOGETHER else [f"{exported} of {len(sessions)} sessions"]
         print(f"Exported {' and '.join([*apart, *together]) or 'nothing'} to {args.out}")
     return 1 if damaged or finished.problems else 0
 
@@ -138,10 +141,11 @@ def _formats(text: str) -> tuple[str, ...]:
     if text == "all":
         return tuple(BY_FORMAT)
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-    unknown = [name for name in names if name not in BY_FORMAT]
+    known = all_formats()
+    unknown = [name for name in names if name not in known]
     if unknown or not names:
         raise argparse.ArgumentTypeError(
-            f"unknown format {', '.join(unknown) or repr(text)}; allowed: {', '.join(BY_FORMAT)}, all"
+            f"unknown format {', '.join(unknown) or repr(text)}; allowed: {', '.join(known)}, all"
         )
     return names
 

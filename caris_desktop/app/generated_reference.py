@@ -16,7 +16,7 @@ from caris_desktop.domain.recorded_messages import TEXTS_PATH
 from caris_desktop.domain.schema_docs import reference, with_tables
 from caris_desktop.domain.schema_json import schema_text
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.recording.annotation.coding_file import Coding
+from caris_desktop.recording.annotation.annotation_store import Coding
 from caris_desktop.recording.study_file import StudyFile
 from caris_desktop.recording.tables import tables_page
 from caris_desktop.robot.profile_model import ProfileFile

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 import re
 import shutil
 import sys
@@ -13,6 +12,7 @@ from pathlib import Path
 
 from caris_desktop import __version__
 from caris_desktop.app.arguments import add_tracker
+from caris_desktop.app.session_jobs import add_session_arguments, run_over_sessions
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import no_room, replace_file
@@ -21,18 +21,10 @@ from caris_desktop.domain.plugins import PluginError
 from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.study_jobs import (
-    JobError,
-    Progress,
-    WorkersError,
-    add_worker_arguments,
-    run_jobs,
-    workers_of,
-)
-from caris_desktop.perception.camera_rotation import CameraTurning
+from caris_desktop.live.study_jobs import JobError, Progress
+from caris_desktop.perception.camera_schedule import CameraTurning
 from caris_desktop.perception.inference import person_box
-from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, DetectionRequest
-from caris_desktop.perception.inference_settings import default_threads
+from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, DetectionRequest, default_threads
 from caris_desktop.perception.offline_smoothing import looked_back
 from caris_desktop.perception.perceiver import Perceiver, open_perceiver
 from caris_desktop.perception.pose import Pose
@@ -44,8 +36,7 @@ from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoRead
 from caris_desktop.recording.session.manifest import DERIVED_FOLDER
 from caris_desktop.recording.session.session_header import SessionError
 from caris_desktop.recording.session.session_reader import Session, open_session
-from caris_desktop.recording.session_export import ExportError, sessions_in
-from caris_desktop.recording.terminal import ProgressLine
+from caris_desktop.recording.table_files import DELETED_BY_ERASURE
 from caris_desktop.robot.profile import ProfileError, parse_profile
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
@@ -53,7 +44,7 @@ _AHEAD_NS = 500_000_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recording", metavar="SESSION|STUDY", type=Path, help="session folder, or study folder")
+    add_session_arguments(parser)
     parser.add_argument("--model", metavar="FILE", type=Path, help="detector (default: the same as the console)")
     add_tracker(parser)
     parser.add_argument(
@@ -64,13 +55,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--name", help="name of the layer, a folder in the session's derived/ (default: named after model and tracker)"
     )
-    parser.add_argument(
-        "--threads",
-        metavar="N",
-        type=int,
-        help="threads per session (default: half of the processors, or with several sessions at a time their share)",
-    )
-    add_worker_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -78,37 +62,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.name is not None and not _NAME.fullmatch(arguments.name):
         print("--name can only contain letters, digits, dots, dashes and underscores.", file=sys.stderr)
         return 2
-    if arguments.threads is not None and arguments.threads < 1:
-        print("--threads must be at least 1.", file=sys.stderr)
+    if arguments.name in DELETED_BY_ERASURE:
+        print(f"--name cannot be {arguments.name}: the console uses that folder. Choose another name.", file=sys.stderr)
         return 2
-    try:
-        folders = sessions_in(arguments.recording)
-    except ExportError as error:
-        print(error, file=sys.stderr)
-        return 1
-    workers = workers_of(arguments)
-    at_a_time = workers.at_a_time(len(folders))
-    if arguments.threads is None and at_a_time > 1:
-        arguments.threads = max(1, (os.cpu_count() or 1) // at_a_time)
-    failed = 0
-    try:
-        with ProgressLine() as line:
-            for folder, result in run_jobs(
-                partial(_perceive_or_explain, arguments), folders, line.show, workers=workers
-            ):
-                line.clear()
-                if isinstance(result, JobError):
-                    print(f"{folder.name}: {result}", file=sys.stderr)
-                    failed += 1
-                else:
-                    print(json.dumps(result), flush=True)
-    except WorkersError as error:
-        print(error, file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("\nCancelled. What was finished before is saved.", file=sys.stderr)
-        return 130
-    return 1 if failed else 0
+    return run_over_sessions(_perceive_or_explain, arguments)
 
 
 def _perceive_or_explain(arguments: argparse.Namespace, folder: Path, progress: Progress) -> dict[str, object]:

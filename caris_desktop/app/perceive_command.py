@@ -2,34 +2,26 @@
 
 import argparse
 import asyncio
-import os
 import signal
-import ssl
 import sys
 from pathlib import Path
 from typing import get_args
 
-from caris_desktop.domain.address import before_port, is_loopback_host
-from caris_desktop.domain.certificates import WrongFilesError, server_context
+from caris_desktop.app.server_arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
+from caris_desktop.domain.address import before_port
 from caris_desktop.domain.translation import tr
 from caris_desktop.perception.backends.remote import TOKEN_VARIABLE
-from caris_desktop.perception.backends.selected_runtime import open_chosen
+from caris_desktop.perception.backends.runtime_selection import open_chosen
 from caris_desktop.perception.backends.serving import serving
-from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, DetectorSettings, Device, default_threads
+from caris_desktop.perception.inference_messages import LEAST_CONFIDENCE, DetectorSettings, Device, default_threads
 from caris_desktop.perception.weights import DetectorChoice, WeightsError
 
 DEFAULT_PORT = 8768
-LEAST_TOKEN = 16
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--serve", action="store_true", required=True, help="run until Ctrl+C")
-    parser.add_argument(
-        "--host", default="127.0.0.1", help="address to listen on (default: %(default)s, this computer only)"
-    )
-    parser.add_argument(
-        "--port", type=int, default=DEFAULT_PORT, help="port to listen on; 0 chooses a free one (default: %(default)s)"
-    )
+    add_server_arguments(parser, port=DEFAULT_PORT, variable=TOKEN_VARIABLE)
     parser.add_argument("--model", metavar="FILE|URL", default="", help="detector (default: the default detector)")
     parser.add_argument("--sha256", default="", help="checksum of the detector")
     parser.add_argument(
@@ -41,21 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--threads", type=int, default=default_threads(), help="number of threads (default: %(default)s)"
     )
-    parser.add_argument(
-        "--token-env",
-        metavar="NAME",
-        default=TOKEN_VARIABLE,
-        help="environment variable with the token that consoles must send (default: %(default)s)",
-    )
-    parser.add_argument("--cert", metavar="FILE", type=Path, help="certificate for wss://, PEM")
-    parser.add_argument("--key", metavar="FILE", type=Path, help="its key")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    token = os.environ.get(arguments.token_env, "").strip()
+    if arguments.model.startswith("plugin:"):
+        print("--model: a plug-in cannot be served to other computers.", file=sys.stderr)
+        return 1
     try:
-        tls = server_context(arguments.cert, arguments.key)
-        _check(arguments, token, tls)
+        token, tls = read_server_arguments(arguments, sent="images")
         user_weights = (
             Path(arguments.model) if arguments.model and not arguments.sha256 and "://" not in arguments.model else None
         )
@@ -77,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
             threads=arguments.threads,
             allow_download=True,
         )
-    except (_WrongError, WrongFilesError) as error:
+    except ServerArgumentsError as error:
         print(error, file=sys.stderr)
         return 1
     except WeightsError as error:
@@ -104,29 +89,6 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"Port {arguments.port} of {arguments.host} cannot be used ({error.strerror}).", file=sys.stderr)
         return 1
     return 0
-
-
-class _WrongError(Exception):
-    """Failure that is sent to the client."""
-
-
-def _check(arguments: argparse.Namespace, token: str, tls: ssl.SSLContext | None) -> None:
-    if arguments.model and arguments.model.startswith("plugin:"):
-        raise _WrongError("--model: a plug-in cannot be served to other computers.")
-    if token and len(token) < LEAST_TOKEN:
-        raise _WrongError(f"The token in {arguments.token_env} is too short: use at least {LEAST_TOKEN} characters.")
-    if is_loopback_host(arguments.host):
-        return
-    if not token:
-        raise _WrongError(
-            f"Other computers can reach {arguments.host}: put a token of at least {LEAST_TOKEN} characters into the "
-            f"environment variable {arguments.token_env}, both here and on the console's computer."
-        )
-    if tls is None:
-        raise _WrongError(
-            f"Other computers can reach {arguments.host} and could intercept the images: specify a certificate "
-            "with --cert and --key, or listen on 127.0.0.1 and use an SSH tunnel."
-        )
 
 
 def _notify(words: str) -> None:

@@ -6,22 +6,48 @@ Each raises AssertionError with a sentence about what the interface says and the
 import contextlib
 import io
 import json
+import queue
+import tempfile
+import threading
+import time
 from collections import Counter
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop import __version__
 from caris_desktop.conversation.plugin_server import Asked, LanguageModel, pieces
+from caris_desktop.conversation.speech_plugins import SpeechPlugin, checked_rate, checked_sound, checked_words
+from caris_desktop.domain import clock
+from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.plugins import INTERFACES, Plugin, PluginError, PluginGroup
+from caris_desktop.live.frame_ring import FrameRings
 from caris_desktop.perception.box_motion import Floats
+from caris_desktop.perception.cameras.plugin_camera import READ_WITHIN_S, CameraPlugin, checked_image
 from caris_desktop.perception.detector_plugins import DetectorPlugin, checked_detections
 from caris_desktop.perception.tracker import checked_tracks
 from caris_desktop.perception.tracker_plugins import Tracker, TrackerFrame
+from caris_desktop.recording.measures.measure_plugins import SessionMeasure, checked_definition, checked_value
+from caris_desktop.recording.recorder.disk_watch import DiskLimits
+from caris_desktop.recording.recorder.recorder_messages import StartRecording
+from caris_desktop.recording.recorder.session_recorder import SessionRecorder
+from caris_desktop.recording.session.manifest import DERIVED_FOLDER
+from caris_desktop.recording.session.session_header import RecordedScenario, SessionHeader
+from caris_desktop.recording.session.session_reader import Session, open_session
+from caris_desktop.recording.session_export import ExportContext, Exporter, checked_paths
+from caris_desktop.robot.bridge_server import VELOCITIES, Robot
+from caris_desktop.ros.message_conversion import decode_odometry
 
 _WIDTH_PX, _HEIGHT_PX = 640, 480
 _FRAMES = 40
+_QUESTION = UtteranceChanged(0, "question", "participant", "Where is the “café” & the exit?", "heard", "started")
+_ANSWER = UtteranceChanged(0, "answer", "robot", "On the ground floor.", "typed", "started")
+_AT_ONCE_S = 0.5
 
 
 def check_tracker(make: Callable[..., Tracker]) -> None:
@@ -111,6 +137,171 @@ def check_detector(make: Callable[..., DetectorPlugin], pictures: Sequence[NDArr
             assert not people, "nobody is in a grey picture"
         else:
             assert people, "somebody is in the picture that was given"
+
+
+def check_exporter(export: Exporter, *folders: Path) -> None:
+    """Contract of the group ``caris_desktop.exporters``; ``export`` is what the entry point names.
+
+    It exports a session in which two people talk, one in which nothing happened, and those in ``folders``.
+    """
+    _check_version(export, "exporters")
+    with tempfile.TemporaryDirectory() as temporary:
+        for number, session in enumerate(_unchanged_sessions(Path(temporary), folders)):
+            out = Path(temporary, f"out-{number}")
+            out.mkdir()
+            shares: list[float] = []
+            with _silent():
+                written = export(session, out, ExportContext(progress=shares.append))
+            with _as_assertions():
+                checked_paths(Plugin("checked", "exporters", "", "", ""), written, out)
+            assert all(0 <= share <= 1 for share in shares), "the progress is between 0 and 1"
+
+
+def check_measure(make: Callable[[], SessionMeasure], *folders: Path, name: str) -> None:
+    """Contract of the group ``caris_desktop.measures``; ``make`` is what the entry point called ``name`` names.
+
+    It measures a session in which two people talk, one in which nothing happened, and those in ``folders``.
+    """
+    _check_version(make, "measures")
+    plugin = Plugin(name, "measures", "", "", "")
+    with tempfile.TemporaryDirectory() as temporary, _as_assertions():
+        definition = checked_definition(plugin, make())
+        for session in _unchanged_sessions(Path(temporary), folders):
+            with _silent():
+                first, second = make().measure(session), make().measure(session)
+            assert checked_value(plugin, definition, first) == second, "a session has the same value each time"
+            assert first is not None or definition.empty, "the meaning of no value is described"
+
+
+def _unchanged_sessions(temporary: Path, folders: Sequence[Path]) -> Iterator[Session]:
+    """Sample sessions and those in ``folders``; each must stay as it is."""
+    samples = temporary / "talk", temporary / "silence"
+    record_sample(samples[0], talk=True)
+    record_sample(samples[1], talk=False)
+    for folder in (*samples, *folders):
+        session, before = open_session(folder), _files(folder)
+        yield session
+        assert _files(folder) == before, "it writes nothing into the folder of a session"
+
+
+@contextlib.contextmanager
+def _as_assertions() -> Iterator[None]:
+    try:
+        yield
+    except PluginError as error:
+        raise AssertionError(str(error)) from error
+
+
+def check_speech(make: Callable[..., SpeechPlugin], recordings: Sequence[tuple[NDArray[np.float32], str]] = ()) -> None:
+    """Contract of the group ``caris_desktop.speech``; ``make`` is what the entry point names.
+
+    A voice says texts of several lengths. A recogniser transcribes silence, noise, and ``recordings``: float32 at
+    16 kHz, each with a text of which it must find the first word.
+    """
+    _check_version(make, "speech")
+    plugin, made = Plugin("checked", "speech", "", "", ""), make(language="en")
+    assert hasattr(made, "speak") or hasattr(made, "transcribe"), "it has neither speak nor transcribe"
+    with _as_assertions(), _silent():
+        if hasattr(made, "speak"):
+            checked_rate(plugin, made.rate_hz)
+            short, long = (
+                checked_sound(plugin, made.speak(text, rate=1.0, volume=1.0))
+                for text in ("Hello.", "Hello, and welcome to the “museum” of 1,000 [[clocks]] & <b>bells</b>! ☺")
+            )
+            assert len(long) > len(short), "a longer text has a longer sound"
+            silent = checked_sound(plugin, made.speak("Hello.", rate=1.0, volume=0.0))
+            assert np.abs(silent.astype(int)).max() <= np.abs(short.astype(int)).max(), "no volume is not louder"
+        if hasattr(made, "transcribe"):
+            noise = np.random.default_rng(0).normal(0.0, 0.01, 32_000).astype(np.float32)
+            for sound, text in ((np.zeros(16_000, np.float32), ""), (noise, ""), *recordings):
+                words = checked_words(plugin, made.transcribe(sound, before=""), len(sound) / 16_000)
+                found = " ".join(word.casefold() for word, _, _ in words)
+                first = (text.split() or [""])[0].casefold().strip(".,!?")
+                assert first in found, f"{text!r} was transcribed as {found!r}"
+                assert words == () or sound.any(), "silence has no words"
+
+
+def check_camera(make: Callable[[str], CameraPlugin], target: str = "") -> None:
+    """Contract of the group ``caris_desktop.cameras``; ``make`` is what the entry point names, ``target`` a camera that
+    is there.
+    """
+    _check_version(make, "cameras")
+    plugin, camera, sizes = Plugin("checked", "cameras", "", "", ""), make(target), set()
+    for _ in range(10):
+        began_s = time.monotonic()
+        with _silent(), _as_assertions():
+            sizes.add(checked_image(plugin, camera.read()).shape)
+        assert time.monotonic() - began_s < READ_WITHIN_S, f"a picture came after more than {READ_WITHIN_S:g} s"
+    assert len(sizes) == 1, "all pictures have one size"
+
+
+def record_sample(folder: Path, *, talk: bool) -> None:
+    """Record a session: with ``talk``, a question of a participant and the robot's answer after half a second."""
+    header = SessionHeader(
+        clock=ClockAnchor.take(), program_version=__version__, scenario=RecordedScenario("Sample"),
+        trial={"participant": "P01", "condition": "A", "trial": "1", "wizard": "Ada"},
+    )  # fmt: skip
+    limits, begin_ns = DiskLimits(reserve_bytes=4096), clock.now_ns() - 60_000_000_000
+    recorder = SessionRecorder(
+        StartRecording(folder, header), frames=FrameRings(()), report=lambda _: None, limits=limits,
+        started_ns=begin_ns,
+    )  # fmt: skip
+    for said, start_ms, end_ms in ((_QUESTION, 10_000, 12_000), (_ANSWER, 12_500, 14_000)) if talk else ():
+        recorder.write(replace(said, stamp_ns=begin_ns + start_ms * 1_000_000))
+        recorder.write(replace(said, stamp_ns=begin_ns + end_ms * 1_000_000, state="finished"))
+    recorder.close("wizard")
+    recorder.finish()
+
+
+def _files(folder: Path) -> dict[Path, int]:
+    """Files of a session, and when each was changed."""
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {path: path.stat().st_mtime_ns for path in files if DERIVED_FOLDER not in path.parts}
+
+
+def check_robot(make: Callable[[str], Robot], target: str = "", *, velocity: str, odometry: str) -> None:
+    """Contract of the group ``caris_desktop.robots``; ``make`` is what the entry point names.
+
+    The robot at ``target`` is driven forward for a second, by 0.1 m/s on the topic ``velocity``, and must stop.
+    """
+    _check_version(make, "robots")
+    with _silent():
+        robot = make(target)
+        names = robot.interfaces()
+    assert set(names) == {"topics", "services", "actions"}, "interfaces() has topics, services and actions"
+    for topic in (velocity, odometry):
+        assert topic in names["topics"], f"{topic} is none of its topics"
+    kind = names["topics"][velocity]
+    assert kind in VELOCITIES, f"{velocity} has the type {kind}, which is none of {', '.join(VELOCITIES)}"
+    received: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+    stop = robot.subscribe(odometry, names["topics"][odometry], received.put, 1)
+    robot.publish(velocity, kind, None, latch=False)
+    stamped = kind.endswith("Stamped")
+    for forward_mps in (0.1,) * 10 + (0.0,) * 10:
+        twist = {"linear": {"x": forward_mps}}
+        began_s = time.monotonic()
+        robot.publish(velocity, kind, {"twist": twist} if stamped else twist, latch=False)
+        assert time.monotonic() - began_s < _AT_ONCE_S, "publish() waits"
+        time.sleep(0.1)
+    speeds = []
+    while not received.empty():
+        speeds.append(decode_odometry(received.get(), stamp_ns=0).twist.forward_mps)
+    assert speeds, f"nothing was received from {odometry}"
+    assert max(speeds) > 0.0, f"{odometry} shows no motion while it is driven"
+    assert speeds[-1] == 0.0 or speeds[-1] < max(speeds) / 2, "zero does not stop it"
+    unknown = (
+        lambda: robot.call("/no_such_service", {}, 1.0),
+        lambda: robot.run_goal("/no_such_action", "test_msgs/action/None", {}, received.put, threading.Event()),
+    )
+    for request in unknown:
+        try:
+            request()
+        except Exception as error:
+            assert str(error), "an exception without a text"
+        else:
+            raise AssertionError("a service or action that does not exist raises an exception")
+    stop()
+    robot.close()
 
 
 def _follow(

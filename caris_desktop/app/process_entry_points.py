@@ -25,10 +25,9 @@ def inference(connection: Connection, *arguments: Any) -> None:
 
 
 def camera(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.app.simulated_camera import open_any_camera
     from caris_desktop.perception.cameras.camera_process import run_camera
 
-    run_camera(connection, *arguments, open_one=open_any_camera)
+    run_camera(connection, *arguments)
 
 
 def speech(connection: Connection) -> None:

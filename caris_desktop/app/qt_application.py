@@ -1,8 +1,12 @@
 """The single QApplication of a program with a window."""
 
+import ctypes
+import logging
 import os
 import sys
+import time
 
+from PySide6.QtCore import QMessageLogContext, QtMsgType, qInstallMessageHandler
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop import __version__
@@ -25,3 +29,61 @@ def the_application(scale: str = "") -> QApplication:
     application.setApplicationVersion(__version__)
     application.setDesktopFileName("caris-desktop")  # by which Wayland finds the icon
     return application
+
+
+# Loss of the screen at run time: the display server ends, a remote desktop disconnects, the user logs out.
+#
+# Xlib and Qt then call ``exit``, which destroys what other threads still use. A program with Python hangs there
+# forever, with open microphone and unfinished recording, or crashes. Instead it ends at once, as if killed, which
+# every part handles: the link stops the robot, the recorder finishes its files, and the next start offers to continue
+# the trial.
+
+_log = logging.getLogger(__name__)
+_of_qt = logging.getLogger("qt")
+
+# On logout or shutdown, programs and their screen end in no particular order. Python runs signal handlers while it
+# sleeps, so that a termination signal is logged.
+_MESSAGE_WITHIN_S = 1.0
+_MESSAGES = ("The X11 connection broke", "The Wayland connection broke")
+# A screen reader keeps querying parts that are already deleted, and answers late on a busy machine.
+_OF_SCREEN_READERS = (
+    "Could not find accessible on path", "Received text event for invalid interface", "Subscription string",
+    "QSpiApplication::", "AtSpiAdaptor::",
+)  # fmt: skip
+_LEVELS = {
+    QtMsgType.QtDebugMsg: logging.DEBUG, QtMsgType.QtInfoMsg: logging.INFO, QtMsgType.QtWarningMsg: logging.WARNING,
+    QtMsgType.QtCriticalMsg: logging.ERROR, QtMsgType.QtFatalMsg: logging.CRITICAL,
+}  # fmt: skip
+
+
+def end_with_screen(application: QApplication) -> None:
+    """Install the handlers until :func:`forget_screen`; Qt's own messages go to the log."""
+    qInstallMessageHandler(_on_message)
+    if application.platformName() == "xcb":
+        try:
+            ctypes.CDLL("libX11.so.6").XSetIOErrorHandler(_on_x_error)
+        except (OSError, AttributeError):
+            _log.exception("when the screen goes away the program may hang")
+
+
+def forget_screen() -> None:
+    """Remove the handlers before the interpreter ends and accepts no more calls."""
+    qInstallMessageHandler(None)
+
+
+def _on_message(level: QtMsgType, _context: QMessageLogContext, message: str) -> None:
+    usual = message.startswith(_OF_SCREEN_READERS)
+    _of_qt.log(logging.DEBUG if usual else _LEVELS.get(level, logging.WARNING), "%s", message)
+    if message.startswith(_MESSAGES):
+        _end()
+
+
+def _end() -> None:
+    _log.error("The screen is gone: the program ends, and the recorder finishes what is recorded.")
+    time.sleep(_MESSAGE_WITHIN_S)
+    logging.shutdown()
+    os._exit(1)
+
+
+# Xlib keeps no reference to it.
+_on_x_error = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(lambda _display: _end())

@@ -15,16 +15,41 @@ from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QTabBar, QWidget
 
-from caris_desktop.app.rehearsed_participant import RehearsedParticipant
+from caris_desktop.app import simulator_calls
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.domain.value_class import Value
+from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.console import Console
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.action_rows import phrases_on_keys
 from caris_desktop.ui.focus_widget import focused_widget
 from caris_desktop.ui.main_window import MainWindow
+
+# Simulated participant of a rehearsal, who speaks to the simulated robot.
+
+
+class RehearsedParticipant:
+    """Speaks into the robot's microphone; ``address`` returns the robot's rosbridge, None while there is none."""
+
+    def __init__(self, asyncio_thread: AsyncioThread, address: Callable[[], str | None]) -> None:
+        self._asyncio = asyncio_thread
+        self._address = address
+
+    def prepare(self, texts: Sequence[str]) -> None:
+        """Synthesise these texts in advance, so that speech starts without delay."""
+        self._notify(simulator_calls.PREPARE, texts)
+
+    def say(self, text: str) -> None:
+        """Say a text. Returns at once; a failure shows only in that nothing is heard."""
+        self._notify(simulator_calls.SAY, (text,))
+
+    def _notify(self, service: str, texts: Sequence[str]) -> None:
+        address = self._address()
+        if address is not None:
+            self._asyncio.submit(simulator_calls.call(address, service, [{"text": text} for text in texts]))
+
 
 _log = logging.getLogger(__name__)
 _STEP_MS = 40

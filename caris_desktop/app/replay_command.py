@@ -23,8 +23,7 @@ from PySide6.QtWidgets import QApplication, QProgressDialog
 
 from caris_desktop.app import composition
 from caris_desktop.app.console_command import check_screen
-from caris_desktop.app.lost_screen import end_with_screen, forget_screen
-from caris_desktop.app.qt_application import the_application
+from caris_desktop.app.qt_application import end_with_screen, forget_screen, the_application
 from caris_desktop.app.saved_settings import SavedSettings
 from caris_desktop.app.user_settings import bring_up_to_date, own_settings, retranslated_failure
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened

@@ -25,13 +25,15 @@ _MARKS = {"good": "ok  ", "quiet": "..  ", "slow": "SLOW", "nothing": "NONE", "w
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--explore", metavar="ws://HOST:PORT", help="explore the robot's interfaces, and propose a profile for it"
+        "--explore", metavar="ws://HOST:PORT|ros2:", help="explore the robot's interfaces, and propose a profile for it"
     )
     parser.add_argument(
         "--save", metavar="TITLE", help="save the proposed profile under this title with your own profiles"
     )
     parser.add_argument(
-        "--listen", metavar="PROFILE|ws://HOST:PORT", help="listen to every stream of a profile, and report its state"
+        "--listen",
+        metavar="PROFILE|ws://HOST:PORT|ros2:",
+        help="listen to every stream of a profile, and report its state",
     )
     add_accept_named(parser)
     parser.add_argument("--seconds", type=float, default=3.0, help="listening time in seconds (default: 3)")

@@ -2,22 +2,15 @@
 
 import time
 
-from caris_desktop.perception.cameras.camera_source import CameraSource, Picture
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
-from caris_desktop.perception.cameras.open_camera import open_camera
+from caris_desktop.perception.cameras.camera_source import ChosenCamera, Picture
 
 _SEED = 11
-
-
-def open_any_camera(chosen: ChosenCamera) -> CameraSource:
-    """Open any camera of :func:`open_camera`, or the simulated one. Raises CameraError."""
-    return SimulatedCamera() if chosen.kind == "simulated" else open_camera(chosen)
 
 
 class SimulatedCamera:
     """Camera at the simulated robot's start position, in its own rooms, without a moving robot."""
 
-    def __init__(self) -> None:
+    def __init__(self, _chosen: ChosenCamera) -> None:
         from caris_desktop.simulator.camera_model import HEIGHT_PX, RATE_HZ, WIDTH_PX
         from caris_desktop.simulator.picture import Painter
         from caris_desktop.simulator.robot_simulation import Robot

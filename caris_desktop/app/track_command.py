@@ -11,8 +11,7 @@ from caris_desktop.app.arguments import add_tracker
 from caris_desktop.domain.file_replacement import no_room, replace_file
 from caris_desktop.domain.plugins import PluginError
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.perception.inference_messages import DetectionRequest
-from caris_desktop.perception.inference_settings import default_threads
+from caris_desktop.perception.inference_messages import DetectionRequest, default_threads
 from caris_desktop.perception.perceiver import open_perceiver
 from caris_desktop.perception.recorded_video import VideoFile, VideoFileError
 from caris_desktop.perception.tracker import TrackedBox

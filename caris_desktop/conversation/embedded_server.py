@@ -12,16 +12,61 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from caris_desktop.conversation.embedded_messages import SLOTS, CloseEmbedded, EmbeddedFailed, EmbeddedReady
 from caris_desktop.conversation.models.embedded_models import CONTEXT_TOKENS, PLUGIN, find_added
 from caris_desktop.conversation.plugin_server import serve_plugin
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum, check_file, packaged_file
-from caris_desktop.domain.plugins import PluginError, PluginFailed, find
+from caris_desktop.domain.plugins import Plugin, PluginError, PluginFailed, find
 from caris_desktop.domain.process_priority import step_back
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.value_class import Value
+
+# Messages between the console and the process of the embedded language model.
+
+SLOTS = 3
+"""Parallel requests. Each finds the beginning of its last prompt still cached: the first word came after 0.1 s, but
+after 1.9 s with 350 tokens read again. All slots share one memory and cost what one costs.
+"""
+REPLIES_SLOT = 0
+"""Slot of questions about what a participant said. Each question continues the previous one, which only this slot has
+read. A cancelled question leaves the slot at its first word.
+"""
+
+
+class EmbeddedReady(Value):
+    """The model is served at ``url`` for clients with ``key``. ``plugin``: the one that it is of, if any."""
+
+    url: str
+    model: str
+    key: str
+    plugin: Plugin | None = None
+
+
+class EmbeddedFailed(Value):
+    """This process cannot run an embedded model."""
+
+    problem: Problem
+
+
+class ModelAdded(Value):
+    """A model file of the user can be used from now on, as ``embedded:NAME``.
+
+    ``title`` is the file's own, ``sha256`` its checksum; ``answer``: the model's answer to a question, with times.
+    """
+
+    name: str
+    title: str
+    size_bytes: int
+    memory_bytes: int
+    sha256: str
+    answer: str
+
+
+class CloseEmbedded(Value):
+    """End the server process."""
+
 
 _log = logging.getLogger(__name__)
 
@@ -103,11 +148,11 @@ def threads_for(cpu_count: int) -> int:
     return 1 if cpu_count < 4 else 2
 
 
-def serve_model(key: str, model: str = "", file: Path | None = None) -> Any:
+def serve_model(key: str, model: str = "", file: Path | None = None, *, clients: int = 1) -> Any:
     """Server of the built-in model, or of the added ``model``, which is read from ``file`` before it is added.
 
-    It serves clients with ``key`` on loopback while referenced. Raises FileNotFoundError, WrongChecksum,
-    LanguageModelError, and RuntimeError of the library.
+    It serves clients with ``key`` (any, if it is empty) on loopback while referenced. ``clients``: consoles at a time.
+    Raises FileNotFoundError, WrongChecksum, LanguageModelError, and RuntimeError of the library.
     """
     missing = missing_for_embedded(model)
     weights = file or (find_added(model) if model else find_embedded_weights())
@@ -127,7 +172,7 @@ def serve_model(key: str, model: str = "", file: Path | None = None) -> Any:
     params.hostnames = ["127.0.0.1"]
     params.port = 0
     # Other users of this computer can reach the port, and could infer earlier questions from answers.
-    params.api_keys = [key]
+    params.api_keys = [key] if key else []
     params.n_ctx = CONTEXT_TOKENS
     params.n_parallel = SLOTS
     params.kv_unified = True
@@ -140,7 +185,7 @@ def serve_model(key: str, model: str = "", file: Path | None = None) -> Any:
     for cpu in (params.cpuparams, params.cpuparams_batch):
         cpu.n_threads = threads_for(os.cpu_count() or 1)
         cpu.poll = 0
-    params.n_threads_http = 2
+    params.n_threads_http = 2 * clients
     params.cache_ram_mib = 0
     # No access for web pages in a local browser.
     params.ui = False

@@ -9,8 +9,7 @@ import secrets
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from caris_desktop.conversation.embedded_messages import EmbeddedFailed, ModelAdded
-from caris_desktop.conversation.embedded_server import embedded_problem, serve_model
+from caris_desktop.conversation.embedded_server import EmbeddedFailed, ModelAdded, embedded_problem, serve_model
 from caris_desktop.conversation.models.embedded_models import NOT_ADDED, inspect_model, model_name, store_model
 from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY
 from caris_desktop.conversation.models.failure_texts import LanguageModelError

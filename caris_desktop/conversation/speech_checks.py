@@ -7,8 +7,7 @@ import time
 from contextlib import aclosing
 from typing import Any
 
-from caris_desktop.conversation.embedded_messages import SLOTS
-from caris_desktop.conversation.embedded_server import INSTALL_EMBEDDED, missing_for_embedded
+from caris_desktop.conversation.embedded_server import INSTALL_EMBEDDED, SLOTS, missing_for_embedded
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts, Retries, stream_chat
 from caris_desktop.conversation.models.embedded_models import find_added, served_name
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint

@@ -6,12 +6,14 @@ import threading
 import unicodedata
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.conversation.speech_plugins import PLUGIN
 from caris_desktop.conversation.synthesis_messages import (
     CloseSynthesis,
     Draft,
@@ -29,6 +31,7 @@ from caris_desktop.conversation.voices.installed_voices import GET_PIPER_VOICES
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceState
+from caris_desktop.domain.plugins import switched_off
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import ROBOT_VOICE, PlayedSound, PlayedSoundEnded
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
@@ -172,6 +175,7 @@ class _Synthesis:
         self._silenced_by: Actor = CONSOLE
         self._closed = False
         self._outdated = False
+        self._plugins_off: set[str] = set()
         self._looks = False
 
     def run(self) -> None:
@@ -273,7 +277,10 @@ class _Synthesis:
         self._outdated = False
         self._looks = look
         self._engines += 1
-        self._engine = VoiceEngine(self._settings, self._inbox, number=self._engines, look=look)
+        settings = self._settings
+        if settings.voice in self._plugins_off:
+            settings = replace(settings, voice="")
+        self._engine = VoiceEngine(settings, self._inbox, number=self._engines, look=look)
         self._engine.prepare(self._to_prepare)
         self._enter("starting", self._deadlines.start_s)
 
@@ -318,6 +325,11 @@ class _Synthesis:
                 self._report_cut_off(clock.now_ns())
                 why_not = localized(QT_TR_NOOP("speech synthesis failed ({why})"), why=detail)
                 self._end("failed", clock.now_ns(), why_not)
+            case {"event": "switched_off", "plugin": str(name), "package": str(package), "reason": str(reason)}:
+                self._send(switched_off(clock.now_ns(), name, package, reason))
+                self._plugins_off.add(f"{PLUGIN}{name}")
+                # While it starts, the engine opens another voice.
+                self._outdated = self._phase != "starting"
             case {"event": "voices", "voices": list(voices)}:
                 self._send(VoicesFound(tuple((str(name), str(language)) for name, language in voices)))
             case {"event": "part", "number": int(number)} if number != self._number:

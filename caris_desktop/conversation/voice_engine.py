@@ -33,6 +33,7 @@ from caris_desktop.conversation.voices.utterance_sound import (
     words_of,
 )
 from caris_desktop.conversation.voices.voice_selection import VoiceChoice, every_voice, open_voice
+from caris_desktop.domain.plugins import PluginError
 from caris_desktop.domain.process_title import title_process
 
 MAX_STORED_BYTES = 24_000_000
@@ -454,7 +455,7 @@ class _Engine:
             settings["at_hand"],
         )
         try:
-            voice, why_not = open_voice(choice, folder)
+            voice, why_not = open_voice(choice, folder, self._report_switched_off)
         except Exception as error:
             traceback.print_exc()
             self._notify("broken", detail=words_of(error))
@@ -557,6 +558,9 @@ class _Engine:
             else:
                 self._notify("finished", at_ns=ended_ns)
             return
+
+    def _report_switched_off(self, error: PluginError) -> None:
+        self._notify("switched_off", plugin=error.plugin.name, package=error.plugin.package, reason=error.reason)
 
     def _report_voices(self, choice: VoiceChoice, voice: Voice) -> None:
         try:

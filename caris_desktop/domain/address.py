@@ -1,7 +1,10 @@
 """Network addresses: credentials removed for display and recording, and loopback checks."""
 
 import ipaddress
+import re
 from urllib.parse import urlsplit
+
+_OF_PLUGIN = re.compile(r"([a-z][a-z0-9._-]+):(?!//)([^\s@?#]*)")
 
 
 def without_credentials(address: str) -> str:
@@ -14,6 +17,12 @@ def without_credentials(address: str) -> str:
     if not (parts.scheme and host):
         return address if "@" not in address and "?" not in address else ""
     return f"{parts.scheme}://{before_port(host)}{f':{port}' if port else ''}{parts.path}"
+
+
+def plugin_address(address: str) -> tuple[str, str] | None:
+    """Name of a robot plug-in and its target from an address such as ``ros2:5``; None for other addresses."""
+    found = _OF_PLUGIN.fullmatch(address)
+    return None if found is None else (found[1], found[2])
 
 
 def before_port(host: str) -> str:

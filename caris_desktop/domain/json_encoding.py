@@ -14,9 +14,9 @@ import numpy as np
 
 from caris_desktop.domain.foxglove import TRANSFORMS, Shape, Time, time_of, transforms_of
 from caris_desktop.domain.schema import from_jsonable, json_schema, require_recordable, shape_schema, to_jsonable
+from caris_desktop.domain.schema_fields import union_members
 from caris_desktop.domain.sensing import CameraLens, RobotPose
 from caris_desktop.domain.streams import STREAMS, StreamSpec, spec_of_topic
-from caris_desktop.domain.type_hints import union_members
 from caris_desktop.domain.value_class import Value
 
 

@@ -1,7 +1,7 @@
 """Plug-ins: code of others behind Python entry points, listed without importing it, and called under watch.
 
-A plug-in is imported and called only in child processes: of detection, of a language model, and of commands. Never in
-the console, a link or the recorder.
+A plug-in is imported and called only in child processes: of detection, of a language model, of a robot, of commands,
+and its own. Never in the console, a link or the recorder.
 """
 
 import contextlib
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     import importlib.metadata
 
 _log = logging.getLogger(__name__)
-PluginGroup = Literal["trackers", "language_models", "detectors"]
+PluginGroup = Literal[
+    "trackers", "language_models", "detectors", "exporters", "measures", "speech", "cameras", "robots"
+]
 GROUPS: tuple[PluginGroup, ...] = get_args(PluginGroup)
 INTERFACES: dict[PluginGroup, int] = dict.fromkeys(GROUPS, 1)
 """Version of each interface; a plug-in declares the one that it is written for, as ``caris_interface``."""
@@ -36,6 +38,33 @@ BUILT_IN: dict[PluginGroup, dict[str, str]] = {
     },
     "language_models": {},  # those of the program are servers, which a plug-in need not be
     "detectors": {},  # those of the program are files of networks
+    "exporters": {
+        "csv": "caris_desktop.recording.exporters.csv:write_csv",
+        "parquet": "caris_desktop.recording.exporters.parquet:write_parquet",
+        "tables": "caris_desktop.recording.exporters.study_tables:write_tables_of_study",
+        "eaf": "caris_desktop.recording.exporters.eaf:write_eaf",
+        "textgrid": "caris_desktop.recording.exporters.textgrid:write_textgrid",
+        "vtt": "caris_desktop.recording.exporters.vtt:write_vtt",
+        "rosbag2": "caris_desktop.recording.exporters.rosbag2:write_rosbag2",
+        "frames": "caris_desktop.recording.exporters.frames:write_frames",
+        "lerobot": "caris_desktop.recording.exporters.frames:write_dataset_of_study",
+        "rocrate": "caris_desktop.recording.exporters.rocrate:write_rocrate",
+        "html": "caris_desktop.recording.exporters.html:write_html",
+        "methods": "caris_desktop.recording.exporters.methods:write_methods_of_study",
+    },
+    "measures": {},  # those of the program are one query
+    "cameras": {
+        "file": "caris_desktop.perception.cameras.stream_camera:StreamCamera",
+        "stream": "caris_desktop.perception.cameras.stream_camera:StreamCamera",
+        "device": "caris_desktop.perception.cameras.device_camera:DeviceCamera",
+        "oak": "caris_desktop.perception.cameras.oak_camera:OakCamera",
+        "http": "caris_desktop.perception.cameras.open_camera:open_http",
+        "whep": "caris_desktop.perception.cameras.webrtc_camera:WebRtcCamera",
+        "webrtc": "caris_desktop.perception.cameras.webrtc_camera:WebRtcCamera",
+        "simulated": "caris_desktop.app.simulated_camera:SimulatedCamera",
+    },
+    "speech": {},  # those of the program are files of networks, the system's voices, and servers
+    "robots": {"ros2": "caris_desktop.robot.ros2_robot:Ros2Robot"},  # rosbridge itself is no plug-in
 }
 """The entry points of this program: also here, since they must be found without reading the metadata of packages."""
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
@@ -43,6 +72,7 @@ _OURS = "caris-desktop"
 LOAD_WITHIN_S, CALL_WITHIN_S = 60.0, 5.0
 """Deadlines: importing a library of networks takes tens of seconds on a busy computer."""
 _MOST_SAID = 200
+ENDED = QT_TR_NOOP("it ended its process")
 
 
 class Plugin(Value):
@@ -62,6 +92,11 @@ class Plugin(Value):
     def title(self) -> str:
         """Name with its kind, in English, for the record."""
         return f"{self.group.removesuffix('s').replace('_', ' ')} {self.name}"
+
+    @property
+    def software_name(self) -> str:
+        """Name among the software of a session."""
+        return f"plug-in {self.title}"
 
     @property
     def package(self) -> str:
@@ -135,11 +170,14 @@ def find(group: PluginGroup, name: str) -> Plugin:
 
 
 def load(plugin: Plugin) -> Any:
-    """Import a plug-in and check its interface version. Raises PluginError, and whatever its module raises."""
+    """Import a plug-in and check its interface version, which is ours if it is built in.
+
+    Raises PluginError, and whatever its module raises.
+    """
     module, _, attributes = plugin.value.partition(":")
     loaded = functools.reduce(getattr, attributes.split("."), importlib.import_module(module))
     written_for, ours = getattr(loaded, "caris_interface", None), INTERFACES[plugin.group]
-    if written_for != ours:
+    if written_for != ours and not plugin.is_built_in:
         reason = QT_TR_NOOP("it is written for version {theirs} of the interface, and this program has version {ours}")
         raise PluginError(plugin, localized(reason, theirs=_shortened(written_for), ours=ours))
     return loaded
@@ -177,13 +215,18 @@ def watched(
         raise PluginError(plugin, reason)
 
 
-def switched_off(stamp_ns: int, plugin: Plugin, reason: str) -> Problem:
+def not_returned(within_s: float) -> str:
+    """Reason why a hung plug-in is switched off."""
+    return localized(QT_TR_NOOP("it did not return within {seconds} s"), seconds=f"{within_s:g}")
+
+
+def switched_off(stamp_ns: int, name: str, package: str, reason: str) -> Problem:
     """Alarm about a plug-in that is not used any more."""
     return Problem(
         stamp_ns, "warning",
         localized(
             QT_TR_NOOP("The plug-in {name} was switched off: {reason}."),
-            name=f"{plugin.name} ({plugin.package})" if plugin.package else plugin.name, reason=reason,
+            name=f"{name} ({package})" if package else name, reason=reason,
         ),
         QT_TR_NOOP("The built-in one is used until the program is started again; everything else works."),
         QT_TR_NOOP("Update the plug-in, or remove its name from the scenario; the log has details."),

@@ -24,8 +24,8 @@ from typing import Any, Literal, NewType, TypeVar, get_args, get_origin
 
 import numpy as np
 
+from caris_desktop.domain.schema_fields import union_members, without_alias
 from caris_desktop.domain.translation import LocalizedText
-from caris_desktop.domain.type_hints import union_members, without_alias
 
 T = TypeVar("T")
 _NAN = "nan"

@@ -13,17 +13,40 @@ pydantic does, but its imports and schemas delay the first window by 0.3 to 0.45
 
 import functools
 import math
+import types
 import typing
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass, replace
 from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 from caris_desktop.domain.key_path import KeyPath
-from caris_desktop.domain.type_hints import union_members, without_alias
 from caris_desktop.domain.value_class import Value
 
+# Type hints, normalised across libraries and Python versions.
+
+
+def without_alias(hint: Any) -> Any:
+    """Hint behind an alias; ``NDArray[np.float32]`` is one since numpy 2.5."""
+    # Not by its class: Python has one since 3.12, and typing_extensions its own before.
+    if hasattr(get_origin(hint), "__value__"):
+        return without_alias(get_origin(hint).__value__[get_args(hint)])
+    return without_alias(hint.__value__) if hasattr(hint, "__value__") else hint
+
+
+def union_members(hint: Any) -> tuple[Any, ...]:
+    """Members of a union, None as ``NoneType``; empty if it is none."""
+    hint = without_alias(hint)
+    if get_origin(hint) not in (types.UnionType, typing.Union):
+        return ()
+    members = (union_members(member) or (without_alias(member),) for member in get_args(hint))
+    return tuple(dict.fromkeys(member for several in members for member in several))
+
+
 Known = Literal["gestures", "expressions", "robots", "faces", "trackers"]
-External = Literal["address", "camera", "language_model", "model", "network", "path", "robot", "tracker", "variable"]
+External = Literal[
+    "address", "camera", "language_model", "model", "network", "path", "robot", "recogniser", "tracker", "variable",
+    "voice",
+]  # fmt: skip
 """How a value refers to something outside its file, which the user confirms before use."""
 
 # A frozen dataclass of the keys in one group.

@@ -16,7 +16,7 @@ from urllib.parse import parse_qs, urlsplit
 import platformdirs
 
 from caris_desktop.conversation.models.embedded_models import served_name
-from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.address import plugin_address, without_credentials
 from caris_desktop.domain.control_definitions import RobotControl, decided
 from caris_desktop.domain.control_effects import NO_NAMES, RobotInterfaceNames
 from caris_desktop.domain.failure import UserFacingError
@@ -72,6 +72,7 @@ _PURPOSES = {
     "address": QT_TR_NOOP("the robot"),
     "security.ca_file": QT_TR_NOOP("trusted certificates for the robot"),
     "security.rosauth_secret_env": QT_TR_NOOP("the secret for the robot"),
+    "speech.name": QT_TR_NOOP("speaks for the robot"),
     "speech.web.stop": QT_TR_NOOP("stops the robot's speech"),
     "speech.web.url": QT_TR_NOOP("receives the robot's speech"),
 }
@@ -274,16 +275,20 @@ def _references(external: External, value: Any, place: str) -> Iterator[FileRefe
             yield FileReference("variable", text, place)
         case "path":
             yield FileReference("path", text, place)
-        case "model":
+        case "model" | "recogniser" | "voice":
             if text.startswith("plugin:"):
-                yield _plugin("detectors", text.partition(":")[2], place)
-            elif text:
+                yield _plugin("detectors" if external == "model" else "speech", text.partition(":")[2], place)
+            elif text and external != "voice":
                 yield FileReference("model", text, place)
         case "language_model":
             if text.startswith("plugin:"):
                 yield _plugin("language_models", text.partition(":")[2], place)
             elif served_name(text) is None:  # such a name leads to a file that the user has added
                 yield FileReference("model", text, place)
+        case "address" | "robot" if (of_plugin := plugin_address(text)) is not None:
+            yield FileReference("address", text, place)
+            if of_plugin[0] not in BUILT_IN["robots"]:
+                yield _plugin("robots", of_plugin[0], place)
         case "address":
             if "://" in text:
                 yield FileReference("address", _shown(text), place)
@@ -307,7 +312,11 @@ def _plugin(group: PluginGroup, name: str, place: str) -> FileReference:
 def _camera(text: str, place: str) -> Iterator[FileReference]:
     if text in ("robot", "oak", "simulated") or re.fullmatch(r"(robot|oak):[^/]*", text):
         return
-    if "://" in text:
+    if text.startswith("plugin:"):
+        _, name, *target = text.split(":", 2)
+        yield _plugin("cameras", name, place)
+        yield from (FileReference("address" if "://" in one else "path", one, place) for one in target)
+    elif "://" in text:
         yield FileReference("address", _shown(text), place)
         with contextlib.suppress(ValueError):
             for name in parse_qs(urlsplit(text).fragment).get("token-env", []):

@@ -25,39 +25,37 @@ from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.gate import Gate, Refusal
 from caris_desktop.live.process_manager import ProcessManager
+from caris_desktop.live.replay_video import DisplayFrames
 from caris_desktop.live.service import Handler, Service
 from caris_desktop.live.services.alarms_service import AlarmsService
 from caris_desktop.live.services.assistant_service import AssistantService
 from caris_desktop.live.services.cameras_service import CamerasService
 from caris_desktop.live.services.crash_recovery_service import CrashRecoveryService
-from caris_desktop.live.services.drive_service import DriveService
+from caris_desktop.live.services.drive_service import DriveService, HeadService
 from caris_desktop.live.services.face_service import FaceService
 from caris_desktop.live.services.forgetting_service import ForgettingService
-from caris_desktop.live.services.head_service import HeadService
-from caris_desktop.live.services.health_service import HealthService
 from caris_desktop.live.services.listening_service import ListeningService
-from caris_desktop.live.services.load_shedding_service import LoadSheddingService
-from caris_desktop.live.services.marks_service import MarksService
+from caris_desktop.live.services.load_shedding_service import HealthService, LoadSheddingService
 from caris_desktop.live.services.microphone_service import MicrophoneService
-from caris_desktop.live.services.people_service import PeopleService
+from caris_desktop.live.services.people_service import (
+    PeopleService,
+    ResponseTimeService,
+    SpeakersService,
+    TranscriptService,
+)
 from caris_desktop.live.services.photos_service import PhotosService
 from caris_desktop.live.services.practice_service import PracticeService
 from caris_desktop.live.services.preflight_service import PreflightService
-from caris_desktop.live.services.proposals_service import ProposalsService
 from caris_desktop.live.services.protocol_service import ProtocolService
 from caris_desktop.live.services.recording_service import RecordingService
-from caris_desktop.live.services.robot_service import RobotConnection, RobotService
-from caris_desktop.live.services.robot_switch_service import AnotherRobotService
+from caris_desktop.live.services.robot_service import AnotherRobotService, RobotConnection, RobotService
 from caris_desktop.live.services.scenario_service import ScenarioService
-from caris_desktop.live.services.session_service import SessionService, SessionServices
+from caris_desktop.live.services.session_service import MarksService, SessionService, SessionServices
 from caris_desktop.live.services.sound_service import SoundService
 from caris_desktop.live.services.speaking_service import SpeakingService
 from caris_desktop.live.services.speech_service import SpeechService
-from caris_desktop.live.services.suggestions_service import SuggestionsService
-from caris_desktop.live.services.transcript_service import ResponseTimeService, SpeakersService, TranscriptService
-from caris_desktop.live.shown_frames import DisplayFrames
-from caris_desktop.live.state import LiveState
-from caris_desktop.live.status_tap import StatusTap
+from caris_desktop.live.services.suggestions_service import ProposalsService, SuggestionsService
+from caris_desktop.live.state import LiveState, StatusTap
 from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
 from caris_desktop.scenario.scenario_model import Scenario
 

@@ -1,5 +1,6 @@
 """Log file shared by the console and its child processes."""
 
+import contextlib
 import logging
 import os
 import sys
@@ -49,9 +50,14 @@ def configure_logging(path: Path, *, verbose: bool = False, terminal: bool = Tru
 
 
 def configure_child_logging(name: str) -> None:
-    """Log to the same file from a child process; appends of short lines are sufficiently atomic."""
-    path = os.environ.get(_ENVIRONMENT_KEY)
-    handlers: list[logging.Handler] = [logging.FileHandler(path, encoding="utf-8")] if path else []
+    """Log to the same file from a child process; appends of short lines are sufficiently atomic.
+
+    A log that has been deleted or locked since must not keep a process, such as a robot link, from starting.
+    """
+    handlers: list[logging.Handler] = []
+    if path := os.environ.get(_ENVIRONMENT_KEY):
+        with contextlib.suppress(OSError):
+            handlers.append(logging.FileHandler(path, encoding="utf-8"))
     stderr = logging.StreamHandler(sys.stderr)
     stderr.setLevel(logging.ERROR)
     _install([*handlers, stderr], name)

@@ -13,7 +13,7 @@ from typing import Any, Literal, Protocol
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from caris_desktop.conversation.embedded_messages import REPLIES_SLOT, SLOTS
+from caris_desktop.conversation.embedded_server import REPLIES_SLOT, SLOTS
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.failure_texts import LanguageModelError

@@ -30,24 +30,28 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.plugin_watch import PluginWatch
-from caris_desktop.live.process_manager import localize_problem
+from caris_desktop.live.process_manager import PluginWatch, localize_problem
 from caris_desktop.live.service import Restarts
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.location import PeopleLocator
 from caris_desktop.people.portrait_store import Portraits
 from caris_desktop.people.presence import HistoryEvent, PersonRow, PresenceTracker, RecognitionSettings
-from caris_desktop.perception.camera_rotation import CameraTurning
-from caris_desktop.perception.camera_schedule import OTHERS_EVERY_NS, TO_COVER_EVERY_NS, CameraRotation, DetectionRate
+from caris_desktop.perception.camera_schedule import (
+    OTHERS_EVERY_NS,
+    TO_COVER_EVERY_NS,
+    CameraRotation,
+    CameraTurning,
+    DetectionRate,
+)
 from caris_desktop.perception.inference_messages import (
     DetectionRequest,
     DetectorAway,
     FrameSkipped,
     InferenceFailed,
     InferenceReady,
+    InferenceSettings,
 )
-from caris_desktop.perception.inference_settings import InferenceSettings
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.2
@@ -342,7 +346,7 @@ class PerceptionWorker(QObject):
         self._set_status(
             replace(self._status, plugins=tuple(each for each in self._status.plugins if each[0] != plugin.title))
         )
-        self._publish(localize_problem(switched_off(clock.now_ns(), plugin, reason)))
+        self._publish(localize_problem(switched_off(clock.now_ns(), plugin.name, plugin.package, reason)))
 
     def _on_message(self, value: Any) -> None:
         """Receive a message, in the child's reader thread."""

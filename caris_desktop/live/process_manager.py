@@ -7,7 +7,9 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
 
+from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem
+from caris_desktop.domain.plugins import ENDED, Plugin, PluginCall, not_returned
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.bus import Bus
@@ -102,3 +104,32 @@ def localize_problem(problem: Problem) -> Problem:
     """Localise a problem of a child process, which reports in English with separate values."""
     what, meaning, advice = (tr(text) if text else "" for text in (problem.what, problem.meaning, problem.advice))
     return replace(problem, what=what, meaning=meaning, advice=advice)
+
+
+# Watch over a plug-in that a child process calls.
+
+
+class PluginWatch:
+    """The call in progress, from the messages of one child process. ``note`` may be called in its reader thread."""
+
+    def __init__(self) -> None:
+        self._called = (PluginCall(), 0)
+
+    def note(self, call: PluginCall) -> None:
+        self._called = (call, clock.now_ns())
+
+    @property
+    def called(self) -> Plugin | None:
+        """Plug-in that has not returned."""
+        return self._called[0].plugin
+
+    @property
+    def overdue(self) -> bool:
+        """Whether it should have returned: its process must be ended."""
+        call, since_ns = self._called
+        return call.plugin is not None and clock.now_ns() - since_ns >= call.within_s * 1e9
+
+    @property
+    def blame(self) -> str:
+        """Why the plug-in is to blame for the end of the process, as a clause."""
+        return not_returned(self._called[0].within_s) if self.overdue else ENDED

@@ -36,8 +36,7 @@ from caris_desktop.live.annotation_session import AnnotationSession
 from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.gate import Gate, Refusal
-from caris_desktop.live.playback_clock import PlaybackClock
-from caris_desktop.live.replay_player import ReplayPlayer
+from caris_desktop.live.replay_player import PlaybackClock, ReplayPlayer
 from caris_desktop.live.replay_video import ReplayFrames, ReplayThumbnails
 from caris_desktop.live.robot_connections import LiveRobots
 from caris_desktop.live.state import LiveState, LiveValue, PresentClock

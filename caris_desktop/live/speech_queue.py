@@ -9,8 +9,7 @@ from typing import Protocol
 
 from PySide6.QtCore import QObject, Qt, Signal
 
-from caris_desktop.conversation.placeholders import gaps
-from caris_desktop.conversation.spoken_text import spoken
+from caris_desktop.conversation.spoken_text import gaps, spoken
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import UtteranceChanged, UtteranceOrigin, VoiceOutput

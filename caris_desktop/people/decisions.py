@@ -27,8 +27,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.people.database import PeopleStoreError
-from caris_desktop.people.envelope_encryption import About
+from caris_desktop.people.database import About, PeopleStoreError
 from caris_desktop.people.identities import UNDECIDED
 from caris_desktop.people.known import KnownPeople, Undo, merged
 from caris_desktop.people.portrait_store import Portraits

@@ -11,8 +11,7 @@ from caris_desktop.domain.events import ConsentKind, Event, Problem
 from caris_desktop.domain.person_values import LooksKind
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.people.database import PeopleStoreError
-from caris_desktop.people.envelope_encryption import About
+from caris_desktop.people.database import About, PeopleStoreError
 from caris_desktop.people.identities import Identities
 from caris_desktop.people.people_store import (
     Consent,

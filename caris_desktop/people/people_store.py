@@ -21,8 +21,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ConsentKind
 from caris_desktop.domain.person_values import LooksKind
 from caris_desktop.domain.value_class import Value
-from caris_desktop.people.database import PeopleDatabase
-from caris_desktop.people.envelope_encryption import About, about_bytes, about_of, new_key, seal, unseal
+from caris_desktop.people.database import About, PeopleDatabase, about_bytes, about_of, new_key, seal, unseal
 
 MOST_HISTORY_FOUND = 500
 

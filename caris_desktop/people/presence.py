@@ -28,7 +28,7 @@ from caris_desktop.domain.person_values import PersonLooks, PersonPortrait
 from caris_desktop.domain.sensing import People, PeopleInMap
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.people.decisions import Decisions, PeopleIntent
-from caris_desktop.people.gallery import GOOD_QUALITY
+from caris_desktop.people.identities import GOOD_QUALITY
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.multi_camera_tracks import MultiCameraTracks
 from caris_desktop.people.people_store import HistoryEntry
@@ -243,7 +243,11 @@ class PresenceTracker:
 
     def add_portrait(self, portrait: PersonPortrait) -> None:
         """Add the best portrait of a visit so far."""
-        visit = self._visits.of_track((portrait.camera, portrait.track))
+        track = portrait.camera, portrait.track
+        visit = self._visits.of_track(track)
+        candidate = self._candidates.get(track)
+        if visit is None and candidate is not None:
+            candidate.portrait = portrait
         if visit is None or visit.forgotten or self._settings.recognise == "nobody":
             return
         if not self._may_store_portrait(visit):
@@ -383,6 +387,8 @@ class PresenceTracker:
             self._visits.attach(joined, track)
             del self._candidates[track]
             visit = joined
+            if candidate.portrait is not None:
+                self.add_portrait(candidate.portrait)
         visit.last_seen_ns = now_ns
         if track == (visit.camera, visit.track) or now_ns - visit.seen_by_camera_ns > _OTHER_CAMERA_AFTER_NS:
             visit.camera, visit.track = track
@@ -411,7 +417,7 @@ class PresenceTracker:
         return not visit.here and away_ns > _SAME_VISIT_WITHIN_NS and self._settings.recognise != "nobody"
 
     def _appear(self, track: Track, now_ns: int) -> list[Event]:
-        del self._candidates[track]
+        candidate = self._candidates.pop(track)
         seen_already = self._cameras.seen_by_another(track)
         if seen_already is not None:
             self._visits.attach(seen_already, track)
@@ -420,6 +426,8 @@ class PresenceTracker:
         visit = Visit(person_id, person_id, *track, now_ns, now_ns, self._known.utc_now_ns())
         visit.seen_by_camera_ns = now_ns
         self._visits.begin(visit, track)
+        if candidate.portrait is not None:
+            self.add_portrait(candidate.portrait)
         number = self._visits.number_of(person_id)
         return [PersonAppeared(now_ns, person_id, track[1], number), *self._known.problems(now_ns)]
 
@@ -740,6 +748,7 @@ class Candidate:
     first_seen_ns: int
     last_seen_ns: int
     embeddings: list[PersonLooks] = field(default_factory=list)
+    portrait: PersonPortrait | None = None
     spot: Spot | None = None
 
     def add_embeddings(self, embedding: PersonLooks) -> None:

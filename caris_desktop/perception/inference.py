@@ -21,13 +21,14 @@ from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.faces import FaceModelError, StudyFaces
 from caris_desktop.perception.inference_messages import (
+    OWN_TRACKER,
     DetectionRequest,
     DetectorAway,
     FrameSkipped,
     InferenceFailed,
     InferenceReady,
+    InferenceSettings,
 )
-from caris_desktop.perception.inference_settings import OWN_TRACKER, InferenceSettings
 from caris_desktop.perception.perceiver import Perceived, Perceiver, open_perceiver
 from caris_desktop.perception.pose import Pose
 from caris_desktop.perception.tracker import TrackedBox

@@ -16,12 +16,16 @@ from caris_desktop.domain.plugins import Plugin, PluginCall
 from caris_desktop.domain.sensing import FrameRef, PersonBox, ThingBox
 from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.appearance_embedding import AppearanceError, AppearanceModel, find_appearance
-from caris_desktop.perception.backends.selected_runtime import Chosen, open_chosen
+from caris_desktop.perception.backends.runtime_selection import Chosen, open_chosen
 from caris_desktop.perception.blur import head_of
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.detector_plugins import WatchedDetector
-from caris_desktop.perception.inference_messages import DetectionRequest
-from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, OWN_TRACKER, DetectorSettings
+from caris_desktop.perception.inference_messages import (
+    LEAST_CONFIDENCE,
+    OWN_TRACKER,
+    DetectionRequest,
+    DetectorSettings,
+)
 from caris_desktop.perception.pose import Pose, Poses
 from caris_desktop.perception.tracker import PersonTracker, TrackedBox
 
@@ -179,6 +183,7 @@ def _appearance(first: Iterable[Path | None], threads: int) -> tuple[AppearanceM
 
 
 _NOT_SOONER_NS = 1_000_000_000
+_AGAIN_AFTER_NS = 10_000_000_000
 _BETTER = 1.2
 _LEAST_QUALITY = 0.15
 _TALL_PX = 320
@@ -194,7 +199,8 @@ class _Best(Value):
 class PortraitTaker:
     """Portraits: the best view of each person so far, as a small image.
 
-    For one thread. At most one per second and track, and only if clearly better than the last.
+    For one thread. At most one per second and track, and only if clearly better than the last or after ten seconds,
+    since consent to photos may have been given meanwhile.
     """
 
     def __init__(self) -> None:
@@ -207,10 +213,12 @@ class PortraitTaker:
             # Closer people show more detail, even where a network would not benefit.
             worth = box.quality * min(1.0, box.height_px / _TALL_PX) ** 0.5
             best = self._best.get(box.track)
-            if box.quality < _LEAST_QUALITY or (
-                best is not None and (worth < _BETTER * best.worth or frame.stamp_ns - best.stamp_ns < _NOT_SOONER_NS)
-            ):
+            if box.quality < _LEAST_QUALITY:
                 continue
+            if best is not None:
+                least_ns = _NOT_SOONER_NS if worth >= _BETTER * best.worth else _AGAIN_AFTER_NS
+                if frame.stamp_ns - best.stamp_ns < least_ns:
+                    continue
             jpeg = _jpeg(image_bgr, box)
             if jpeg is None:
                 continue

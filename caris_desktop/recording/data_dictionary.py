@@ -2,7 +2,13 @@
 
 from collections.abc import Iterable
 
-from caris_desktop.recording.measures.measure_definitions import MEASURES, THRESHOLDS, Threshold, thresholds_in
+from caris_desktop.recording.measures.measure_definitions import (
+    MEASURES,
+    THRESHOLDS,
+    Measure,
+    Threshold,
+    thresholds_in,
+)
 from caris_desktop.recording.tables.build import DERIVED_TABLES
 from caris_desktop.recording.tables.catalog import Column, Table
 from caris_desktop.recording.tables.meanings import empty_in
@@ -24,16 +30,17 @@ def dictionary_columns(tables: Iterable[Table], whose: tuple[Column, ...] = ()) 
     return [list(cells) for cells in zip(*rows, strict=True)]
 
 
-def measure_rows() -> list[dict[str, str]]:
-    """The dictionary's entries of the measures, with formula and reference, and of the thresholds."""
+def measure_rows(others: Iterable[Measure] = ()) -> list[dict[str, str]]:
+    """The dictionary's entries of the measures and of ``others``, with formula and reference, and of the thresholds."""
     names = (*(column.name for column in DICTIONARY_TABLE.columns), "formula", "reference")
     rows = [
         (
-            MEASURES_TABLE, one.name, one.unit, "number", "", "", one.empty or empty_in(one.description) or _NEVER,
+            MEASURES_TABLE, one.name, one.unit, "number", "", "; ".join(one.values),
+            one.empty or empty_in(one.description) or _NEVER,
             written_thresholds(thresholds_in(one.description, one.formula)), "", one.description, one.formula,
             one.reference,
         )
-        for one in MEASURES
+        for one in (*MEASURES, *others)
     ]  # fmt: skip
     rows += [
         (THRESHOLDS_TABLE, one.name, one.unit, "number", "", "", _NEVER, f"{one.value:g}", "", one.description, "", "")

@@ -162,8 +162,9 @@ def address_scrubber(session: Session) -> Callable[[bytes], bytes]:
     def scrub(content: bytes) -> bytes:
         if b"ws://" in content or b"wss://" in content:
             content = _ADDRESS.sub(in_place, content)
-        if of_host is not None and any(place in content for place in ordered):
-            content = of_host.sub(in_place, content)
+        for place in ordered:
+            if of_host is not None and place in content:
+                return of_host.sub(in_place, content)
         return content
 
     return scrub

@@ -1,7 +1,6 @@
 """Export of recorded sessions: format table, atomic writing, progress and cancellation."""
 
 import contextlib
-import importlib
 import logging
 import os
 import platform
@@ -20,6 +19,8 @@ from typing import Protocol, TypeVar
 import psutil
 
 from caris_desktop.domain.file_replacement import no_room
+from caris_desktop.domain.plugin_process import call_apart
+from caris_desktop.domain.plugins import Plugin, PluginError, find, installed, load
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
@@ -32,6 +33,8 @@ from caris_desktop.recording.study_file import StudyFile, study_of
 _log = logging.getLogger(__name__)
 _PARTIAL_SUFFIX = ".exporting"
 _PROGRESS_EVERY_S = 0.1
+PLUGIN_WITHIN_S = 120.0
+"""Longest time of a plug-in from one report of its progress to the next."""
 
 
 R = TypeVar("R")
@@ -85,69 +88,113 @@ class ExportContext(Value):
     study: StudyFile | None = None
 
 
-Exporter = Callable[[Session, Path, ExportContext], list[Path]]
-"""Fills an existing, empty folder from a session and gives the paths written. Raises OSError, SessionError."""
-StudyExporter = Callable[[Sequence[Session], Path, ExportContext], list[Path]]
-"""The same from several sessions at once."""
+class Exporter(Protocol):
+    """Export of one session, of the group ``caris_desktop.exporters``: a function with the attribute
+    ``caris_interface = 1``, or an object like one.
+
+    The program calls it for each session that a user exports in the format of its name: from the export dialog or by
+    ``caris-desktop export --to NAME``. A plug-in is imported and called in a process of its own for each session, in
+    the main thread. The process is not the window's, the robot link's or the recorder's, and has low priority; several
+    sessions may be exported at a time. It gets two minutes from one report of ``context.progress`` to the next.
+
+    It fills ``out``, an existing, empty folder, and returns the paths of all files that it wrote there. It writes
+    nothing elsewhere, and nothing in ``session.folder``. ``session`` has the pseudonyms that the user asked for in its
+    header, its values and its tables (``rows`` of :mod:`caris_desktop.recording.tables.build`); the files of
+    ``session.folder`` have not. The folder appears under its final name once the function has returned.
+
+    OSError and SessionError mean that this session cannot be exported: the user reads the text, and the next session
+    may succeed. An exporter that raises anything else, prints, is too slow, ends its process, or returns anything else
+    is switched off for the rest of the export, and the user is told its name; what it wrote is deleted, and the
+    other formats are exported. Log with :mod:`logging`.
+    """
+
+    def __call__(self, session: Session, out: Path, context: ExportContext, /) -> list[Path]: ...
 
 
 class ExportFormat(Value):
-    """Export format. ``module`` and ``function`` name its Exporter, imported on use.
+    """Export format: an exporter of this name, with the texts that a menu shows without importing it.
 
-    ``of_study`` names a function of the module that exports all sessions together, once.
+    ``together``: its exporter takes a sequence of sessions, and exports them once.
     """
 
     name: str
     title: str
     description: str
-    module: str
-    function: str
-    of_study: str = ""
+    together: bool = False
 
-    def study_exporter(self) -> StudyExporter:
-        exporter: StudyExporter = getattr(importlib.import_module(self.module), self.of_study)
-        return exporter
+    def write(self, sessions: Sequence[Session], out: Path, context: ExportContext) -> list[Path]:
+        """Export ``sessions``, one without ``together``. Raises PluginError, and what exporters raise."""
+        plugin = find("exporters", self.name)
+        if plugin.is_built_in:
+            exporter = load(plugin)
+            paths: list[Path] = exporter(sessions if self.together else sessions[0], out, context)
+            return paths
+        plain = replace(context, progress=_no_progress, warn=_log.warning, notify=_log.info)
+        result: list[Path] | Exception = call_apart(
+            plugin, _write_apart, sessions[0].folder, out, plain, plugin,
+            within_s=PLUGIN_WITHIN_S, on_report=lambda name, value: getattr(context, name)(value),
+        )  # fmt: skip
+        if isinstance(result, Exception):
+            raise result
+        return result
 
-    def exporter(self) -> Exporter:
-        exporter: Exporter = getattr(importlib.import_module(self.module), self.function)
-        return exporter
+
+def _write_apart(  # noqa: PLR0917 - the arguments of a process have no names
+    exporter: Exporter,
+    report: Callable[[str, object], None],
+    folder: Path,
+    out: Path,
+    context: ExportContext,
+    plugin: Plugin,
+) -> list[Path] | Exception:
+    """Job of a plug-in's process: the paths written, or why this session cannot be exported."""
+    context = replace(
+        context, progress=partial(report, "progress"), warn=partial(report, "warn"), notify=partial(report, "notify")
+    )
+    try:
+        return checked_paths(plugin, exporter(_opened(folder, context.pseudonyms), out, context), out)
+    except (OSError, SessionError, ExportError) as error:
+        return error
 
 
-def _format(name: str, title: str, description: str, *, of_study: str = "") -> ExportFormat:
-    module = f"caris_desktop.recording.exporters.{name}"
-    return ExportFormat(name, title, description, module, f"write_{name}", of_study)
+def checked_paths(plugin: Plugin, written: object, out: Path) -> list[Path]:
+    """What an exporter returned, if it is what its interface promises. Raises PluginError."""
+    files = {path for path in out.rglob("*") if path.is_file()}
+    if not isinstance(written, list | tuple) or set(written) != files or not files:
+        raise PluginError(plugin, QT_TR_NOOP("it did not return the files that it wrote"))
+    return list(written)
 
 
 FORMATS: tuple[ExportFormat, ...] = (
-    _format(
+    ExportFormat(
         "csv",
         QT_TR_NOOP("Tables (CSV)"),
         QT_TR_NOOP("One tidy table for each kind of value and event, with a data dictionary."),
     ),
-    _format("parquet", QT_TR_NOOP("Tables (Parquet)"), QT_TR_NOOP("The same tables, typed, for pandas, R and DuckDB.")),
+    ExportFormat(
+        "parquet", QT_TR_NOOP("Tables (Parquet)"), QT_TR_NOOP("The same tables, typed, for pandas, R and DuckDB.")
+    ),
     ExportFormat(
         "tables",
         QT_TR_NOOP("Study tables"),
         QT_TR_NOOP(
             "One tidy set of tables over all sessions (CSV, Parquet, SPSS) with a codebook, an R script and a notebook."
         ),
-        "caris_desktop.recording.exporters.study_tables",
-        "write_tables",
-        of_study="write_tables_of_study",
+        together=True,
     ),
-    _format(
+    ExportFormat(
         "eaf",
         QT_TR_NOOP("ELAN"),
         QT_TR_NOOP("A project with media, tiers and controlled vocabularies; opens in ELAN with a double-click."),
     ),
-    _format(
+    ExportFormat(
         "textgrid",
         QT_TR_NOOP("Praat TextGrid"),
         QT_TR_NOOP("The tiers for Praat, in session time and in the time of each audio file."),
     ),
-    _format("vtt", QT_TR_NOOP("Captions (WebVTT)"), QT_TR_NOOP("The transcript as captions for the video.")),
-    _format("rosbag2", QT_TR_NOOP("ROS bags"), QT_TR_NOOP("Standard messages for ROS 2 (MCAP) and ROS 1.")),
-    _format(
+    ExportFormat("vtt", QT_TR_NOOP("Captions (WebVTT)"), QT_TR_NOOP("The transcript as captions for the video.")),
+    ExportFormat("rosbag2", QT_TR_NOOP("ROS bags"), QT_TR_NOOP("Standard messages for ROS 2 (MCAP) and ROS 1.")),
+    ExportFormat(
         "frames",
         QT_TR_NOOP("Training data"),
         QT_TR_NOOP("Driving for LeRobot, images with boxes for YOLO and MOT, dialogue as JSONL."),
@@ -156,31 +203,39 @@ FORMATS: tuple[ExportFormat, ...] = (
         "lerobot",
         QT_TR_NOOP("Training data of a study"),
         QT_TR_NOOP("One LeRobot dataset of the driving in all sessions, and their dialogue as JSONL."),
-        "caris_desktop.recording.exporters.frames",
-        "write_dataset",
-        of_study="write_dataset_of_study",
+        together=True,
     ),
-    _format(
+    ExportFormat(
         "rocrate",
         QT_TR_NOOP("Archive (RO-Crate)"),
         QT_TR_NOOP("The whole session with metadata and licence, for a repository."),
     ),
-    _format(
+    ExportFormat(
         "html",
         QT_TR_NOOP("Report"),
         QT_TR_NOOP("One readable page: timeline, trajectory, talk time, transcript, problems."),
     ),
-    _format(
+    ExportFormat(
         "methods",
         QT_TR_NOOP("Methods sheet"),
         QT_TR_NOOP(
             "The details that a paper on a Wizard-of-Oz study must report, filled in from the log. One sheet "
             "for all sessions."
         ),
-        of_study="write_methods_of_study",
+        together=True,
     ),
 )
 BY_FORMAT: dict[str, ExportFormat] = {fmt.name: fmt for fmt in FORMATS}
+"""The program's own."""
+
+
+def all_formats() -> dict[str, ExportFormat]:
+    """Formats by name, those of plug-ins last. Imports none of them."""
+    others = [plugin for plugin in installed("exporters").values() if not plugin.is_built_in]
+    text = QT_TR_NOOP("Plug-in: {package}.")
+    return BY_FORMAT | {
+        one.name: ExportFormat(one.name, one.name, localized(text, package=one.package)) for one in others
+    }
 
 
 class ExportRequest(Value):
@@ -261,14 +316,15 @@ def export_all(
     where the sessions are exported.
     """
     report = _Throttled(progress)
-    unknown = [name for name in request.formats if name not in BY_FORMAT]
+    known = all_formats()
+    unknown = [name for name in request.formats if name not in known]
     if unknown or not request.formats:
         return ExportFinished((), (_unknown_format(", ".join(unknown)),))
     if not request.folder_per_session and len(request.sessions) != 1:
         return ExportFinished((), (QT_TR_NOOP("Each session needs its own folder. Nothing was written."),))
     remove_partial_exports(request.out)
     folders = dict(zip(export_folders(request), request.sessions, strict=True))
-    together = tuple(name for name in request.formats if BY_FORMAT[name].of_study and len(folders) > 1)
+    together = tuple(name for name in request.formats if known[name].together and len(folders) > 1)
     apart = replace(request, formats=tuple(name for name in request.formats if name not in together))
     pseudonyms = None if request.with_names else pseudonyms_of(request.sessions)
     before, done = written_in(folders), dict[Path, _Exported]()
@@ -290,15 +346,15 @@ def export_all(
     notices = [notice for _, result in in_order for notice in result.notices]
     opened = [folders[target] for target, result in in_order if result.opened]
     for name in together if opened else ():
-        title = localized(BY_FORMAT[name].title)
+        title = localized(known[name].title)
         what = localized(QT_TR_NOOP("{format} of all sessions"), format=title)
         warnings: list[str] = []
         context = ExportContext(
             partial(report, what=what), request.licence, warnings.append, notify=notices.append, csv=request.csv,
-            template=request.template,
+            template=request.template, pseudonyms=pseudonyms,
         )  # fmt: skip
         try:
-            target = _export_combined(name, [_opened(folder, pseudonyms) for folder in opened], request, context)
+            target = _export_combined(known[name], [_opened(folder, pseudonyms) for folder in opened], request, context)
             problems += warnings
             written.append(target)
         except ExportError as error:
@@ -377,13 +433,14 @@ def export_session(folder: Path, fmt: str, out: Path, context: ExportContext | N
     ExportError
         If the session cannot be read, the format is unknown, or ``out`` cannot be used or holds files already.
     """
-    if fmt not in BY_FORMAT:
+    known = all_formats()
+    if fmt not in known:
         raise ExportError(_unknown_format(fmt))
     context = context or ExportContext()
     pseudonyms = None if context.with_names else context.pseudonyms or pseudonyms_of([folder])
     session = _opened(folder, pseudonyms)
     with whole_folder(out, folder) as partial:
-        written = _write(fmt, session, partial, context)
+        written = _write(known[fmt], [session], partial, replace(context, pseudonyms=pseudonyms))
     return [out.absolute() / path.relative_to(partial) for path in written]
 
 
@@ -434,34 +491,38 @@ def _export_one(
     try:
         # Else it was written by a process that died before it could report it.
         if request.formats and (target in before or not written_in([target])):
-            problems += _export_formats(session, request, target, progress)
+            problems += _export_formats(session, request, target, pseudonyms, progress)
     except ExportError as error:
         problems.append(_message_for(folder.name, error))
         return _Exported(False, True, tuple(problems), notices, isinstance(error, _DiskFullError))
     return _Exported(bool(request.formats), True, tuple(problems), notices)
 
 
-def _export_formats(session: Session, request: ExportRequest, out: Path, tell: Progress) -> tuple[str, ...]:
+def _export_formats(
+    session: Session, request: ExportRequest, out: Path, pseudonyms: Pseudonyms | None, tell: Progress
+) -> tuple[str, ...]:
     """Write one session in all formats; return problems and warnings. Raises ExportError if every format failed."""
-    name, formats = session.folder.absolute().name, request.formats
+    name, known = session.folder.absolute().name, all_formats()
+    formats = [known[fmt] for fmt in request.formats]
     problems: list[str] = []
     failed = 0
     with whole_folder(out, session.folder) as partial:
         for number, fmt in enumerate(formats):
-            title = _message_for(name, BY_FORMAT[fmt].title)
+            title = _message_for(name, fmt.title)
 
             def progress(fraction: float, *, number: int = number, title: str = title) -> None:
                 tell((number + min(1.0, max(0.0, fraction))) / len(formats), title)
 
             progress(0.0)
-            place = partial / fmt if len(formats) > 1 else partial
+            place = partial / fmt.name if len(formats) > 1 else partial
             place.mkdir(exist_ok=True)
             warnings: list[str] = []
             context = ExportContext(
-                progress, request.licence, warnings.append, csv=request.csv, template=request.template
-            )
+                progress, request.licence, warnings.append, csv=request.csv, template=request.template,
+                pseudonyms=pseudonyms,
+            )  # fmt: skip
             try:
-                _write(fmt, session, place, context)
+                _write(fmt, [session], place, context)
             except _DiskFullError:
                 raise
             except ExportError as error:
@@ -476,16 +537,13 @@ def _export_formats(session: Session, request: ExportRequest, out: Path, tell: P
     return tuple(problems)
 
 
-def _export_combined(name: str, sessions: Sequence[Session], request: ExportRequest, context: ExportContext) -> Path:
+def _export_combined(
+    fmt: ExportFormat, sessions: Sequence[Session], request: ExportRequest, context: ExportContext
+) -> Path:
     """Write one format once for all sessions, into the folder of its name. Raises ExportError."""
-    target = request.out.absolute() / name
+    target = request.out.absolute() / fmt.name
     with whole_folder(target, sessions[0].folder) as partial:
-        _converting_errors(
-            lambda: BY_FORMAT[name].study_exporter()(sessions, partial, _with_study(context, sessions[0])),
-            f"{len(sessions)} sessions",
-            name,
-            partial,
-        )
+        _write(fmt, sessions, partial, context)
     return target
 
 
@@ -497,41 +555,46 @@ def _opened(folder: Path, pseudonyms: Pseudonyms | None) -> Session:
         raise ExportError(str(error)) from error
 
 
-def _write(fmt: str, session: Session, out: Path, context: ExportContext) -> list[Path]:
-    return _converting_errors(
-        lambda: BY_FORMAT[fmt].exporter()(session, out, _with_study(context, session)), str(session.folder), fmt, out
-    )
+def _write(fmt: ExportFormat, sessions: Sequence[Session], out: Path, context: ExportContext) -> list[Path]:
+    """Write the files, and convert any exception to ExportError: the next format or session may succeed."""
+    what = sessions[0].folder if len(sessions) == 1 else f"{len(sessions)} sessions"
+    try:
+        return fmt.write(sessions, out, _with_study(context, sessions[0]))
+    except (SessionError, ExportError) as error:
+        raise ExportError(str(error)) from error
+    except PluginError as error:
+        raise ExportError(
+            QT_TR_NOOP(
+                "The plug-in {name} ({package}) was switched off: {reason}. Its partial files were deleted; the "
+                "session itself is unchanged."
+            ),
+            name=error.plugin.name,
+            package=error.plugin.package,
+            reason=error.reason,
+        ) from error
+    except (BrokenPipeError, EOFError):
+        # The receiver of the progress has ended.
+        raise
+    except OSError as error:
+        _log.info("export of %s as %s", what, fmt.name, exc_info=True)
+        raise _failure(out, error) from error
+    except Exception as error:
+        _log.exception("export of %s as %s", what, fmt.name)
+        raise ExportError(
+            QT_TR_NOOP(
+                "The export as {format} failed ({kind}: {error}). Its partial files were deleted; the "
+                "session itself is unchanged."
+            ),
+            format=fmt.name,
+            kind=type(error).__name__,
+            error=error,
+        ) from error
 
 
 def _with_study(context: ExportContext, session: Session) -> ExportContext:
     """Context with the study file of a session. Raises StudyFileError."""
     study = context.study or study_of(session.folder)
     return replace(context, study=study, licence=context.licence or (study.licence if study else ""))
-
-
-def _converting_errors(write: Callable[[], list[Path]], what: str, fmt: str, out: Path) -> list[Path]:
-    """Convert any exception to ExportError: the next format or session may succeed."""
-    try:
-        return write()
-    except (SessionError, ExportError) as error:
-        raise ExportError(str(error)) from error
-    except (BrokenPipeError, EOFError):
-        # The receiver of the progress has ended.
-        raise
-    except OSError as error:
-        _log.info("export of %s as %s", what, fmt, exc_info=True)
-        raise _failure(out, error) from error
-    except Exception as error:
-        _log.exception("export of %s as %s", what, fmt)
-        raise ExportError(
-            QT_TR_NOOP(
-                "The export as {format} failed ({kind}: {error}). Its partial files were deleted; the "
-                "session itself is unchanged."
-            ),
-            format=fmt,
-            kind=type(error).__name__,
-            error=error,
-        ) from error
 
 
 def attempt(session: Session, read: Callable[[Session], object], warn: Callable[[str], None]) -> bool:
@@ -615,7 +678,7 @@ def _message_for(name: str, message: object) -> LocalizedText:
 
 def _unknown_format(name: str) -> str:
     return localized(
-        QT_TR_NOOP("Unknown format '{name}'. Allowed: {formats}."), name=name, formats=", ".join(BY_FORMAT)
+        QT_TR_NOOP("Unknown format '{name}'. Allowed: {formats}."), name=name, formats=", ".join(all_formats())
     )
 
 

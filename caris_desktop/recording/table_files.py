@@ -17,8 +17,8 @@ from typing import Any
 import platformdirs
 
 from caris_desktop import __version__
+from caris_desktop.domain.file_replacement import narrow
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.private_files import narrow
 from caris_desktop.recording.annotation.annotation_store import annotation_files
 from caris_desktop.recording.data_dictionary import DICTIONARY_TABLE, allowed_values, dictionary_columns, empty_of
 from caris_desktop.recording.session.folder_lock import hold, is_held
@@ -32,6 +32,9 @@ _log = logging.getLogger(__name__)
 # To be raised when the same recording gives other tables than before.
 _VERSION = 1
 _FOLDER, _KEY_FILE, _PART = "tables", "key.json", ".part"
+_TRANSCRIPTS = "transcripts"
+DELETED_BY_ERASURE = frozenset((_FOLDER, _TRANSCRIPTS))
+"""Folders in the derived folder that the erasure of a person deletes."""
 _MODE = 0o770  # narrowed to what this user shares
 
 
@@ -58,11 +61,17 @@ def copy_tables(
 
 
 def delete_tables(sessions: Iterable[Path]) -> None:
-    """Delete the stored tables of these sessions, and all in the user's cache. Raises OSError."""
-    for base in (*(folder / DERIVED_FOLDER / _FOLDER for folder in sessions), _cache()):
+    """Delete stored tables and later transcripts of these sessions, and all in the user's cache. Raises OSError."""
+    folders = [base for folder in sessions for base in (folder / DERIVED_FOLDER / _FOLDER, transcripts_folder(folder))]
+    for base in (*folders, _cache()):
         if base.is_dir():
             with hold(base):
                 shutil.rmtree(base)
+
+
+def transcripts_folder(session: Path) -> Path:
+    """Folder of later transcripts: other words for what was said, which an erasure would not find."""
+    return session / DERIVED_FOLDER / _TRANSCRIPTS
 
 
 # The stored files

@@ -26,13 +26,17 @@ _AUTHORIZED_FOR_S = 3600
 _LEVEL = "user"
 
 
-class SecurityError(Exception):
-    """The link cannot be secured as the profile demands. ``what`` and ``advice`` are for the wizard."""
+class LinkError(Exception):
+    """The link cannot be opened. ``what`` and ``advice`` are for the wizard."""
 
     def __init__(self, what: str, advice: str) -> None:
         super().__init__(what)
         self.what = what
         self.advice = advice
+
+
+class SecurityError(LinkError):
+    """The link cannot be secured as the profile demands."""
 
 
 async def tls_context(settings: SecuritySettings, host: str, port: int) -> ssl.SSLContext:

@@ -29,6 +29,7 @@ from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.bridge_security import (
+    LinkError,
     SecurityError,
     certificate_refusal,
     explain_tls_failure,
@@ -563,7 +564,7 @@ def explain_failure(error: BaseException, address: str) -> tuple[str, str]:
     """Reason for a failed connection, and advice, for the wizard. Without any password of ``address``."""
     address = without_credentials(address)
     name = urlsplit(address).hostname or address
-    if isinstance(error, SecurityError):
+    if isinstance(error, LinkError):
         return error.what, error.advice
     if isinstance(error, ssl.SSLError):
         return explain_tls_failure(error, name, address)

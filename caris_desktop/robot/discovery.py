@@ -22,6 +22,7 @@ from caris_desktop.domain.picture_checks import picture_size
 from caris_desktop.domain.sensing import lidar_mounting
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import Value
+from caris_desktop.robot.bridge_process import start_s
 from caris_desktop.robot.bridge_wire import MEDIA_TIMINGS
 from caris_desktop.robot.localization import TransformTree
 from caris_desktop.robot.profile import (
@@ -299,7 +300,7 @@ async def _connected(
     ros.connect()
     try:
         try:
-            async with asyncio.timeout(timeout_s):
+            async with asyncio.timeout(timeout_s + start_s(address)):
                 what, advice = await probe.outcome
         except TimeoutError:
             nothing = QT_TR_NOOP("No response from {address} within {seconds} s.")

@@ -14,8 +14,8 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.profile import NavigationServer
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
+from caris_desktop.ros.message_conversion import NO_LIMIT, decode_reconfigured, encode_reconfigure, encode_speed_limit
 from caris_desktop.ros.message_fields import MessageError
-from caris_desktop.ros.speed_limits import NO_LIMIT, decode_reconfigured, encode_reconfigure, encode_speed_limit
 
 logger = logging.getLogger(__name__)
 RESTORED_WITHIN_S = 0.5

@@ -9,7 +9,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import platformdirs
 
-from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.address import plugin_address, without_credentials
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
@@ -137,7 +137,7 @@ def load_profile(name_or_path_or_url: str, *, user_dir: Path | None = None) -> R
 def profile_file(name_or_path_or_url: str, *, user_dir: Path | None = None) -> Path | None:
     """File that :func:`load_profile` reads for this robot; None for an address. Raises ProfileError."""
     reference = name_or_path_or_url.strip()
-    if "://" in reference:
+    if "://" in reference or (plugin_address(reference) and not Path(reference).is_file()):
         return None
     if re.fullmatch(_NAME, reference) and not Path(reference).is_file():
         return _file_of(reference, user_dir or user_robots_dir())
@@ -253,6 +253,8 @@ def _profile_at_address(url: str) -> RobotProfile:
             tr("{url}: only ros=1 or ros=2 is allowed after the '?' of an address.").format(url=repr(url))
         )
     address = parts._replace(query="", fragment="").geturl()
+    if plugin_address(address):
+        ros = "2"
     profile = read_profile(_robots_dir() / f"generic-ros{ros}.yaml")
     return replace(
         profile,

@@ -11,6 +11,7 @@ from dataclasses import field, replace
 from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
+from caris_desktop.domain.address import plugin_address
 from caris_desktop.domain.camera_keys import CameraModelKeys, Offset, PoseKeys, Radians
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.control_definitions import (
@@ -24,7 +25,9 @@ from caris_desktop.domain.control_definitions import (
 )
 from caris_desktop.domain.control_effects import RobotInterfaceNames, StopField
 from caris_desktop.domain.geometry import Pose2D
+from caris_desktop.domain.plugins import PluginError, find
 from caris_desktop.domain.schema_fields import Excluded, FieldSpec, StoredAs
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.ros.audio_messages import LEAST_RATE_HZ, MOST_CHANNELS, MOST_RATE_HZ, Coding
 
@@ -462,8 +465,10 @@ class RobotProfile(Value):
     ] = ""
     ros: Annotated[RosVersion, FieldSpec("The ROS version of the robot.", wanted=True)] = 1
     address: Annotated[str, FieldSpec(
-        "Address of its rosbridge. `--robot` with an address overrides it.", longest=500, external="address",
-        pattern=r"^wss?://[^/?#@\s]+(/[^?#\s]*)?$", allowed="ws://HOST:PORT or wss://HOST:PORT, without a password.",
+        "Address of its rosbridge, or `ros2:DOMAIN` for ROS 2 without rosbridge. `--robot` with an address "
+            "overrides it.", longest=500, external="address",
+        pattern=r"^(wss?://[^/?#@\s]+(/[^?#\s]*)?|[a-z][a-z0-9._-]+:(?!//)[^?#@\s]*)$",
+        allowed="ws://HOST:PORT or wss://HOST:PORT, without a password, or ros2: (without rosbridge).",
     )] = DEFAULT_ADDRESS  # fmt: skip
     security: Annotated[SecuritySettings, FieldSpec(quiet=True)] = field(default_factory=SecuritySettings)
     simulation_time: Annotated[
@@ -624,13 +629,21 @@ def _name_of(control: RobotControl) -> str | None:
 
 
 def check_address(address: str) -> str:
-    """Validate an address ``ws://HOST[:PORT]`` or ``wss://...`` and return it.
+    """Validate an address ``ws://HOST[:PORT]``, ``wss://...``, or that of a robot plug-in (``ros2:``), and return it.
 
     Raises
     ------
     ProfileError
         Otherwise.
     """
+    of_plugin = plugin_address(address)
+    if of_plugin is not None:
+        try:
+            find("robots", of_plugin[0])
+        except PluginError as error:
+            words = tr("The robot plug-in {name} cannot be used: {reason}.")
+            raise ProfileError(words.format(name=of_plugin[0], reason=tr(error.reason))) from error
+        return address
     try:
         parts = urlsplit(address)
         usable = parts.scheme in ("ws", "wss") and bool(parts.hostname) and parts.port != 0

@@ -6,12 +6,13 @@ import logging
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from caris_desktop.domain.address import without_credentials
+from caris_desktop.domain.address import plugin_address, without_credentials
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.control_definitions import CallService, PublishMessage, RobotControl, SendActionGoal
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import Value
+from caris_desktop.robot.bridge_process import start_s
 from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, same_type, type_name
@@ -395,7 +396,7 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
     ros = RosbridgeClient(address, probe, service_timeout_s=timeout_s, security=profile.security)
     ros.connect()
     try:
-        async with asyncio.timeout(timeout_s):
+        async with asyncio.timeout(timeout_s + start_s(address)):
             what, advice = await probe.outcome
             if what:
                 return [f"{what} {advice}".strip()]
@@ -444,7 +445,7 @@ async def _silent_streams(ros: RosbridgeClient, profile: RobotProfile) -> list[s
 
 async def queue_advice(profile: RobotProfile, address: str, timeout_s: float) -> str:
     """Advice on a ROS 2 rosbridge that executes goals and calls sequentially; else empty."""
-    if profile.ros != Dialect.ROS2.value:
+    if profile.ros != Dialect.ROS2.value or plugin_address(address):
         return ""
     probe = LinkProbe()
     ros = RosbridgeClient(address, probe, security=profile.security)

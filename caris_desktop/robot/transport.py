@@ -55,10 +55,12 @@ import roslibpy
 from roslibpy.core import GoalStatus
 from websockets.exceptions import InvalidHandshake, InvalidURI
 
+from caris_desktop.domain.address import plugin_address
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value, dataclass
-from caris_desktop.robot.bridge_security import SecurityError
+from caris_desktop.robot.bridge_process import BridgeProcess
+from caris_desktop.robot.bridge_security import LinkError
 from caris_desktop.robot.bridge_socket import (
     HEAD_BYTES,
     BridgeSocket,
@@ -238,6 +240,7 @@ class RosbridgeFactory:
         traffic: TrafficMeter,
     ) -> None:
         self.url = url
+        self._bridge = BridgeProcess(url) if plugin_address(url) else None
         self.sizes = sizes
         self.service_timeout_s = service_timeout_s
         self.manager = LoopManager(asyncio.get_running_loop())
@@ -328,6 +331,8 @@ class RosbridgeFactory:
             await asyncio.wait([self._lost], timeout=timeout_s)
         for protocol in self._protocols():
             protocol.wire.abort(QT_TR_NOOP("closed by this program"))
+        if self._bridge is not None:
+            await self._bridge.close()
 
     def on_ready(self, callback: Callback) -> None:
         """Call ``callback`` with the protocol now, or at the next connection."""
@@ -460,8 +465,10 @@ class RosbridgeFactory:
                 self._motion = BridgeSocket(self)
             sockets = [socket for socket in (self._motion, self._main) if socket is not None]
             try:
+                if self._bridge is not None:
+                    self.url = await self._bridge.url()
                 await self._open_all(sockets)
-            except (OSError, TimeoutError, ValueError, InvalidHandshake, InvalidURI, SecurityError) as error:
+            except (OSError, TimeoutError, ValueError, InvalidHandshake, InvalidURI, LinkError) as error:
                 what, advice = explain_failure(error, self.url)
                 logger.debug("%s (%s)", what, type(error).__name__)
                 self.run_safely(self._observer.link_unreachable, what, advice)
@@ -587,7 +594,7 @@ class RosbridgeFactory:
         reason = QT_TR_NOOP("the connection to the robot was lost")
         try:
             await socket.open(ask_first=self._ask_first)
-        except (OSError, TimeoutError, ValueError, InvalidHandshake, InvalidURI, SecurityError) as error:
+        except (OSError, TimeoutError, ValueError, InvalidHandshake, InvalidURI, LinkError) as error:
             reason, _ = explain_failure(error, self.url)
             logger.debug("No further connection: %s", reason)
         needed = self._questions is socket or socket in self._calls

@@ -29,8 +29,7 @@ from caris_desktop.domain.schema_paths import (
 from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.yaml_source import LocatedData, YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
-from caris_desktop.scenario.scenario_file import mistakes
-from caris_desktop.scenario.scenario_migrations import migrate
+from caris_desktop.scenario.scenario_file import migrate, mistakes
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.scenario.text_editing import edited, quick_data, with_entry_moved
 

@@ -2,12 +2,13 @@
 
 import hashlib
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from caris_desktop.domain.control_definitions import control_problems
+from caris_desktop.domain.file_migrations import Migration, migrated
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.key_path import KeyPath, Problem
 from caris_desktop.domain.plugins import BUILT_IN, PluginGroup, installed
@@ -19,8 +20,45 @@ from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.scenario.phrases import Gesture, PhraseEntry, gesture_problems, phrase_groups, phrase_problems
 from caris_desktop.scenario.protocol_steps import ProtocolSettings, protocol_problems
-from caris_desktop.scenario.scenario_migrations import migrate
-from caris_desktop.scenario.scenario_model import DEFAULT_ROBOT, Scenario, layout_problems
+from caris_desktop.scenario.scenario_model import DEFAULT_ROBOT, SCENARIO_VERSION, Scenario, layout_problems
+
+# Versions and migrations of scenario files.
+
+
+def _number_the_version(data: dict[str, Any]) -> dict[str, Any]:
+    """Version 0 is a file without a version; nothing else differs."""
+    return data
+
+
+MIGRATIONS: Mapping[int, Migration] = {0: _number_the_version}
+
+
+def migrate(
+    data: dict[str, Any], *, migrations: Mapping[int, Migration] = MIGRATIONS, newest: int = SCENARIO_VERSION
+) -> dict[str, Any]:
+    """``data`` migrated to the newest version; the argument is unchanged.
+
+    Raises
+    ------
+    ValueError
+        If the version is no whole number, or newer than ``newest``.
+    """
+    version = data.get("version", 0)
+    if isinstance(version, bool) or not isinstance(version, int) or version < 0:
+        raise ValueError(
+            tr("the version must be a whole number, found {version}. Allowed: {newest}").format(
+                version=repr(version), newest=newest
+            )
+        )
+    if version > newest:
+        raise ValueError(
+            tr(
+                "the file has version {version}, this program reads up to version {newest}. Update CARIS Desktop, or "
+                "open an older copy of the file."
+            ).format(version=version, newest=newest)
+        )
+    return migrated(data, migrations, version=version, newest=newest)
+
 
 MAX_FILE_BYTES = 256 * 1024
 _SCHEMA_ON_THIS_COMPUTER = re.compile(
@@ -217,14 +255,25 @@ def _missing_plugins(data: dict[str, Any]) -> Iterator[Problem]:
     named: list[tuple[KeyPath, PluginGroup, str]] = [
         (("perception", "model"), "detectors", data.get("perception", {}).get("model", "")),
         (("assistant", "model"), "language_models", assistant.get("model", "")),
+        (("speech", "name"), "speech", data.get("speech", {}).get("name", "")),
+        (("listening", "model"), "speech", data.get("listening", {}).get("model", "")),
     ]
     for index, model in enumerate(assistant.get("models", ())):
         named.append((("assistant", "models", index), "language_models", model))
+    for index, camera in enumerate(data.get("cameras", ())):
+        named.append((("cameras", index, "source"), "cameras", camera.get("source", "")))
     for path, group, value in named:
         provider, _, name = value.partition(":")
-        if provider == "plugin" and name not in (here := installed(group)):
+        if provider != "plugin":
+            continue
+        if group == "cameras":
+            name = name.partition(":")[0]
+        if group == "speech" and not data.get("permissions", {}).get("cloud_models", True):
+            yield path, tr("a plug-in may send speech to other computers, which cloud_models does not permit.")
+        others = [one.name for one in installed(group).values() if not one.is_built_in]
+        if name not in others:
             unknown = tr("unknown {noun} {value}.").format(noun=tr("plug-in"), value=quoted(name))
-            found = [f"plugin:{each}" for each in here]
+            found = [f"plugin:{each}" for each in others]
             yield path, f"{unknown} {allowed_words(value, found) if found else tr('None is installed.')}"
 
 

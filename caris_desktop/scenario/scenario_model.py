@@ -437,7 +437,8 @@ class CameraSettings(Value):
 
     source: str = setting(shortest=1, longest=1000, external="camera")
     """`robot` for all cameras of the robot, `robot:NAME` for one of them; `oak`, a device number, `/dev/videoN`, a
-    video file, `simulated`, or an address that starts with `rtsp://`, `http://`, `whep+http://` or `webrtc+http://`."""
+    video file, `simulated`, `plugin:NAME` or `plugin:NAME:TARGET` for a plug-in, or an address that starts with
+    `rtsp://`, `http://`, `whep+http://` or `webrtc+http://`."""
     name: str = setting(default="", longest=40, quiet=True)
     """Name in the window and in file names; if not given, derived from the source. The robot's cameras have the names
     in its profile."""
@@ -481,9 +482,10 @@ class ListeningSettings(Value):
     """Spoken language, as two or three letters; if empty, the model detects it automatically, if it knows several."""
     engine: Literal["local", "server"] = setting(default="local", quiet=True)
     """`local`: this computer; `server`: a server that accepts OpenAI transcription requests."""
-    model: str = setting(default="", longest=1000, external="model", quiet=True)
+    model: str = setting(default="", longest=1000, external="recogniser", quiet=True)
     """The recogniser: a faster-whisper folder. Give its path, its name next to the scenario or in a models folder, or
-    the `https://` address of one as a .zip; the default one if empty. With `server`, the name of its model."""
+    the `https://` address of one as a .zip; `plugin:NAME` for a plug-in; the default one if empty. With `server`, the
+    name of its model."""
     sha256: str = setting(
         default="",
         title="Checksum (SHA-256)",
@@ -543,9 +545,15 @@ class SoundSettings(Value):
 class VoiceSettings(Value):
     """Speech output of this computer."""
 
-    name: str = setting(default="", pattern="^((piper|espeak):.+)?$", allowed="piper:NAME or espeak:NAME.", longest=200)
-    """`piper:NAME` or `espeak:NAME`, as listed by the console; if empty, the best voice for the language, or the system
-    voice if no language is given."""
+    name: str = setting(
+        default="",
+        pattern="^((piper|espeak|plugin):.+)?$",
+        allowed="piper:NAME, espeak:NAME or plugin:NAME.",
+        external="voice",
+        longest=200,
+    )
+    """`piper:NAME` or `espeak:NAME`, as listed by the console, or `plugin:NAME` for a plug-in; if empty, the best voice
+    for the language, or the system voice if no language is given."""
     language: str = setting(
         default="",
         pattern="^([A-Za-z]{2,3}([-_][A-Za-z0-9]{2,8})*)?$",
@@ -581,7 +589,7 @@ class Scenario(Value):
     robot: str = setting(
         default=DEFAULT_ROBOT, section="Robot and cameras", knows="robots", external="robot", shortest=1, longest=300
     )
-    """Name of a robot profile, or the address of a rosbridge: `ws://HOST:PORT`."""
+    """Name of a robot profile, the address of a rosbridge: `ws://HOST:PORT`, or `ros2:` for ROS 2 without rosbridge."""
     voice: Literal["robot", "computer", "both"] = setting(default="robot", section="Voice and sound")
     """Who speaks: the robot's own voice, this computer, or both at once."""
     speech: VoiceSettings = setting(

@@ -9,9 +9,9 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.ros import action_messages, message_conversion
 from caris_desktop.ros.action_messages import GoalStatus
 from caris_desktop.ros.dialect import Dialect
+from caris_desktop.ros.message_conversion import NO_LIMIT, decode_reconfigured, decode_speed_limit, encode_reconfigure
 from caris_desktop.ros.message_fields import part
 from caris_desktop.ros.navigation_messages import encode_path
-from caris_desktop.ros.speed_limits import NO_LIMIT, decode_reconfigured, decode_speed_limit, encode_reconfigure
 from caris_desktop.simulator.action_servers import ActionlibServer, ActionServer, Ros2ActionServer
 from caris_desktop.simulator.robot_interface import Navigation
 from caris_desktop.simulator.ros_context import RosContext

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.simulator.floor_plan import MAP_ORIGIN_M, MAP_SIZE_M, SOLID
-from caris_desktop.simulator.ray_casting import corners_of
+from caris_desktop.simulator.lidar import corners_of
 from caris_desktop.simulator.simulated_base import clearance_m
 
 Point = tuple[float, float]

@@ -11,7 +11,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.simulator import characters, textures
 from caris_desktop.simulator.camera_model import FOCAL_PX, HEIGHT_PX, MOUNT_HEIGHT_M, WIDTH_PX
 from caris_desktop.simulator.floor_plan import FURNITURE, LINTELS, MAP_ORIGIN_M, WALL_HEIGHT_M, WALLS, Box, Colour
-from caris_desktop.simulator.ray_casting import corners_of, entry_and_exit
+from caris_desktop.simulator.lidar import corners_of, entry_and_exit
 from caris_desktop.simulator.robot_simulation import View
 from caris_desktop.simulator.shipped_data import shipped_file
 from caris_desktop.simulator.simulated_people import Seen

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from caris_desktop.ros.dialect import Dialect, encode_time, same_type, service_type_name
 from caris_desktop.ros.message_fields import text
 from caris_desktop.simulator import typedefs
+from caris_desktop.simulator.ros_context import RobotClock
 from caris_desktop.simulator.server import BRIDGE_NODE, ROBOT_NODE, BridgeServer, CallFailed, Message, SimulatedService
-from caris_desktop.simulator.simulated_clock import RobotClock
 
 
 def offer_rosapi(server: BridgeServer, dialect: Dialect, *, clock: RobotClock | None = None) -> None:

@@ -3,7 +3,10 @@
 import asyncio
 import contextlib
 import fnmatch
+import hashlib
+import hmac
 import itertools
+import json
 import logging
 import os
 import socket
@@ -14,7 +17,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import field
 from functools import partial
 from http import HTTPStatus
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, Protocol, TextIO
 
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
@@ -22,14 +26,132 @@ from websockets.http11 import Request, Response
 from websockets.protocol import State
 
 from caris_desktop.domain.value_class import Value, dataclass
-from caris_desktop.ros.dialect import Dialect, same_type
-from caris_desktop.ros.message_fields import MessageError, count, message_of, text
+from caris_desktop.ros.dialect import Dialect, decode_time, same_type
+from caris_desktop.ros.message_fields import MessageError, count, message_of, number, text
 from caris_desktop.ros.message_fields import field as field_of
 from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_json
 from caris_desktop.simulator import typedefs
 from caris_desktop.simulator.client_outbox import ClientOutbox, Published, Subscription
-from caris_desktop.simulator.sent_log import ObeyedLog, SentLog
-from caris_desktop.simulator.simulated_security import introduces_itself
+
+# Logs of delivered messages and of executed commands, to count losses and late commands.
+
+
+class _Lines:
+    def __init__(self, path: Path) -> None:
+        self._file: TextIO = path.open("a", encoding="utf-8", buffering=1)
+
+    def close(self) -> None:
+        self._file.close()
+
+    def _write(self, line: dict[str, Any]) -> None:
+        # CBOR includes bytes and undefined values, too.
+        self._file.write(json.dumps(line, separators=(",", ":"), default=str) + "\n")
+
+
+class SentLog(_Lines):
+    """One JSON line per message and client: ``at_ns`` (this computer's clock), ``client``, ``topic``, ``sequence`` (of
+    the topic, from 1), ``stamp_ns`` (of the header, null without one) and ``bytes``.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be written.
+    """
+
+    def delivered(self, client: str, published: Published, size_bytes: int) -> None:
+        """Log one delivered message."""
+        self._write({
+            "at_ns": time.time_ns(),
+            "client": client,
+            "topic": published.topic,
+            "sequence": published.sequence,
+            "stamp_ns": _stamp_ns(published.message),
+            "bytes": size_bytes,
+        })  # fmt: skip
+
+
+class ObeyedLog(_Lines):
+    """One JSON line per executed message of a client: ``at_ns`` (monotonic clock, shared by all processes), ``client``,
+    ``topic`` and ``message``; per executed service call: ``at_ns``, ``client``, ``service`` and ``request``; and per
+    client: ``at_ns``, ``connected``.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be written.
+    """
+
+    def connected(self, client: str) -> None:
+        """Log an accepted client."""
+        self._write({"at_ns": time.monotonic_ns(), "connected": client})
+
+    def obeyed(self, client: str, topic: str, message: dict[str, Any]) -> None:
+        """Log one executed message."""
+        self._write({"at_ns": time.monotonic_ns(), "client": client, "topic": topic, "message": message})
+
+    def called(self, client: str, service: str, request: Any) -> None:
+        """Log one executed service call."""
+        self._write({"at_ns": time.monotonic_ns(), "client": client, "service": service, "request": request})
+
+
+def _stamp_ns(message: dict[str, Any]) -> int | None:
+    header = message.get("header")
+    try:
+        return decode_time(header["stamp"]) if isinstance(header, dict) and "stamp" in header else None
+    except ValueError:
+        return None
+
+
+# Access control: rosauth's signed authentication, and TLS certificates.
+
+SECRET_CHARS = 16
+"""The length that rosauth demands of its secret."""
+_CLOCKS_DIFFER_AT_MOST_S = 5.0
+
+
+def authentication_code(secret: str, *, client: str, dest: str, rand: str, time_s: int, level: str, end_s: int) -> str:
+    """rosauth's MAC: SHA-512 of the concatenated fields, in hexadecimal."""
+    return hashlib.sha512(f"{secret}{client}{dest}{rand}{time_s}{level}{end_s}".encode()).hexdigest()
+
+
+def introduces_itself(operation: dict[str, Any], secret: str, *, now_s: float) -> bool:
+    """True if an ``auth`` operation is signed with ``secret``, current, and not expired.
+
+    Raises
+    ------
+    MessageError
+        When a field is missing or is no text or number.
+    """
+    what = "auth"
+    time_s, end_s = number(operation, "t", what), number(operation, "end", what)
+    code = authentication_code(
+        secret,
+        client=text(operation, "client", what),
+        dest=text(operation, "dest", what),
+        rand=text(operation, "rand", what),
+        time_s=int(time_s),
+        level=text(operation, "level", what),
+        end_s=int(end_s),
+    )
+    given = text(operation, "mac", what)
+    if not given.isascii():
+        raise MessageError("auth.mac must be hexadecimal digits")
+    of_this_moment = abs(now_s - time_s) <= _CLOCKS_DIFFER_AT_MOST_S and time_s < end_s
+    return hmac.compare_digest(code, given.lower()) and of_this_moment
+
+
+def tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
+    """TLS context of the server.
+
+    Raises
+    ------
+    OSError, ssl.SSLError
+        When the files cannot be read, or are no certificate and its key.
+    """
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate, key)
+    return context
+
 
 logger = logging.getLogger(__name__)
 

@@ -9,8 +9,8 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import yaml
 
+from caris_desktop.domain.schema_fields import union_members
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.domain.type_hints import union_members
 
 # Some 20 times as fast as parse_yaml, which is for texts of users and refuses references.
 _Fastest: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

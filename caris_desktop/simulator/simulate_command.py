@@ -26,15 +26,12 @@ from caris_desktop.simulator.participant import BadSentences, read_sentences
 from caris_desktop.simulator.robot_interface import RobotInterface
 from caris_desktop.simulator.robot_simulation import Robot, View
 from caris_desktop.simulator.robot_topics import RobotTopics
-from caris_desktop.simulator.ros_context import RosContext
+from caris_desktop.simulator.ros_context import RobotClock, RosContext
 from caris_desktop.simulator.rosapi import offer_rosapi
-from caris_desktop.simulator.sent_log import ObeyedLog, SentLog
-from caris_desktop.simulator.server import BridgeServer
+from caris_desktop.simulator.server import SECRET_CHARS, BridgeServer, ObeyedLog, SentLog, tls_context
 from caris_desktop.simulator.simulated_base import STEP_S
 from caris_desktop.simulator.simulated_camera_process import CameraProcess
-from caris_desktop.simulator.simulated_clock import RobotClock
 from caris_desktop.simulator.simulated_people import BadVisits, Seen, Visit, read_visits, visits_by_chance
-from caris_desktop.simulator.simulated_security import SECRET_CHARS, tls_context
 
 logger = logging.getLogger(__name__)
 

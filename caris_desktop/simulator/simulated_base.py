@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain.geometry import Pose2D, Twist2D, wrap_angle
 from caris_desktop.domain.value_class import Value
 from caris_desktop.simulator.floor_plan import SOLID
-from caris_desktop.simulator.ray_casting import corners_of
+from caris_desktop.simulator.lidar import corners_of
 
 STEP_S = 0.02
 RADIUS_M = 0.25

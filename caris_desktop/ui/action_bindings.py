@@ -14,17 +14,18 @@ from PySide6.QtGui import QAction, QKeySequence, QShortcut
 from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QApplication, QComboBox, QWidget
 
 from caris_desktop.domain.intents import Intent, Permission
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import tr
+from caris_desktop.live.state import LiveState
+from caris_desktop.live.status import FaceStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.phrases import LOOK, NOD, Phrase, phrase_groups
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui.action_rows import (
     ACTIONS,
-    EXPRESSION_COUNT,
-    PLACE_COUNT,
     SPEAKING_GROUP,
-    answer_asked,
     go_to_nth_place,
+    has_head,
+    mark_with_label,
     perform_nth_gesture,
     phrases_on_keys,
     say_filler,
@@ -32,12 +33,10 @@ from caris_desktop.ui.action_rows import (
     say_phrase,
     show_nth_expression,
 )
-from caris_desktop.ui.action_spec import ActionSpec, Condition, Feature
+from caris_desktop.ui.action_spec import ALWAYS, ActionSpec, EnabledWhen
 from caris_desktop.ui.key_choices import Choices, ResolvedBindings, conflicts, settle, types_something
 from caris_desktop.ui.key_positions import modifier_name
-from caris_desktop.ui.mark_intents import mark_with_label
 from caris_desktop.ui.panel_table import possible_panels
-from caris_desktop.ui.step_intents import PROTOCOL_GROUP
 
 logger = logging.getLogger(__name__)
 
@@ -61,43 +60,31 @@ def actions_for(scenario: Scenario) -> tuple[ActionSpec, ...]:
 
 def rows_of(scenario: Scenario) -> tuple[ActionSpec, ...]:
     """Rows of this scenario, including phrases whose own key conflicts with another row."""
-    rows = []
-    groups = phrase_groups(scenario.phrases)
-    longest = max((group.phrases for group in groups), key=len, default=())
-    for spec in offered(ACTIONS, scenario):
-        spec = spec.in_words()  # noqa: PLW2901
-        if spec.intent is say_phrase:
-            if spec.argument > len(longest):
-                continue
-            named = groups[0].phrases if spec.argument <= len(groups[0].phrases) else longest
-            spec = _with_text(spec, named[spec.argument - 1].say)  # noqa: PLW2901
-        elif spec.id == "next_phrases":
-            if len(groups) < 2:
-                continue
-        elif spec.intent is perform_nth_gesture:
-            if (of_gesture := _of_gesture(spec, scenario)) is None:
-                continue
-            spec = of_gesture  # noqa: PLW2901
-        elif spec.intent is mark_with_label:
-            if spec.argument > len(scenario.recording.labels):
-                continue
-            spec = _with_text(  # noqa: PLW2901
-                spec, tr("Mark: {label}").format(label=scenario.recording.labels[spec.argument - 1])
-            )
-        elif (spec.group == PROTOCOL_GROUP and not scenario.protocol.steps) or (
-            spec.id == "hear" and not scenario.sound.hear
-        ):
-            continue
-        elif spec.intent is answer_asked:
-            if not scenario.permissions.naming_people and "actions" not in scenario.assisted:
-                continue
-        elif spec.id == "filler":
-            if not scenario.filler:
-                continue
-            spec = _with_text(spec, scenario.filler)  # noqa: PLW2901
-        rows.append(spec)
+    rows = (_in_scenario(spec.in_words(), scenario) for spec in offered(ACTIONS, scenario))
     keyed = keyed_phrases(scenario) if scenario.permissions.speech else []
-    return (*rows, *(_of_keyed_phrase(number, phrase) for number, phrase in enumerate(keyed, start=1)))
+    keyed_rows = (_of_keyed_phrase(number, phrase) for number, phrase in enumerate(keyed, start=1))
+    return (*(row for row in rows if row is not None), *keyed_rows)
+
+
+def _in_scenario(spec: ActionSpec, scenario: Scenario) -> ActionSpec | None:
+    """The row with its text from the scenario; None where the scenario has nothing for it."""
+    if not spec.applies(scenario):
+        return None
+    if spec.intent is say_phrase:
+        groups = phrase_groups(scenario.phrases)
+        longest = max((group.phrases for group in groups), key=len, default=())
+        first = groups[0].phrases if groups else ()
+        return _numbered(spec, [phrase.say for phrase in (*first, *longest[len(first) :])])
+    if spec.intent is mark_with_label:
+        return _numbered(spec, [tr("Mark: {label}").format(label=label) for label in scenario.recording.labels])
+    if spec.intent is perform_nth_gesture:
+        return _of_gesture(spec, scenario)
+    return replace(spec, text=scenario.filler) if spec.intent is say_filler else spec
+
+
+def _numbered(spec: ActionSpec, texts: Sequence[str]) -> ActionSpec | None:
+    """The row with the text of its number; None if there are fewer texts."""
+    return replace(spec, text=texts[spec.argument - 1]) if spec.argument <= len(texts) else None
 
 
 def _of_gesture(spec: ActionSpec, scenario: Scenario) -> ActionSpec | None:
@@ -110,7 +97,7 @@ def _of_gesture(spec: ActionSpec, scenario: Scenario) -> ActionSpec | None:
     if scenario.permissions.withheld((permission,)) is not None:
         return None
     text = tr("Gesture: {gesture}").format(gesture=gesture.title)
-    spec = replace(spec, text=text, permission=permission, needs="head" if moves_head else None)
+    spec = replace(spec, text=text, permission=permission, needs=has_head if moves_head else None)
     return replace(spec, keys=(gesture.key,), own_key=True) if gesture.key else spec
 
 
@@ -125,29 +112,6 @@ def _of_keyed_phrase(number: int, phrase: Phrase) -> ActionSpec:
         argument=phrase, group=SPEAKING_GROUP, own_key=True,
     )  # fmt: skip
 
-
-def _with_text(spec: ActionSpec, text: str) -> ActionSpec:
-    return replace(spec, text=text)
-
-
-_NOT_NOW = QT_TR_NOOP("This action is not available now.")
-_WHY_NOT: Mapping[Condition, str] = {
-    "recording": QT_TR_NOOP("No recording is running, so marks and notes cannot be added."),
-    "video": QT_TR_NOOP("No video picture is available now."),
-    "photo": QT_TR_NOOP("There is no picture to save now."),
-    "cameras": QT_TR_NOOP("There is no other camera."),
-    "answer": QT_TR_NOOP("No answer is available now."),
-    "asked": QT_TR_NOOP("No question is pending."),
-    "suggested": QT_TR_NOOP("This suggestion is not available now."),
-    "queued": QT_TR_NOOP("The speech queue is empty."),
-    "in_queue": QT_TR_NOOP("The speech queue is empty."),
-    "step": QT_TR_NOOP("No protocol step is active."),
-    "step_ahead": QT_TR_NOOP("The protocol has no next step."),
-    "step_back": QT_TR_NOOP("The protocol has no previous step."),
-    "step_branches": QT_TR_NOOP("This protocol step has no branches."),
-    "step_says": QT_TR_NOOP("This protocol step has no text to say."),
-    "step_goes": QT_TR_NOOP("This protocol step has no place to go to."),
-}
 
 _CAP_TEXTS = {"Return": "Enter", "Shift": "⇧", "Up": "↑", "Down": "↓", "Left": "←", "Right": "→", "Del": "Delete"}
 
@@ -196,8 +160,8 @@ class Actions(QObject):
         self._as_they_are: dict[str, ActionSpec | None] = {}
         # Connected first: every other receiver then reads the updated rows.
         self.rows_changed.connect(self._as_they_are.clear)
-        for rows_state in (console.state.phrase_group, console.state.fillers_spoken):
-            rows_state.changed.connect(self.rows_changed)
+        self._expressions: tuple[str, ...] = ()
+        self._follow(console.state)
         self._answering: dict[str, object] = {}
         self._standard: list[ActionSpec] = []
         self._choices: Choices = {}
@@ -207,16 +171,36 @@ class Actions(QObject):
         self._shortcuts: dict[str, QAction] = {}
         self._panel_shortcuts: list[QShortcut] = []
         self._bound: dict[str, ActionSpec] | None = None
-        self._conditions: dict[Condition, bool] = {"always": True}
-        self._features: frozenset[Feature] = frozenset()
-        self._places: tuple[str, ...] = ()
-        self._expressions: tuple[str, ...] = ()
-        self._controls: frozenset[str] = frozenset()
+        self._conditions: dict[EnabledWhen, bool] = {}
+        self._focused_part = ""
         self._letters: dict[str, str] = {}
         self._driving_focus = False
-        self._brought: dict[str, tuple[ActionSpec, object]] = {}
+        self._brought: list[ActionSpec] = []
         self._groups: frozenset[str] | None = None
         self._bare: list[QAction] = []
+
+    def _follow(self, state: LiveState) -> None:
+        """Follow what the rows, and whether they are available, depend on."""
+        for rows_value in (state.phrase_group, state.fillers_spoken, state.robot, state.places, state.controls):
+            rows_value.changed.connect(self.rows_changed)
+        state.face.changed.connect(self._on_face_changed)
+        state.frame.freshness_changed.connect(self._check_conditions)
+        for value in (
+            state.recording, state.cameras, state.asked_person, state.proposal, state.suggestions, state.speech,
+            state.protocol, state.scenario,
+        ):  # fmt: skip
+            value.changed.connect(self._check_conditions)
+
+    def _on_face_changed(self, face: FaceStatus) -> None:
+        if face.expressions != self._expressions:
+            self._expressions = face.expressions
+            self.rows_changed.emit()
+
+    def _check_conditions(self) -> None:
+        now = {condition: condition.holds(self._console.state) for condition in self._conditions}
+        if now != self._conditions:
+            self._conditions = now
+            self.availability_changed.emit()
 
     @property
     def specs(self) -> tuple[ActionSpec, ...]:
@@ -236,22 +220,21 @@ class Actions(QObject):
         return self._as_they_are[action_id]
 
     def _as_it_is(self, spec: ActionSpec) -> ActionSpec | None:
-        if spec.needs is not None and spec.needs not in self._features:
+        state = self._console.state
+        if spec.needs is not None and (state.robot.value is None or not spec.needs(state.robot.value)):
             return None
         if spec.intent is go_to_nth_place:
-            if spec.argument > len(self._places):
-                return None
-            return _with_text(spec, tr("Go to {place}").format(place=self._places[spec.argument - 1]))
-        if spec.id == "choose_place" and not self._places:
-            return None
+            return _numbered(spec, [tr("Go to {place}").format(place=place.name) for place in state.places.value])
+        if spec.id == "choose_place":
+            return spec if state.places.value else None
         if spec.intent is show_nth_expression:
-            if spec.argument > len(self._expressions):
-                return None
-            return _with_text(spec, tr("Face: {expression}").format(expression=self._expressions[spec.argument - 1]))
+            names = state.face.value.expressions
+            return _numbered(spec, [tr("Face: {expression}").format(expression=name) for name in names])
         if spec.intent is perform_nth_gesture and spec.permission == "robot_controls":
-            return spec if self._scenario.gestures[spec.argument - 1].does in self._controls else None
+            does = self._scenario.gestures[spec.argument - 1].does
+            return spec if any(control.id == does for control in state.controls.value) else None
         if spec.intent is say_phrase:
-            phrases = phrases_on_keys(self._scenario, self._console.state.phrase_group.value)
+            phrases = phrases_on_keys(self._scenario, state.phrase_group.value)
             if spec.argument > len(phrases):
                 return None
             phrase = phrases[spec.argument - 1]
@@ -259,28 +242,8 @@ class Actions(QObject):
             phrase_keys = next((row.keys for row in keyed), ())
             return replace(spec, text=phrase.say, keys=(*spec.keys, *phrase_keys))
         if spec.intent is say_filler:
-            return _with_text(spec, self._scenario.next_filler(self._console.state.fillers_spoken.value))
+            return replace(spec, text=self._scenario.next_filler(state.fillers_spoken.value))
         return spec
-
-    def use_features(self, features: Iterable[Feature]) -> None:
-        """Set the features of the connected robot."""
-        self._features = frozenset(features)
-        self.rows_changed.emit()
-
-    def use_places(self, names: Sequence[str]) -> None:
-        """Set the place names, in order, for the keys 1 to 9."""
-        self._places = tuple(names[:PLACE_COUNT])
-        self.rows_changed.emit()
-
-    def use_expressions(self, names: Sequence[str]) -> None:
-        """Set the facial expressions of the robot, in order."""
-        self._expressions = tuple(names[:EXPRESSION_COUNT])
-        self.rows_changed.emit()
-
-    def use_controls(self, ids: Iterable[str]) -> None:
-        """Set the robot controls that gestures can use."""
-        self._controls = frozenset(ids)
-        self.rows_changed.emit()
 
     def use_letters(self, letters: Mapping[str, str]) -> None:
         """Set the letters that the current keyboard layout types at each position, for the key caps."""
@@ -303,9 +266,8 @@ class Actions(QObject):
     def rebuild(self, scenario: Scenario) -> None:
         """Load the rows of a scenario and drop the shortcuts of the former one."""
         self._scenario = scenario
-        self._standard = [spec for spec in rows_of(scenario) if self._groups is None or spec.group in self._groups] + [
-            spec for spec, _handlers in self._brought.values()
-        ]
+        rows = rows_of(scenario)
+        self._standard = [spec for spec in rows if self._groups is None or spec.group in self._groups] + self._brought
         self._settle()
         self.rebuilt.emit()
 
@@ -321,6 +283,7 @@ class Actions(QObject):
     def _settle(self) -> None:
         self.settled = settle(self._standard, self._choices)
         self._specs = {spec.id: spec for spec in self.settled.rows}
+        self._conditions = {spec.enabled: spec.enabled.holds(self._console.state) for spec in self.settled.rows}
         self._as_they_are.clear()
         for key, ids in conflicts(self._specs.values()):
             logger.error("the key %s is bound more than once: %s", key, ", ".join(ids))
@@ -350,13 +313,16 @@ class Actions(QObject):
         self._answering[group] = handlers
 
     def add_rows(self, specs: Iterable[ActionSpec], handlers: object) -> None:
-        """Add rows of a part of the window, independent of the scenario; ``handlers`` has their callbacks."""
+        """Add rows of a part of the window, independent of the scenario; ``handlers`` has the callbacks of their
+        groups.
+        """
         app = QApplication.instance()
         if not self._brought and isinstance(app, QApplication):
             app.focusChanged.connect(self._on_focus_changed)
-        for spec in (spec.in_words() for spec in specs):
-            self._brought[spec.id] = (spec, handlers)
-            self._standard.append(spec)
+        rows = [spec.in_words() for spec in specs]
+        self._brought += rows
+        self._standard += rows
+        self._answering |= {spec.group: handlers for spec in rows}
         self._settle()
         self.rows_changed.emit()
 
@@ -418,19 +384,14 @@ class Actions(QObject):
         """Run the action if the scenario has it and it is available; returns the reason if it was not run."""
         spec = self.spec(action_id)
         if spec is None:
-            return tr(_NOT_NOW)
+            return tr(ALWAYS.otherwise)
         if not self.available(action_id):
-            return self._why_not(spec)
+            return tr(spec.enabled.otherwise)
         intent = self.intent_of(spec)
         if intent is not None:
             self.ask(intent)
             return ""
-        return self._call(spec) if spec.callback else self._why_not(spec)
-
-    @staticmethod
-    def _why_not(spec: ActionSpec) -> str:
-        reason = _WHY_NOT.get(spec.enabled_when, _NOT_NOW)
-        return tr(reason)
+        return self._call(spec) if spec.callback else tr(spec.enabled.otherwise)
 
     def on_key(self, keys: QKeySequence, *, bare: bool) -> str | None:
         """Id of the command bound to these keys; ``bare``: keys that work in the driving panels."""
@@ -474,26 +435,20 @@ class Actions(QObject):
 
     def _call(self, spec: ActionSpec) -> str:
         """Call the handler; returns the reason if it refused."""
-        if spec.id in self._brought:
-            handlers = self._brought[spec.id][1]
-        else:
-            handlers = self._answering.get(spec.group, self._handlers)
-        handler = getattr(handlers, spec.callback)
+        handler = getattr(self._answering.get(spec.group, self._handlers), spec.callback)
         refusal = handler() if spec.argument is None else handler(spec.argument)
         return refusal if isinstance(refusal, str) else ""
 
     def available(self, action_id: str) -> bool:
         spec = self.spec(action_id)
-        return spec is not None and self._conditions.get(spec.enabled_when, False)
+        if spec is None or (spec.within == "queue" and self._focused_part != "queue"):
+            return False
+        return spec.enabled.holds(self._console.state)
 
-    def set_condition(self, condition: Condition, holds: bool) -> None:
-        self.set_conditions({condition: holds})
-
-    def set_conditions(self, holds: Mapping[Condition, bool]) -> None:
-        """Set several conditions at once, with one signal."""
-        before = dict(self._conditions)
-        self._conditions.update(holds)
-        if any(before.get(condition, False) != now for condition, now in holds.items()):
+    def set_focused_part(self, part: str) -> None:
+        """Set the part of the window that has the focus and handles the keys of its rows itself; empty for none."""
+        if part != self._focused_part:
+            self._focused_part = part
             self.availability_changed.emit()
 
     @property

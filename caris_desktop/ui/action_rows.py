@@ -3,14 +3,17 @@
 A row carries the intent that it sends to the console. Only commands that concern the window alone name a callback.
 """
 
-from typing import Any
+from collections.abc import Callable
+from functools import partial
 
 from caris_desktop.conversation.conversation_transcript import newest_heard, next_speaker
 from caris_desktop.domain import intents
+from caris_desktop.domain.events import Marked
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.live.addressee import addressee
 from caris_desktop.live.state import LiveState
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.phrases import (
     KEYS_BY_PLACE,
     KEYS_OF_A_GROUP,
@@ -20,18 +23,10 @@ from caris_desktop.scenario.phrases import (
     Phrase,
     phrase_groups,
 )
+from caris_desktop.scenario.protocol_steps import Branch, ProtocolStep, step_named
 from caris_desktop.scenario.scenario_model import Scenario
-from caris_desktop.ui.action_spec import ActionSpec, gives
-from caris_desktop.ui.mark_intents import (
-    begin_or_end_interval,
-    mark_moment,
-    mark_with_label,
-    mark_wizard_error,
-    move_last_mark_back,
-    withdraw_last_mark,
-)
+from caris_desktop.ui.action_spec import ActionSpec, EnabledWhen, gives
 from caris_desktop.ui.speed_steps import fraction_after
-from caris_desktop.ui.step_intents import PROTOCOL_ACTIONS
 
 PHRASE_COUNT = KEYS_OF_A_GROUP
 SUGGESTION_COUNT = 3
@@ -39,23 +34,20 @@ LABEL_COUNT = 8
 PLACE_COUNT = 9
 CODE_COUNT = 9
 EXPRESSION_COUNT = 8
+STEP_BACK_S = 3.0
 QUEUE_GROUP = QT_TR_NOOP("Speech queue")
 SAFETY_GROUP = QT_TR_NOOP("Safety")
-DRIVING_HOLD_GROUP = QT_TR_NOOP("Driving (hold)")
-DRIVING_GROUP = QT_TR_NOOP("Driving")
-HEAD_HOLD_GROUP = QT_TR_NOOP("Head (hold)")
 PLACES_GROUP = QT_TR_NOOP("Places")
 SPEAKING_GROUP = QT_TR_NOOP("Speaking")
-CONVERSATION_GROUP = QT_TR_NOOP("Conversation")
 PEOPLE_GROUP = QT_TR_NOOP("People")
-FACE_GROUP = QT_TR_NOOP("Face")
-SESSION_GROUP = QT_TR_NOOP("Session")
+PROTOCOL_GROUP = QT_TR_NOOP("Protocol")
 MARKS_GROUP = QT_TR_NOOP("Marks")
 SCENARIO_GROUP = QT_TR_NOOP("Scenario")
 ALARMS_GROUP = QT_TR_NOOP("Alarms")
 WINDOW_GROUP = QT_TR_NOOP("Window")
-REPLAY_GROUP = QT_TR_NOOP("Replay")
-TIMELINE_GROUP = QT_TR_NOOP("Timeline")
+_DRIVING_HOLD_GROUP = QT_TR_NOOP("Driving (hold)")
+_HEAD_HOLD_GROUP = QT_TR_NOOP("Head (hold)")
+_TIMELINE_GROUP = QT_TR_NOOP("Timeline")
 
 
 def phrases_on_keys(scenario: Scenario, group: int) -> tuple[Phrase, ...]:
@@ -160,19 +152,6 @@ def toggle_hearing(_scenario: Scenario, state: LiveState, _argument: None) -> In
     return intents.HearRobot(on=not sound.hearing, volume=sound.volume)
 
 
-def _held(action_id: str, text: str, icon: str, letter: str, arrow: str = "", **more: Any) -> ActionSpec:
-    bare = tuple(key for key in (letter, arrow) if key)
-    return ActionSpec(
-        action_id, text, icon, tuple(f"Alt+{key}" for key in bare), bare, "driving", "hold", by_position=True, **more
-    )
-
-
-def _in_queue(action_id: str, text: str, icon: str, *keys: str, **more: Any) -> ActionSpec:
-    return ActionSpec(
-        action_id, text, icon, keys, enabled_when="in_queue", group=QUEUE_GROUP, within="queue", panel="speak", **more
-    )
-
-
 @gives(intents.CancelQueued)
 def cancel_queued(_scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
     chosen = state.chosen_utterance.value
@@ -193,407 +172,347 @@ def _waiting(state: LiveState) -> list[str]:
     return [utterance.utterance_id for utterance in state.speech.value.waiting]
 
 
+@gives(intents.Mark)
+def mark_moment(_scenario: Scenario, _state: LiveState, _argument: None) -> Intent:
+    return intents.Mark("")
+
+
+@gives(intents.Mark)
+def mark_with_label(scenario: Scenario, _state: LiveState, number: int) -> Intent:
+    labels = scenario.recording.labels
+    return intents.Mark(labels[number - 1] if number <= len(labels) else "")
+
+
+@gives(intents.Mark)
+def mark_wizard_error(_scenario: Scenario, _state: LiveState, _argument: None) -> Intent:
+    return intents.Mark("", "wizard_error")
+
+
+@gives(intents.BeginMark, intents.EndMark)
+def begin_or_end_interval(_scenario: Scenario, state: LiveState, _argument: None) -> Intent:
+    """End the newest open interval that no key holds, or begin one."""
+    going_on: tuple[Marked, ...] = state.marks.value.open
+    held = state.held_marks.value
+    stretch = next((mark for mark in reversed(going_on) if mark.mark_id not in held), None)
+    return intents.BeginMark("") if stretch is None else intents.EndMark(stretch.mark_id)
+
+
+@gives(intents.ChangeMark)
+def move_last_mark_back(_scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
+    last: Marked | None = state.marks.value.last
+    return None if last is None else intents.ChangeMark(last.mark_id, earlier_s=STEP_BACK_S)
+
+
+@gives(intents.WithdrawMark)
+def withdraw_last_mark(_scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
+    last: Marked | None = state.marks.value.last
+    return None if last is None else intents.WithdrawMark(last.mark_id)
+
+
+def present_step(scenario: Scenario, state: LiveState) -> ProtocolStep | None:
+    """Current step, from the scenario."""
+    step_id = state.protocol.value.step_id
+    return step_named(scenario.protocol.steps, step_id) if step_id else None
+
+
+def target_of(scenario: Scenario, branch: Branch) -> ProtocolStep:
+    """Target step of a branch."""
+    target = step_named(scenario.protocol.steps, branch.to)
+    if target is None:
+        raise ValueError(f"no scenario with a branch to nowhere is opened: {branch.to}")
+    return target
+
+
+@gives(intents.Say)
+def say_step(scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
+    """Say the sentence of the current step, with the gesture and expression of a matching phrase."""
+    step = present_step(scenario, state)
+    if step is None or not step.say:
+        return None
+    phrases = (phrase for group in phrase_groups(scenario.phrases) for phrase in group.phrases)
+    phrase = next((phrase for phrase in phrases if phrase.say == step.say), Phrase(step.say))
+    return intents.Say(step.say, "phrase", gesture=phrase.gesture, face=phrase.face)
+
+
+@gives(intents.GoToPlace)
+def go_to_step_place(scenario: Scenario, state: LiveState, _argument: None) -> Intent | None:
+    step = present_step(scenario, state)
+    return intents.GoToPlace(step.go_to) if step is not None and step.go_to else None
+
+
+def _step(state: LiveState) -> ProtocolStep | None:
+    scenario = state.scenario.value
+    return None if scenario is None else present_step(scenario, state)
+
+
+def _has_question(state: LiveState) -> bool:
+    return state.asked_person.value is not None or bool(state.proposal.value.proposal_id)
+
+
+def _has_suggestions(state: LiveState) -> bool:
+    return bool(state.suggestions.value.cards) or state.suggestions.value.filler_ns is not None
+
+
+def _can_photograph(state: LiveState) -> bool:
+    """Not while the recording is paused: nothing about people may be saved then."""
+    return state.frame.freshness == "fresh" and state.recording.value.state != "paused"
+
+
+def _has_next_step(state: LiveState) -> bool:
+    return bool(state.protocol.value.steps) and not state.protocol.value.ended
+
+
+def _has_previous_step(state: LiveState) -> bool:
+    status = state.protocol.value
+    return status.ended or status.number > 1 or bool(status.done or status.skipped)
+
+
+_RECORDING = EnabledWhen(
+    lambda state: state.recording.value.state == "recording",
+    QT_TR_NOOP("No recording is running, so marks and notes cannot be added."),
+)
+_PHOTO = EnabledWhen(_can_photograph, QT_TR_NOOP("There is no picture to save now."))
+_CAMERAS = EnabledWhen(lambda state: len(state.cameras.value) > 1, QT_TR_NOOP("There is no other camera."))
+_ASKED = EnabledWhen(_has_question, QT_TR_NOOP("No question is pending."))
+_SUGGESTED = EnabledWhen(_has_suggestions, QT_TR_NOOP("This suggestion is not available now."))
+_QUEUED = EnabledWhen(lambda state: bool(state.speech.value.waiting), QT_TR_NOOP("The speech queue is empty."))
+_STEP = EnabledWhen(lambda state: _step(state) is not None, QT_TR_NOOP("No protocol step is active."))
+_STEP_AHEAD = EnabledWhen(_has_next_step, QT_TR_NOOP("The protocol has no next step."))
+_STEP_BACK = EnabledWhen(_has_previous_step, QT_TR_NOOP("The protocol has no previous step."))
+_STEP_BRANCHES = EnabledWhen(
+    lambda state: (step := _step(state)) is not None and bool(step.branches),
+    QT_TR_NOOP("This protocol step has no branches."),
+)
+_STEP_SAYS = EnabledWhen(
+    lambda state: (step := _step(state)) is not None and bool(step.say),
+    QT_TR_NOOP("This protocol step has no text to say."),
+)
+_STEP_GOES = EnabledWhen(
+    lambda state: (step := _step(state)) is not None and bool(step.go_to),
+    QT_TR_NOOP("This protocol step has no place to go to."),
+)
+
+
+def _moves_sideways(robot: RobotProfile) -> bool:
+    return robot.holonomic
+
+
+def has_head(robot: RobotProfile) -> bool:
+    return robot.head is not None
+
+
+def _has_steps(scenario: Scenario) -> bool:
+    return bool(scenario.protocol.steps)
+
+
+def _asks(scenario: Scenario) -> bool:
+    return scenario.permissions.naming_people or "actions" in scenario.assisted
+
+
+def _held(
+    group: str, action_id: str, text: str, icon: str, *keys: str, needs: Callable[[RobotProfile], bool] | None = None
+) -> ActionSpec:
+    chords = tuple(f"Alt+{key}" for key in keys)
+    return ActionSpec(
+        action_id, text, icon, chords, keys, "driving", "hold", group=group, by_position=True, needs=needs
+    )
+
+
+def _numbers(count: int) -> range:
+    return range(1, count + 1)
+
+
+_safety = partial(ActionSpec, group=SAFETY_GROUP, kind="safety")
+_driving = partial(ActionSpec, group=QT_TR_NOOP("Driving"))
+_head = partial(ActionSpec, group=_HEAD_HOLD_GROUP, by_position=True, needs=has_head)
+_places = partial(ActionSpec, group=PLACES_GROUP)
+_speaking = partial(ActionSpec, group=SPEAKING_GROUP)
+_queue = partial(ActionSpec, group=QUEUE_GROUP, within="queue", panel="speak", enabled=_QUEUED)
+_conversation = partial(ActionSpec, group=QT_TR_NOOP("Conversation"), panel="conversation")
+_people = partial(ActionSpec, group=PEOPLE_GROUP)
+_protocol = partial(ActionSpec, group=PROTOCOL_GROUP, applies=_has_steps)
+_session = partial(ActionSpec, group=QT_TR_NOOP("Session"))
+_marks = partial(ActionSpec, group=MARKS_GROUP, kind="mark", enabled=_RECORDING)
+_window = partial(ActionSpec, group=WINDOW_GROUP)
+_replay = partial(ActionSpec, group=QT_TR_NOOP("Replay"))
+_timeline = partial(ActionSpec, group=_TIMELINE_GROUP, within="timeline")
+
 ACTIONS: tuple[ActionSpec, ...] = (
-    ActionSpec("stop", QT_TR_NOOP("Stop the robot"), "hand-palm", ("Esc",), kind="safety", intent=intents.Stop(),
-    group=SAFETY_GROUP),
-    ActionSpec(
-        "emergency_stop", QT_TR_NOOP("Emergency stop"), "warning-octagon", ("Esc, Esc", "Pause"), kind="safety",
-        intent=intents.EmergencyStop(), group=SAFETY_GROUP,
-    ),
-    _held("drive_forward", QT_TR_NOOP("Drive forward"), "arrow-up", "W", "Up", group=DRIVING_HOLD_GROUP),
-    _held("drive_back", QT_TR_NOOP("Drive backward"), "arrow-down", "S", "Down", group=DRIVING_HOLD_GROUP),
-    _held("turn_left", QT_TR_NOOP("Turn left"), "arrow-left", "A", "Left", group=DRIVING_HOLD_GROUP),
-    _held("turn_right", QT_TR_NOOP("Turn right"), "arrow-right", "D", "Right", group=DRIVING_HOLD_GROUP),
-    _held(
-        "strafe_left", QT_TR_NOOP("Move sideways to the left"), "arrow-line-left", "Z", group=DRIVING_HOLD_GROUP,
-        needs="sideways"
-    ),
-    _held(
-        "strafe_right", QT_TR_NOOP("Move sideways to the right"), "arrow-line-right", "C", group=DRIVING_HOLD_GROUP,
-        needs="sideways"
-    ),
-    ActionSpec(
-        "slower", QT_TR_NOOP("Slower"), "minus", ("Alt+Q",), ("Q",), intent=change_speed, argument=-1,
-        group=DRIVING_GROUP, by_position=True,
-    ),
-    ActionSpec(
-        "faster", QT_TR_NOOP("Faster"), "plus", ("Alt+E",), ("E",), intent=change_speed, argument=1,
-        group=DRIVING_GROUP, by_position=True,
-    ),
-    _held("look_up", QT_TR_NOOP("Look up"), "caret-up", "I", group=HEAD_HOLD_GROUP, needs="head"),
-    _held("look_down", QT_TR_NOOP("Look down"), "caret-down", "K", group=HEAD_HOLD_GROUP, needs="head"),
-    _held("look_left", QT_TR_NOOP("Look left"), "caret-left", "J", group=HEAD_HOLD_GROUP, needs="head"),
-    _held("look_right", QT_TR_NOOP("Look right"), "caret-right", "L", group=HEAD_HOLD_GROUP, needs="head"),
-    ActionSpec(
-        "look_ahead", QT_TR_NOOP("Look ahead"), "crosshair-simple", ("Alt+O",), ("O",),
-        intent=intents.LookAt(0.0, 0.0), group=HEAD_HOLD_GROUP, by_position=True, needs="head",
-    ),
-    ActionSpec(
-        "nod", QT_TR_NOOP("Nod"), "arrows-down-up", ("Alt+N",), ("N",),
-        intent=intents.Nod(), group=HEAD_HOLD_GROUP, by_position=True, needs="head",
-    ),
-    *(
-        ActionSpec(
-            f"place_{number}", QT_TR_NOOP("Go to place {number}"), "flag", (f"Alt+{number}",), (str(number),),
-            intent=go_to_nth_place, argument=number, group=PLACES_GROUP, by_position=True,
-        )
-        for number in range(1, PLACE_COUNT + 1)
-    ),
-    ActionSpec(
-        "choose_place", QT_TR_NOOP("Go to a place…"), "flag", ("Ctrl+Shift+G",), permission="driving",
-        callback="choose_place",
-        group=PLACES_GROUP,
-    ),
-    ActionSpec(
-        "focus_driving", QT_TR_NOOP("Back to driving"), "game-controller", ("Ctrl+D",), (), "driving",
-        callback="focus_driving",
-        group=DRIVING_GROUP,
-    ),
-    ActionSpec(
-        "focus_speak", QT_TR_NOOP("Focus the Speak field"), "text-aa", ("Ctrl+L",), ("Return",), callback="focus_speak",
-        group=SPEAKING_GROUP, panel="speak",
-    ),
-    ActionSpec(
-        "focus_queue", QT_TR_NOOP("Edit the speech queue"), "list-numbers", ("Ctrl+Shift+L",), enabled_when="queued",
-        callback="focus_queue", group=SPEAKING_GROUP, panel="speak",
-    ),
-    _in_queue("queued_above", QT_TR_NOOP("Previous item"), "caret-up", "Up", callback="go_up"),
-    _in_queue("queued_below", QT_TR_NOOP("Next item"), "caret-down", "Down", callback="go_down"),
-    _in_queue("queued_earlier", QT_TR_NOOP("Move earlier"), "arrow-up", "Shift+Up", intent=move_queued, argument=-1),
-    _in_queue("queued_later", QT_TR_NOOP("Move later"), "arrow-down", "Shift+Down", intent=move_queued, argument=1),
-    _in_queue("queued_edit", QT_TR_NOOP("Edit the text"), "pencil-simple", "Return", "Enter", callback="edit"),
-    _in_queue("queued_cancel", QT_TR_NOOP("Remove from queue"), "x", "Del", "Backspace", intent=cancel_queued),
-    *(
-        ActionSpec(
-            f"phrase_{number}", QT_TR_NOOP("Say phrase {number}"), "chat-text", (f"F{number}",),
-            intent=say_phrase, argument=number, group=SPEAKING_GROUP,
-        )
-        for number in range(1, PHRASE_COUNT + 1)
-    ),
-    ActionSpec(
-        "next_phrases", QT_TR_NOOP("Next group of phrases"), "stack", ("F10",), permission="speech",
-        callback="show_next_phrases",
-        group=SPEAKING_GROUP,
-    ),
-    ActionSpec(
-        "filler", QT_TR_NOOP("Say the filler"), "dots-three", ("F9",), intent=say_filler,
-        group=SPEAKING_GROUP
-    ),
-    *(
-        ActionSpec(
-            f"suggestion_{number}", QT_TR_NOOP("Say suggestion {number}"), "chat-text", (f"Ctrl+{number}",),
-            enabled_when="suggested", intent=say_nth_suggestion,
-            argument=number, group=SPEAKING_GROUP, assists=("replies",),
-        )
-        for number in range(1, SUGGESTION_COUNT + 1)
-    ),
-    *(
-        ActionSpec(
-            f"edit_suggestion_{number}", QT_TR_NOOP("Edit suggestion {number} first"), "pencil-simple",
-            (f"Ctrl+Shift+{number}",),
-            permission="assistant", enabled_when="suggested", callback="edit_suggestion", argument=number,
-            group=SPEAKING_GROUP, panel="speak", assists=("replies",),
-        )
-        for number in range(1, SUGGESTION_COUNT + 1)
-    ),
-    ActionSpec(
-        "no_suggestion", QT_TR_NOOP("Dismiss the suggestions"), "x", ("Ctrl+0",), permission="speech",
-        enabled_when="suggested", intent=intents.DismissSuggestions(), group=SPEAKING_GROUP,
-        assists=("replies", "fillers"),
-    ),
-    *(
-        ActionSpec(
-            f"gesture_{number}", QT_TR_NOOP("Gesture {number}"), "hand-waving",
-            (KEYS_BY_PLACE[number - 1],), intent=perform_nth_gesture, argument=number,
-            group=SPEAKING_GROUP,
-        )
-        for number in range(1, MOST_GESTURES + 1)
-    ),
-    ActionSpec(
-        "silence", QT_TR_NOOP("Silence"), "speaker-slash", ("F12",), permission="speech", intent=intents.Silence(),
-        group=SPEAKING_GROUP
-    ),
-    ActionSpec(
-        "push_to_talk", QT_TR_NOOP("Speak through the robot (hold)"), "microphone", ("Ctrl+Space",), ("T",),
-        "own_voice", "talk",
-        argument="robot", group=SPEAKING_GROUP,
-    ),
-    ActionSpec(
-        "dictate", QT_TR_NOOP("Dictate into the Speak field (hold)"), "headset", ("Ctrl+Shift+Space",), ("Shift+T",),
-        "transcription", "talk", argument="dictation", group=SPEAKING_GROUP, panel="speak",
-    ),
-    ActionSpec(
-        "hear", QT_TR_NOOP("Hear the robot"), "headphones", ("Ctrl+H",), intent=toggle_hearing, group=SPEAKING_GROUP,
-    ),
-    ActionSpec(
-        "correct_speaker", QT_TR_NOOP("Correct the last speaker"), "user-focus", ("Ctrl+Shift+S",),
-        intent=correct_newest_speaker,
-        group=CONVERSATION_GROUP, panel="conversation",
-    ),
-    ActionSpec(
-        "answer_yes", QT_TR_NOOP("Answer yes"), "check", ("Ctrl+Return",), ("Y",),
-        enabled_when="asked", intent=answer_asked, argument=True, group=PEOPLE_GROUP,
-    ),
-    ActionSpec(
-        "answer_no", QT_TR_NOOP("Answer no"), "x", ("Ctrl+Shift+Return",), ("Shift+Y",),
-        enabled_when="asked", intent=answer_asked, argument=False, group=PEOPLE_GROUP,
-    ),
-    ActionSpec(
-        "name_person", QT_TR_NOOP("Name the nearest person"), "user-plus", ("Ctrl+I",), permission="naming_people",
-        callback="name_person", group=PEOPLE_GROUP, panel="people",
-    ),
-    *PROTOCOL_ACTIONS,
-    *(
-        ActionSpec(
-            f"expression_{number}", QT_TR_NOOP("Face: expression {number}"), "smiley", (f"Ctrl+Shift+F{number}",),
-            intent=show_nth_expression, argument=number, group=FACE_GROUP,
-        )
-        for number in range(1, EXPRESSION_COUNT + 1)
-    ),
-    ActionSpec(
-        "photo", QT_TR_NOOP("Photo"), "camera", ("Ctrl+P",), ("P",), enabled_when="photo",
-        intent=intents.TakePhoto(), group=SESSION_GROUP,
-    ),
-    ActionSpec(
-        "mark", QT_TR_NOOP("Mark"), "bookmark-simple", ("Ctrl+M",), ("M",), kind="mark", enabled_when="recording",
-        intent=mark_moment, group=MARKS_GROUP,
-    ),
-    *(
-        ActionSpec(
-            f"label_{number}", QT_TR_NOOP("Mark with label {number}"), "bookmark-simple", (f"Shift+F{number}",),
-            kind="mark",
-            enabled_when="recording", intent=mark_with_label, argument=number, group=MARKS_GROUP,
-        )
-        for number in range(1, LABEL_COUNT + 1)
-    ),
-    ActionSpec(
-        "stretch", QT_TR_NOOP("Start or end an interval"), "brackets-square", ("Ctrl+R",), kind="mark",
-        enabled_when="recording",
-        intent=begin_or_end_interval, group=MARKS_GROUP,
-    ),
-    ActionSpec(
-        "mark_earlier", QT_TR_NOOP("Move the last mark 3 s earlier"), "rewind", ("Ctrl+J",), kind="mark",
-        enabled_when="recording",
-        intent=move_last_mark_back, group=MARKS_GROUP,
-    ),
-    ActionSpec(
-        "mark_undo", QT_TR_NOOP("Undo the last mark"), "arrow-u-up-left", ("Ctrl+Shift+J",), kind="mark",
-        enabled_when="recording", intent=withdraw_last_mark, group=MARKS_GROUP,
-    ),
-    ActionSpec(
-        "note", QT_TR_NOOP("Write a note"), "note-pencil", ("Ctrl+N",), permission="notes", kind="mark",
-        enabled_when="recording",
-        callback="write_note", group=MARKS_GROUP,
-    ),
-    ActionSpec(
-        "wizard_error", QT_TR_NOOP("Wizard error"), "warning", ("Ctrl+Shift+M",), ("Shift+M",), kind="mark",
-        enabled_when="recording", intent=mark_wizard_error, group=MARKS_GROUP,
-    ),
-    ActionSpec(
-        "choose_scenario", QT_TR_NOOP("Open a scenario…"), "map-trifold", ("Ctrl+O",), callback="choose_scenario",
-        group=SCENARIO_GROUP,
-    ),
-    ActionSpec("choose_wizard", QT_TR_NOOP("Another wizard…"), "user-gear", callback="choose_wizard",
-    group=SCENARIO_GROUP),
-    ActionSpec("alarms", QT_TR_NOOP("Active alarms"), "warning-octagon", callback="show_alarms",
-    group=ALARMS_GROUP),
-    ActionSpec(
-        "next_camera", QT_TR_NOOP("Show the next camera"), "video-camera", ("Ctrl+Shift+V",), ("V",),
-        enabled_when="cameras",
-        callback="show_next_camera", group=WINDOW_GROUP, panel="video",
-    ),
-    ActionSpec(
-        "find", QT_TR_NOOP("Find anything"), "magnifying-glass", ("Ctrl+K",), ("/",), callback="show_command_palette",
-        group=WINDOW_GROUP,
-    ),
-    ActionSpec(
-        "find_said", QT_TR_NOOP("Search the transcript"), "chats", ("Ctrl+F",), callback="search_said",
-        group=WINDOW_GROUP,
-        panel="conversation",
-    ),
-    ActionSpec(
-        "preflight", QT_TR_NOOP("Preflight checks"), "clipboard-text", ("Ctrl+Shift+C",),
-        callback="show_preflight", group=SESSION_GROUP,
-    ),
-    ActionSpec(
-        "set_up", QT_TR_NOOP("Set up robot, camera, sound and language model"), "wrench", callback="show_set_up",
-        group=SESSION_GROUP,
-    ),
-    ActionSpec(
-        "layout_undo", QT_TR_NOOP("Undo the last layout change"), "arrow-u-up-left", ("Ctrl+Shift+D",),
-        callback="undo_layout", group=WINDOW_GROUP,
-    ),
-    ActionSpec(
-        "shortcuts", QT_TR_NOOP("All shortcuts"), "keyboard", ("Ctrl+/",), ("?",), callback="show_shortcuts",
-        group=WINDOW_GROUP,
-    ),
-    ActionSpec("help", QT_TR_NOOP("Help"), "question", ("Ctrl+F1",), callback="show_help", group=WINDOW_GROUP),
+    _safety("stop", QT_TR_NOOP("Stop the robot"), "hand-palm", ("Esc",), intent=intents.Stop()),
+    _safety("emergency_stop", QT_TR_NOOP("Emergency stop"), "warning-octagon", ("Esc, Esc", "Pause"),
+            intent=intents.EmergencyStop()),
+    _held(_DRIVING_HOLD_GROUP, "drive_forward", QT_TR_NOOP("Drive forward"), "arrow-up", "W", "Up"),
+    _held(_DRIVING_HOLD_GROUP, "drive_back", QT_TR_NOOP("Drive backward"), "arrow-down", "S", "Down"),
+    _held(_DRIVING_HOLD_GROUP, "turn_left", QT_TR_NOOP("Turn left"), "arrow-left", "A", "Left"),
+    _held(_DRIVING_HOLD_GROUP, "turn_right", QT_TR_NOOP("Turn right"), "arrow-right", "D", "Right"),
+    _held(_DRIVING_HOLD_GROUP, "strafe_left", QT_TR_NOOP("Move sideways to the left"), "arrow-line-left", "Z",
+          needs=_moves_sideways),
+    _held(_DRIVING_HOLD_GROUP, "strafe_right", QT_TR_NOOP("Move sideways to the right"), "arrow-line-right", "C",
+          needs=_moves_sideways),
+    _driving("slower", QT_TR_NOOP("Slower"), "minus", ("Alt+Q",), ("Q",), intent=change_speed, argument=-1,
+             by_position=True),
+    _driving("faster", QT_TR_NOOP("Faster"), "plus", ("Alt+E",), ("E",), intent=change_speed, argument=1,
+             by_position=True),
+    _held(_HEAD_HOLD_GROUP, "look_up", QT_TR_NOOP("Look up"), "caret-up", "I", needs=has_head),
+    _held(_HEAD_HOLD_GROUP, "look_down", QT_TR_NOOP("Look down"), "caret-down", "K", needs=has_head),
+    _held(_HEAD_HOLD_GROUP, "look_left", QT_TR_NOOP("Look left"), "caret-left", "J", needs=has_head),
+    _held(_HEAD_HOLD_GROUP, "look_right", QT_TR_NOOP("Look right"), "caret-right", "L", needs=has_head),
+    _head("look_ahead", QT_TR_NOOP("Look ahead"), "crosshair-simple", ("Alt+O",), ("O",),
+          intent=intents.LookAt(0.0, 0.0)),
+    _head("nod", QT_TR_NOOP("Nod"), "arrows-down-up", ("Alt+N",), ("N",), intent=intents.Nod()),
+    *(_places(f"place_{n}", QT_TR_NOOP("Go to place {number}"), "flag", (f"Alt+{n}",), (str(n),), by_position=True,
+              intent=go_to_nth_place, argument=n) for n in _numbers(PLACE_COUNT)),
+    _places("choose_place", QT_TR_NOOP("Go to a place…"), "flag", ("Ctrl+Shift+G",), permission="driving", common=True,
+            callback="choose_place"),
+    _driving("focus_driving", QT_TR_NOOP("Back to driving"), "game-controller", ("Ctrl+D",), permission="driving",
+             callback="focus_driving"),
+    _speaking("focus_speak", QT_TR_NOOP("Focus the Speak field"), "text-aa", ("Ctrl+L",), ("Return",), panel="speak",
+              callback="focus_speak"),
+    _speaking("focus_queue", QT_TR_NOOP("Edit the speech queue"), "list-numbers", ("Ctrl+Shift+L",), panel="speak",
+              enabled=_QUEUED, callback="focus_queue"),
+    _queue("queued_above", QT_TR_NOOP("Previous item"), "caret-up", ("Up",), callback="go_up"),
+    _queue("queued_below", QT_TR_NOOP("Next item"), "caret-down", ("Down",), callback="go_down"),
+    _queue("queued_earlier", QT_TR_NOOP("Move earlier"), "arrow-up", ("Shift+Up",), intent=move_queued, argument=-1),
+    _queue("queued_later", QT_TR_NOOP("Move later"), "arrow-down", ("Shift+Down",), intent=move_queued, argument=1),
+    _queue("queued_edit", QT_TR_NOOP("Edit the text"), "pencil-simple", ("Return", "Enter"), callback="edit"),
+    _queue("queued_cancel", QT_TR_NOOP("Remove from queue"), "x", ("Del", "Backspace"), intent=cancel_queued),
+    *(_speaking(f"phrase_{n}", QT_TR_NOOP("Say phrase {number}"), "chat-text", (f"F{n}",), intent=say_phrase,
+                argument=n) for n in _numbers(PHRASE_COUNT)),
+    _speaking("next_phrases", QT_TR_NOOP("Next group of phrases"), "stack", ("F10",), permission="speech",
+              callback="show_next_phrases", applies=lambda scenario: len(phrase_groups(scenario.phrases)) > 1),
+    _speaking("filler", QT_TR_NOOP("Say the filler"), "dots-three", ("F9",), intent=say_filler,
+              applies=lambda scenario: bool(scenario.filler)),
+    *(_speaking(f"suggestion_{n}", QT_TR_NOOP("Say suggestion {number}"), "chat-text", (f"Ctrl+{n}",),
+                enabled=_SUGGESTED, intent=say_nth_suggestion, argument=n, assists=("replies",))
+      for n in _numbers(SUGGESTION_COUNT)),
+    *(_speaking(f"edit_suggestion_{n}", QT_TR_NOOP("Edit suggestion {number} first"), "pencil-simple",
+                (f"Ctrl+Shift+{n}",), permission="assistant", enabled=_SUGGESTED, callback="edit_suggestion",
+                argument=n, panel="speak", assists=("replies",)) for n in _numbers(SUGGESTION_COUNT)),
+    _speaking("no_suggestion", QT_TR_NOOP("Dismiss the suggestions"), "x", ("Ctrl+0",), permission="speech",
+              enabled=_SUGGESTED, intent=intents.DismissSuggestions(), assists=("replies", "fillers")),
+    *(_speaking(f"gesture_{n}", QT_TR_NOOP("Gesture {number}"), "hand-waving", (KEYS_BY_PLACE[n - 1],),
+                intent=perform_nth_gesture, argument=n) for n in _numbers(MOST_GESTURES)),
+    _speaking("silence", QT_TR_NOOP("Silence"), "speaker-slash", ("F12",), permission="speech", common=True,
+              intent=intents.Silence()),
+    _speaking("push_to_talk", QT_TR_NOOP("Speak through the robot (hold)"), "microphone", ("Ctrl+Space",), ("T",),
+              permission="own_voice", kind="talk", argument="robot"),
+    _speaking("dictate", QT_TR_NOOP("Dictate into the Speak field (hold)"), "headset", ("Ctrl+Shift+Space",),
+              ("Shift+T",), permission="transcription", kind="talk", argument="dictation", panel="speak"),
+    _speaking("hear", QT_TR_NOOP("Hear the robot"), "headphones", ("Ctrl+H",), intent=toggle_hearing,
+              applies=lambda scenario: scenario.sound.hear),
+    _conversation("correct_speaker", QT_TR_NOOP("Correct the last speaker"), "user-focus", ("Ctrl+Shift+S",),
+                  intent=correct_newest_speaker),
+    _people("answer_yes", QT_TR_NOOP("Answer yes"), "check", ("Ctrl+Return",), ("Y",), enabled=_ASKED,
+            intent=answer_asked, argument=True, applies=_asks),
+    _people("answer_no", QT_TR_NOOP("Answer no"), "x", ("Ctrl+Shift+Return",), ("Shift+Y",), enabled=_ASKED,
+            intent=answer_asked, argument=False, applies=_asks),
+    _people("name_person", QT_TR_NOOP("Name the nearest person"), "user-plus", ("Ctrl+I",), panel="people",
+            permission="naming_people", common=True, callback="name_person"),
+    _protocol("next_step", QT_TR_NOOP("Next step"), "arrow-right", ("Ctrl+PgDown",), ("PgDown",), enabled=_STEP_AHEAD,
+              common=True, intent=intents.NextStep()),
+    _protocol("branch", QT_TR_NOOP("Choose a branch"), "git-branch", ("Ctrl+B",), ("B",), enabled=_STEP_BRANCHES,
+              callback="choose_branch"),
+    _protocol("previous_step", QT_TR_NOOP("Back to the previous step"), "arrow-left", ("Ctrl+PgUp",), ("PgUp",),
+              enabled=_STEP_BACK, intent=intents.PreviousStep()),
+    _protocol("skip_step", QT_TR_NOOP("Skip this step"), "skip-forward", ("Ctrl+Shift+PgDown",), ("Shift+PgDown",),
+              enabled=_STEP, intent=intents.SkipStep()),
+    _protocol("say_step", QT_TR_NOOP("Say the text of this step"), "chat-text", ("F11",), permission="speech",
+              enabled=_STEP_SAYS, intent=say_step),
+    _protocol("go_to_step_place", QT_TR_NOOP("Go to the place of this step"), "flag", ("Alt+0",), ("0",),
+              permission="driving", enabled=_STEP_GOES, intent=go_to_step_place, by_position=True),
+    _protocol("all_steps", QT_TR_NOOP("All steps of the protocol"), "list-numbers", ("Ctrl+Shift+PgUp",),
+              callback="show_steps"),
+    *(ActionSpec(f"expression_{n}", QT_TR_NOOP("Face: expression {number}"), "smiley", (f"Ctrl+Shift+F{n}",),
+                 intent=show_nth_expression, argument=n, group=QT_TR_NOOP("Face")) for n in _numbers(EXPRESSION_COUNT)),
+    _session("photo", QT_TR_NOOP("Photo"), "camera", ("Ctrl+P",), ("P",), enabled=_PHOTO, common=True,
+             intent=intents.TakePhoto()),
+    _marks("mark", QT_TR_NOOP("Mark"), "bookmark-simple", ("Ctrl+M",), ("M",), common=True, intent=mark_moment),
+    *(_marks(f"label_{n}", QT_TR_NOOP("Mark with label {number}"), "bookmark-simple", (f"Shift+F{n}",),
+             intent=mark_with_label, argument=n) for n in _numbers(LABEL_COUNT)),
+    _marks("stretch", QT_TR_NOOP("Start or end an interval"), "brackets-square", ("Ctrl+R",),
+           intent=begin_or_end_interval),
+    _marks("mark_earlier", QT_TR_NOOP("Move the last mark 3 s earlier"), "rewind", ("Ctrl+J",),
+           intent=move_last_mark_back),
+    _marks("mark_undo", QT_TR_NOOP("Undo the last mark"), "arrow-u-up-left", ("Ctrl+Shift+J",),
+           intent=withdraw_last_mark),
+    _marks("note", QT_TR_NOOP("Write a note"), "note-pencil", ("Ctrl+N",), permission="notes", common=True,
+           also=QT_TR_NOOP("comment remark"), callback="write_note"),
+    _marks("wizard_error", QT_TR_NOOP("Wizard error"), "warning", ("Ctrl+Shift+M",), ("Shift+M",),
+           intent=mark_wizard_error),
+    ActionSpec("choose_scenario", QT_TR_NOOP("Open a scenario…"), "map-trifold", ("Ctrl+O",), group=SCENARIO_GROUP,
+               common=True, callback="choose_scenario"),
+    ActionSpec("choose_wizard", QT_TR_NOOP("Another wizard…"), "user-gear", group=SCENARIO_GROUP,
+               callback="choose_wizard"),
+    ActionSpec("alarms", QT_TR_NOOP("Active alarms"), "warning-octagon", group=ALARMS_GROUP,
+               also=QT_TR_NOOP("problems errors warnings trouble"), callback="show_alarms"),
+    _window("next_camera", QT_TR_NOOP("Show the next camera"), "video-camera", ("Ctrl+Shift+V",), ("V",), panel="video",
+            enabled=_CAMERAS, callback="show_next_camera"),
+    _window("find", QT_TR_NOOP("Find anything"), "magnifying-glass", ("Ctrl+K",), ("/",),
+            callback="show_command_palette"),
+    _window("find_said", QT_TR_NOOP("Search the transcript"), "chats", ("Ctrl+F",), panel="conversation",
+            callback="search_said"),
+    _session("preflight", QT_TR_NOOP("Preflight checks"), "clipboard-text", ("Ctrl+Shift+C",),
+             also=QT_TR_NOOP("preflight checklist ready"), callback="show_preflight"),
+    _session("set_up", QT_TR_NOOP("Set up robot, camera, sound and language model"), "wrench",
+             also=QT_TR_NOOP("help settings microphone begin welcome connect"), callback="show_set_up"),
+    _window("layout_undo", QT_TR_NOOP("Undo the last layout change"), "arrow-u-up-left", ("Ctrl+Shift+D",),
+            callback="undo_layout"),
+    _window("shortcuts", QT_TR_NOOP("All shortcuts"), "keyboard", ("Ctrl+/",), ("?",), common=True,
+            also=QT_TR_NOOP("help keys keyboard hotkeys"), callback="show_shortcuts"),
+    _window("help", QT_TR_NOOP("Help"), "question", ("Ctrl+F1",), callback="show_help"),
 )  # fmt: skip
 
 REPLAY_ACTIONS: tuple[ActionSpec, ...] = (
-    ActionSpec(
-        "replay_play", QT_TR_NOOP("Play or pause"), "play", ("Space",), callback="toggle_playing", group=REPLAY_GROUP
-    ),
-    ActionSpec(
-        "frame_back",
-        QT_TR_NOOP("Previous frame"),
-        "caret-left",
-        (",",),
-        callback="step",
-        argument=-1,
-        group=REPLAY_GROUP,
-    ),
-    ActionSpec(
-        "frame_on", QT_TR_NOOP("Next frame"), "caret-right", (".",), callback="step", argument=1, group=REPLAY_GROUP
-    ),
-    ActionSpec(
-        "previous_mark",
-        QT_TR_NOOP("Previous mark"),
-        "skip-back",
-        ("Ctrl+Left",),
-        callback="jump",
-        argument=("mark", -1),
-        group=REPLAY_GROUP,
-    ),
-    ActionSpec(
-        "next_mark",
-        QT_TR_NOOP("Next mark"),
-        "skip-forward",
-        ("Ctrl+Right",),
-        callback="jump",
-        argument=("mark", 1),
-        group=REPLAY_GROUP,
-    ),
-    ActionSpec(
-        "previous_utterance",
-        QT_TR_NOOP("Previous utterance"),
-        "chat-text",
-        ("Ctrl+Shift+Left",),
-        callback="jump",
-        argument=("utterance", -1),
-        group=REPLAY_GROUP,
-    ),
-    ActionSpec(
-        "next_utterance",
-        QT_TR_NOOP("Next utterance"),
-        "chat-text",
-        ("Ctrl+Shift+Right",),
-        callback="jump",
-        argument=("utterance", 1),
-        group=REPLAY_GROUP,
-    ),
-    ActionSpec(
-        "replay_slower",
-        QT_TR_NOOP("Play slower"),
-        "minus",
-        ("<",),
-        callback="change_rate",
-        argument=-1,
-        group=REPLAY_GROUP,
-    ),
-    ActionSpec(
-        "replay_faster",
-        QT_TR_NOOP("Play faster"),
-        "plus",
-        (">",),
-        callback="change_rate",
-        argument=1,
-        group=REPLAY_GROUP,
-    ),
-)
+    _replay("replay_play", QT_TR_NOOP("Play or pause"), "play", ("Space",), callback="toggle_playing"),
+    _replay("frame_back", QT_TR_NOOP("Previous frame"), "caret-left", (",",), callback="step", argument=-1),
+    _replay("frame_on", QT_TR_NOOP("Next frame"), "caret-right", (".",), callback="step", argument=1),
+    _replay("previous_mark", QT_TR_NOOP("Previous mark"), "skip-back", ("Ctrl+Left",), callback="jump",
+            argument=("mark", -1)),
+    _replay("next_mark", QT_TR_NOOP("Next mark"), "skip-forward", ("Ctrl+Right",), callback="jump",
+            argument=("mark", 1)),
+    _replay("previous_utterance", QT_TR_NOOP("Previous utterance"), "chat-text", ("Ctrl+Shift+Left",), callback="jump",
+            argument=("utterance", -1)),
+    _replay("next_utterance", QT_TR_NOOP("Next utterance"), "chat-text", ("Ctrl+Shift+Right",), callback="jump",
+            argument=("utterance", 1)),
+    _replay("replay_slower", QT_TR_NOOP("Play slower"), "minus", ("<",), callback="change_rate", argument=-1),
+    _replay("replay_faster", QT_TR_NOOP("Play faster"), "plus", (">",), callback="change_rate", argument=1),
+)  # fmt: skip
 """Rows that a replay adds. Keys without Ctrl or Alt never take input from a text field."""
 
-
-def _on_timeline(action_id: str, text: str, icon: str, *keys: str, **more: Any) -> ActionSpec:
-    return ActionSpec(action_id, text, icon, keys, group=TIMELINE_GROUP, within="timeline", **more)
-
-
 TIMELINE_ACTIONS: tuple[ActionSpec, ...] = (
-    ActionSpec(
-        "focus_timeline",
-        QT_TR_NOOP("Go to the timeline"),
-        "rows",
-        ("Ctrl+T",),
-        callback="focus_timeline",
-        group=TIMELINE_GROUP,
-    ),
-    ActionSpec("undo", QT_TR_NOOP("Undo"), "arrow-u-up-left", ("Ctrl+Z",), callback="undo", group=TIMELINE_GROUP),
-    ActionSpec(
-        "redo",
-        QT_TR_NOOP("Redo"),
-        "arrow-u-up-right",
-        ("Ctrl+Shift+Z", "Ctrl+Y"),
-        callback="redo",
-        group=TIMELINE_GROUP,
-    ),
-    *(
-        _on_timeline(
-            f"code_{number}",
-            QT_TR_NOOP("Start or end label {number}"),
-            "tag",
-            str(number),
-            callback="code",
-            argument=number,
-        )
-        for number in range(1, CODE_COUNT + 1)
-    ),
-    _on_timeline(
-        "annotation_new", QT_TR_NOOP("New annotation at the playhead"), "plus", "N", callback="add_at_playhead"
-    ),
-    _on_timeline(
-        "annotation_split", QT_TR_NOOP("Split at the playhead"), "scissors", "S", callback="split_at_playhead"
-    ),
-    _on_timeline("annotation_rename", QT_TR_NOOP("Rename"), "pencil-simple", "Return", callback="rename_selected"),
-    _on_timeline("annotation_remove", QT_TR_NOOP("Remove"), "trash", "Del", "Backspace", callback="remove_selected"),
-    _on_timeline(
-        "annotation_begin", QT_TR_NOOP("Start at the playhead"), "arrow-line-left", "B", callback="begin_at_playhead"
-    ),
-    _on_timeline(
-        "annotation_end", QT_TR_NOOP("End at the playhead"), "arrow-line-right", "E", callback="end_at_playhead"
-    ),
-    _on_timeline(
-        "annotation_earlier",
-        QT_TR_NOOP("Move a little earlier"),
-        "arrow-left",
-        "Shift+Left",
-        callback="nudge",
-        argument=-1,
-    ),
-    _on_timeline(
-        "annotation_later",
-        QT_TR_NOOP("Move a little later"),
-        "arrow-right",
-        "Shift+Right",
-        callback="nudge",
-        argument=1,
-    ),
-    _on_timeline(
-        "annotation_previous",
-        QT_TR_NOOP("Previous annotation"),
-        "caret-double-left",
-        "PgUp",
-        callback="select_next",
-        argument=-1,
-    ),
-    _on_timeline(
-        "annotation_next",
-        QT_TR_NOOP("Next annotation"),
-        "caret-double-right",
-        "PgDown",
-        callback="select_next",
-        argument=1,
-    ),
-    _on_timeline("second_back", QT_TR_NOOP("1 second back"), "caret-left", "Left", callback="seek_by", argument=-1.0),
-    _on_timeline("second_on", QT_TR_NOOP("1 second forward"), "caret-right", "Right", callback="seek_by", argument=1.0),
-    _on_timeline("tier_above", QT_TR_NOOP("Tier above"), "caret-up", "Up", callback="select_tier", argument=-1),
-    _on_timeline("tier_below", QT_TR_NOOP("Tier below"), "caret-down", "Down", callback="select_tier", argument=1),
-    _on_timeline(
-        "timeline_larger", QT_TR_NOOP("Zoom in"), "magnifying-glass-plus", "+", "=", callback="zoom", argument=1
-    ),
-    _on_timeline(
-        "timeline_smaller", QT_TR_NOOP("Zoom out"), "magnifying-glass-minus", "-", callback="zoom", argument=-1
-    ),
-    _on_timeline(
-        "timeline_fit", QT_TR_NOOP("Show the whole session"), "arrows-out-line-horizontal", "F", callback="fit"
-    ),
-)
+    ActionSpec("focus_timeline", QT_TR_NOOP("Go to the timeline"), "rows", ("Ctrl+T",), callback="focus_timeline",
+               group=_TIMELINE_GROUP),
+    ActionSpec("undo", QT_TR_NOOP("Undo"), "arrow-u-up-left", ("Ctrl+Z",), callback="undo", group=_TIMELINE_GROUP),
+    ActionSpec("redo", QT_TR_NOOP("Redo"), "arrow-u-up-right", ("Ctrl+Shift+Z", "Ctrl+Y"), callback="redo",
+               group=_TIMELINE_GROUP),
+    *(_timeline(f"code_{n}", QT_TR_NOOP("Start or end label {number}"), "tag", (str(n),), callback="code", argument=n)
+      for n in _numbers(CODE_COUNT)),
+    _timeline("annotation_new", QT_TR_NOOP("New annotation at the playhead"), "plus", ("N",),
+              callback="add_at_playhead"),
+    _timeline("annotation_split", QT_TR_NOOP("Split at the playhead"), "scissors", ("S",),
+              callback="split_at_playhead"),
+    _timeline("annotation_rename", QT_TR_NOOP("Rename"), "pencil-simple", ("Return",), callback="rename_selected"),
+    _timeline("annotation_remove", QT_TR_NOOP("Remove"), "trash", ("Del", "Backspace"), callback="remove_selected"),
+    _timeline("annotation_begin", QT_TR_NOOP("Start at the playhead"), "arrow-line-left", ("B",),
+              callback="begin_at_playhead"),
+    _timeline("annotation_end", QT_TR_NOOP("End at the playhead"), "arrow-line-right", ("E",),
+              callback="end_at_playhead"),
+    _timeline("annotation_earlier", QT_TR_NOOP("Move a little earlier"), "arrow-left", ("Shift+Left",),
+              callback="nudge", argument=-1),
+    _timeline("annotation_later", QT_TR_NOOP("Move a little later"), "arrow-right", ("Shift+Right",), callback="nudge",
+              argument=1),
+    _timeline("annotation_previous", QT_TR_NOOP("Previous annotation"), "caret-double-left", ("PgUp",),
+              callback="select_next", argument=-1),
+    _timeline("annotation_next", QT_TR_NOOP("Next annotation"), "caret-double-right", ("PgDown",),
+              callback="select_next", argument=1),
+    _timeline("second_back", QT_TR_NOOP("1 second back"), "caret-left", ("Left",), callback="seek_by", argument=-1.0),
+    _timeline("second_on", QT_TR_NOOP("1 second forward"), "caret-right", ("Right",), callback="seek_by", argument=1.0),
+    _timeline("tier_above", QT_TR_NOOP("Tier above"), "caret-up", ("Up",), callback="select_tier", argument=-1),
+    _timeline("tier_below", QT_TR_NOOP("Tier below"), "caret-down", ("Down",), callback="select_tier", argument=1),
+    _timeline("timeline_larger", QT_TR_NOOP("Zoom in"), "magnifying-glass-plus", ("+", "="), callback="zoom",
+              argument=1),
+    _timeline("timeline_smaller", QT_TR_NOOP("Zoom out"), "magnifying-glass-minus", ("-",), callback="zoom",
+              argument=-1),
+    _timeline("timeline_fit", QT_TR_NOOP("Show the whole session"), "arrows-out-line-horizontal", ("F",),
+              callback="fit"),
+)  # fmt: skip

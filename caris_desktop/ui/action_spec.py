@@ -6,17 +6,13 @@ from typing import Any, Literal, Self, TypeVar
 
 from caris_desktop.domain.events import AssistedFunction
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveState
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import PanelName, Scenario
 
 Kind = Literal["command", "hold", "safety", "mark", "talk"]
-Condition = Literal[
-    "always", "recording", "video", "photo", "cameras", "answer", "asked", "suggested", "queued", "in_queue",
-    "step", "step_ahead", "step_back", "step_branches", "step_says", "step_goes",
-]  # fmt: skip
-Feature = Literal["sideways", "head"]
 IntentNow = Callable[[Scenario, LiveState, Any], Intent | None]
 """Function that computes the intent from the scenario, the live state and the row's argument; None for no intent."""
 _Find = TypeVar("_Find", bound=IntentNow)
@@ -35,6 +31,16 @@ def gives(*kinds: type[Intent]) -> Callable[[_Find], _Find]:
     return declare
 
 
+class EnabledWhen(Value):
+    """Whether the state allows a command now; ``otherwise`` is the marked text for the wizard while it does not."""
+
+    holds: Callable[[LiveState], bool]
+    otherwise: str
+
+
+ALWAYS = EnabledWhen(lambda _state: True, QT_TR_NOOP("This action is not available now."))
+
+
 class ActionSpec(Value):
     """One row of the action table. ``keys`` work anywhere in the window, ``driving_keys`` also while Drive, Video or
     Map has the focus.
@@ -45,10 +51,13 @@ class ActionSpec(Value):
     a function of ``argument`` that computes it and declares its types (:func:`gives`). A row without an intent concerns
     the window alone: ``callback`` names the method that is called, with ``argument`` if there is one. ``by_position``:
     letters and digits mean key positions on a US keyboard, whatever the layout types there; hold-to-drive handles them.
+    ``enabled``: condition on the live state. ``applies``: whether a scenario has the row, besides its permissions.
     ``permission`` is required in addition to the permissions of the intents. ``panel``: the panel that the command
-    belongs to. ``needs``: features required of the robot. ``within`` names the part of the window that handles the keys
-    itself while it has the focus; empty for keys that work anywhere. ``own_key``: the key comes from the scenario and
-    yields to another row with the same key. ``assists``: assistance levels of the scenario that the row depends on.
+    belongs to. ``needs``: whether a connected robot has what the row requires. ``within`` names the part of the window
+    that handles the keys itself while it has the focus; empty for keys that work anywhere. ``own_key``: the key comes
+    from the scenario and yields to another row with the same key. ``assists``: assistance levels of the scenario that
+    the row depends on.
+    ``also``: other words that find it in the palette, which lists ``common`` rows first until there is a history.
     ``text`` and ``group`` are source texts for ``tr``; {number} in the text is ``argument``.
     """
 
@@ -59,17 +68,20 @@ class ActionSpec(Value):
     driving_keys: tuple[str, ...] = ()
     permission: Permission | None = None
     kind: Kind = "command"
-    enabled_when: Condition = "always"
+    enabled: EnabledWhen = ALWAYS
     intent: Intent | IntentNow | None = None
     callback: str = ""
     argument: Any = None
     group: str = ""
     by_position: bool = False
-    needs: Feature | None = None
+    needs: Callable[[RobotProfile], bool] | None = None
     within: Literal["", "timeline", "queue"] = ""
     panel: PanelName | None = None
     own_key: bool = False
     assists: tuple[AssistedFunction, ...] = ()
+    applies: Callable[[Scenario], bool] = lambda _scenario: True
+    also: str = ""
+    common: bool = False
 
     @property
     def kinds(self) -> tuple[type[Intent], ...]:

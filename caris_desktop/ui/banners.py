@@ -1,8 +1,10 @@
 """Banners under the top bar: states that last until the wizard decides, each with the one button that ends it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
-from PySide6.QtGui import QAccessible, QPaintEvent, QShowEvent
+from PySide6.QtCore import QEvent, QObject, QRect, Qt, Signal
+from PySide6.QtGui import QAccessible, QShowEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
@@ -11,11 +13,13 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.announcing import announce
+from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
 
 _BUTTON_PX = 28
+_HEIGHT_PX, _EDGE_PX = 38, 4
 
 
 class Banner(QWidget):
@@ -26,13 +30,18 @@ class Banner(QWidget):
     def __init__(self, theme: Theme, name: str, *, role: str) -> None:
         super().__init__()
         self.setObjectName(name)
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self.setProperty("role", "banner")
+        self.setProperty("tone", role)
         self._theme = theme
-        self._role = role
-        self.text = ElidedLabel()
-        self.row = layouts.hbox(self, margins_px=(14, 0, 4, 0), spacing_px=tokens.GRID_PX)
-        self.row.addWidget(self.text, 1)
-        theme.restyle_on_change(self._style)
+        self.text = ElidedLabel(role="title")
+        self.row = layouts.hbox(self, (self.text, 1), margins_px=(14, 0, 4, 0), spacing_px=tokens.GRID_PX)
         self.hide()
+
+    def add_button(self, name: str, text: str, run: Callable[[], object], **more: Any) -> ActionButton:
+        button = ActionButton(self._theme, text, height_px=_BUTTON_PX, objectName=name, clicked=run, **more)
+        self.row.addWidget(button)
+        return button
 
     def say(self, text: str) -> None:
         self.text.setText(text)
@@ -51,20 +60,6 @@ class Banner(QWidget):
         if not event.spontaneous():
             announce(self, self.accessibleName())
 
-    def _style(self) -> None:
-        self.text.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        self._theme.paint_box(
-            self,
-            ground=f"{self._role}_soft",
-            line=self._role,
-            radius_px=tokens.PANEL_RADIUS_PX,
-            line_px=1.4,
-            inset_px=(0.7, 0.7),
-        )
-
 
 class EmergencyBanner(Banner):
     """Banner while the emergency stop is latched, with the only button that releases it.
@@ -74,10 +69,9 @@ class EmergencyBanner(Banner):
 
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__(theme, "emergency_band", role="red")
-        self.release = ActionButton(theme, tr("Release emergency stop"), height_px=_BUTTON_PX)
-        self.release.setObjectName("emergency_release")
-        self.release.clicked.connect(lambda: console.do(intents.ReleaseEmergencyStop()))
-        self.row.addWidget(self.release)
+        self.release = self.add_button(
+            "emergency_release", tr("Release emergency stop"), lambda: console.do(intents.ReleaseEmergencyStop())
+        )
         console.state.drive.changed.connect(self._on_drive_changed)
         self._on_drive_changed(console.state.drive.value)
 
@@ -100,12 +94,10 @@ class GuardBanner(Banner):
     def __init__(self, theme: Theme, console: WizardConsole) -> None:
         super().__init__(theme, "guard_band", role="amber")
         self.say(tr("Obstacle guard is off. Nothing stops the robot at obstacles."))
-        on = ActionButton(theme, tr("Turn on"), icon="shield-check", height_px=_BUTTON_PX)
-        on.setAccessibleName(tr("Turn on the guard"))
-        on.setToolTip(tr("Turn on the guard"))
-        on.setObjectName("guard_on")
-        on.clicked.connect(lambda: console.do(intents.SetGuard(on=True)))
-        self.row.addWidget(on)
+        self.add_button(
+            "guard_on", tr("Turn on"), lambda: console.do(intents.SetGuard(on=True)), icon="shield-check",
+            accessibleName=tr("Turn on the guard"), toolTip=tr("Turn on the guard"),
+        )  # fmt: skip
         console.state.drive.changed.connect(self._on_drive_changed)
         self._on_drive_changed(console.state.drive.value)
 
@@ -119,14 +111,8 @@ class QuestionBanner(Banner):
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "question_band", role="amber")
         self._do: Callable[[], object] | None = None
-        self.yes = ActionButton(theme, tr("Yes"), height_px=_BUTTON_PX)
-        self.yes.setObjectName("question_yes")
-        self.yes.clicked.connect(self._on_yes)
-        no = ActionButton(theme, tr("Cancel"), role="ghost", height_px=_BUTTON_PX)
-        no.setObjectName("question_no")
-        no.clicked.connect(self.put_away)
-        self.row.addWidget(self.yes)
-        self.row.addWidget(no)
+        self.yes = self.add_button("question_yes", tr("Yes"), self._on_yes)
+        self.add_button("question_no", tr("Cancel"), self.put_away, role="ghost")
 
     def ask(self, question: str, answer: str, do: Callable[[], object]) -> None:
         """Show the question; ``answer`` labels the button that runs ``do``. Replaces an earlier question."""
@@ -144,3 +130,50 @@ class QuestionBanner(Banner):
         self.put_away()
         if do is not None:
             do()
+
+
+class NoticeStrip(Bar, QWidget):
+    """Visible banners side by side over the upper edge of the panels, as wide as their texts if there is room. They
+    move nothing. ``placed``: they came, changed or went.
+    """
+
+    placed = Signal()
+
+    def __init__(self, over: QWidget, bands: Mapping[Banner, int]) -> None:
+        """``bands`` from left to right, with their share of the width where it is short."""
+        super().__init__(over)
+        self.setObjectName("notice_strip")
+        self._over = over
+        self._bands = tuple(bands)
+        row = layouts.hbox(self, margins_px=0, spacing_px=tokens.GRID_PX)
+        for band, share in bands.items():
+            row.addWidget(band, share)
+            band.installEventFilter(self)
+        over.installEventFilter(self)
+        self.hide()
+
+    def use_replay(self) -> None:
+        """Stay hidden: what the banners tell was then."""
+        for watched in (self._over, *self._bands):
+            watched.removeEventFilter(self)
+        self.hide()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        kinds = QEvent.Type.ShowToParent, QEvent.Type.HideToParent, QEvent.Type.LayoutRequest
+        if event.type() in kinds if watched is not self._over else event.type() == QEvent.Type.Resize:
+            self._place()
+        return super().eventFilter(watched, event)
+
+    def _place(self) -> None:
+        shown = [band for band in self._bands if not band.isHidden()]
+        needed = sum(band.needed_px for band in shown) + tokens.GRID_PX * (len(shown) - 1)
+        width = min(needed, self._over.width() - 2 * _EDGE_PX)
+        self.setGeometry(_EDGE_PX, _EDGE_PX, width, _HEIGHT_PX)
+        self.setVisible(bool(shown))
+        self.raise_()
+        self.placed.emit()
+
+    @property
+    def covered(self) -> QRect:
+        """What is covered of the panels."""
+        return QRect() if self.isHidden() else self.geometry()

@@ -4,12 +4,12 @@ import time
 from collections.abc import Callable
 
 from PySide6.QtCore import QEventLoop, Qt
-from PySide6.QtWidgets import QApplication, QLabel, QProgressBar, QWidget
+from PySide6.QtWidgets import QApplication, QProgressBar, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.background_worker import do_in_parallel
-from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui import layouts
+from caris_desktop.ui.widgets.labels import label
 
 SHOWN_AFTER_S = 0.7
 _STEP_MS = 50
@@ -18,23 +18,17 @@ _STEP_MS = 50
 class ClosingWindow(QWidget):
     """Runs slow work in a thread and becomes visible if it takes longer than a moment."""
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.setObjectName("closing_window")
         self.setWindowTitle(tr("CARIS Desktop is closing"))
         self.setWindowFlag(Qt.WindowType.WindowCloseButtonHint, on=False)
         self._began_s = time.monotonic()
-        self._label = QLabel(wordWrap=True)
-        self._label.setObjectName("closing_what")
-        self._label.setFont(theme.font(tokens.BODY_PX))
-        self._since = QLabel()
-        self._since.setObjectName("closing_since")
-        self._since.setFont(theme.font(tokens.STATUS_PX))
+        self._label = label("", wraps=True, objectName="closing_what")
+        self._since = label("", "small", objectName="closing_since")
         busy = QProgressBar(textVisible=False)
         busy.setRange(0, 0)
-        column = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
-        for widget in (self._label, busy, self._since):
-            column.addWidget(widget)
+        layouts.vbox(self, self._label, busy, self._since, margins_px=(24, 20, 24, 20), spacing_px=12)
         self.setFixedWidth(420)
 
     def during(self, text: str, work: Callable[[], None]) -> None:

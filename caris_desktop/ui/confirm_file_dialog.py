@@ -1,58 +1,50 @@
 """Confirmation dialog for a scenario or robot profile that references other files, devices or servers."""
 
-from typing import Literal
-
 from PySide6.QtCore import QSize, Qt
-from PySide6.QtWidgets import QDialog, QFrame, QGridLayout, QHBoxLayout, QLabel, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QScrollArea, QVBoxLayout, QWidget
 
 from caris_desktop.domain.printable import printable
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.confirmed_files import KIND_TITLES, FileQuestion, FileReference
-from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui import layouts
+from caris_desktop.ui.form_dialog import FormDialog, lay_out_form
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.scroll_areas import list_area
+
+_SELECTABLE = Qt.TextInteractionFlag.TextSelectableByMouse
 
 
-class ConfirmFileDialog(VisualTabOrderMixin, QDialog):
+class ConfirmFileDialog(FormDialog):
     """Non-modal dialog: the robot can be driven and stopped meanwhile. Cancel has the focus, so Enter means no."""
 
     def __init__(self, theme: Theme, parent: QWidget, question: FileQuestion) -> None:
-        super().__init__(parent)
-        self.setObjectName("confirm_file_dialog")
-        self.setWindowTitle(tr("Confirm before use"))
+        super().__init__(theme, parent, "confirm_file_dialog", tr("Confirm before use"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self._theme = theme
         heading = (
             tr("“{title}” has changed. May it use this?") if question.is_changed else tr("May “{title}” use this?")
         )
-        self._heading = QLabel(heading.format(title=printable(question.title)), wordWrap=True)
-        self._heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        file = QLabel(_broken(str(question.path)), wordWrap=True)
-        file.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        theme.color_text(file, "dim")
-        hint = QLabel(
-            tr(
-                "Nothing in the file is used until you allow it. You will be asked again if the file refers to "
-                "something new."
-            ),
-            wordWrap=True,
+        hint = tr(
+            "Nothing in the file is used until you allow it. You will be asked again if the file refers to something "
+            "new."
         )
-        buttons = QHBoxLayout()
-        cancel = ActionButton(theme, tr("Do not allow"), height_px=40)
-        cancel.setObjectName("confirm_file_cancel")
-        cancel.clicked.connect(self.reject)
-        allow = ActionButton(theme, tr("Allow all"), height_px=40)
-        allow.setObjectName("confirm_file_allow")
-        allow.clicked.connect(self.accept)
-        buttons.addStretch(1)
-        buttons.addWidget(cancel)
-        buttons.addWidget(allow)
-        layout = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
-        for widget in (self._heading, file, hint):
-            layout.addWidget(widget)
-        layout.addWidget(self._list(question), 1)
-        layout.addLayout(buttons)
+        cancel, allow = (
+            ActionButton(theme, text, height_px=40, objectName=f"confirm_file_{name}", clicked=run)
+            for name, text, run in (
+                ("cancel", tr("Do not allow"), self.reject),
+                ("allow", tr("Allow all"), self.accept),
+            )
+        )
+        lay_out_form(
+            self,
+            label(heading.format(title=printable(question.title)), "heading", wraps=True),
+            label(_broken(str(question.path)), tone="dim", wraps=True, textInteractionFlags=_SELECTABLE),
+            label(hint, wraps=True),
+            (self._list(question), 1),
+            buttons=(1, cancel, allow),
+            scrolls=False,
+        )
         cancel.setFocus()
         self.resize(self.sizeHint())  # Qt limits a dialog to two thirds of the screen; the list needs more
 
@@ -66,24 +58,17 @@ class ConfirmFileDialog(VisualTabOrderMixin, QDialog):
         column = layouts.vbox(holder, margins_px=(0, 4, 8, 4), spacing_px=10)
         new = [one for one in question.named if one not in question.known]
         if question.is_changed:
-            column.addWidget(self._caption(tr("New in this file"), "amber"))
+            column.addWidget(label(tr("New in this file"), tone="amber", wraps=True))
         self._add_groups(column, new)
         if question.is_changed and len(new) < len(question.named):
-            column.addWidget(self._caption(tr("Confirmed before"), "dim"))
+            column.addWidget(label(tr("Confirmed before"), tone="dim", wraps=True))
             self._add_groups(column, [one for one in question.named if one in question.known])
         column.addStretch(1)
-        scroll = QScrollArea(widgetResizable=True)
+        scroll = list_area(holder, framed=False)
+        scroll.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         scroll.setObjectName("confirm_file_list")
         scroll.setAccessibleName(tr("Items the file refers to"))
-        scroll.setFrameShape(QFrame.Shape.NoFrame)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setWidget(holder)
         return scroll
-
-    def _caption(self, text: str, color: Literal["amber", "dim"]) -> QLabel:
-        caption = QLabel(text, wordWrap=True)
-        self._theme.color_text(caption, color)
-        return caption
 
     def _add_groups(self, column: QVBoxLayout, references: list[FileReference]) -> None:
         for kind, title in KIND_TITLES.items():
@@ -94,22 +79,19 @@ class ConfirmFileDialog(VisualTabOrderMixin, QDialog):
     def _group(self, title: str, references: list[FileReference]) -> QWidget:
         group = QWidget()
         grid = QGridLayout(group)
-        grid.setContentsMargins(0, 0, 0, 0)
         grid.setHorizontalSpacing(16)
         grid.setVerticalSpacing(2)
+        grid.setContentsMargins(0, 0, 0, 0)
         grid.setColumnStretch(0, 3)
         grid.setColumnStretch(1, 2)
-        heading = QLabel(title, wordWrap=True)
-        heading.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        grid.addWidget(heading, 0, 0, 1, 2)
+        grid.addWidget(label(title, "title", wraps=True), 0, 0, 1, 2)
         for row, reference in enumerate(references, start=1):
-            named = QLabel(_broken(reference.text), wordWrap=True)
-            named.setObjectName("confirm_file_named")
-            named.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-            purpose = QLabel(reference.purpose, wordWrap=True)
-            self._theme.color_text(purpose, "dim")
+            named = label(
+                _broken(reference.text), wraps=True, objectName="confirm_file_named", textInteractionFlags=_SELECTABLE
+            )
             grid.addWidget(named, row, 0, 1, 1 if reference.purpose else 2, Qt.AlignmentFlag.AlignTop)
             if reference.purpose:
+                purpose = label(reference.purpose, tone="dim", wraps=True)
                 grid.addWidget(purpose, row, 1, Qt.AlignmentFlag.AlignTop)
         return group
 

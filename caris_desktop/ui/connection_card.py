@@ -5,9 +5,9 @@ import time
 from collections import deque
 from typing import Any
 
-from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtGui import QAccessible
+from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveState
@@ -18,6 +18,7 @@ from caris_desktop.ui.panel_table import possible_panels
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.labels import label
 
 SPAN_S = 60.0
 _SAMPLE_MS = 250
@@ -67,27 +68,22 @@ class ConnectionCard(Overlay):
         self._plot: Any = None
         self._curves: dict[str, Any] = {}
         self._legend: dict[str, _LegendEntry] = {}
-        self._layout = layouts.vbox(self.card, margins_px=(20, 16, 20, 16), spacing_px=10)
-        self._heading = QLabel(tr("Connection in the last minute"), wordWrap=True)
         self._state = state
-        self._facts = QLabel(wordWrap=True)
-        self._facts.setObjectName("connection_facts")
-        diagnostics = self._diagnostics = ActionButton(theme, tr("All topics"), icon="gauge")
-        diagnostics.setObjectName("connection_diagnostics")
-        diagnostics.setToolTip(tr("Open the Diagnostics panel: rate, age and size of all incoming data"))
-        diagnostics.clicked.connect(self.diagnostics_requested)
-        robots = ActionButton(theme, tr("Another robot…"), icon="robot")
-        robots.setObjectName("connection_robots")
-        robots.clicked.connect(self.robots_requested)
-        head = layouts.hbox(spacing_px=8)
-        head.addWidget(self._heading, 1)
-        head.addWidget(diagnostics)
-        head.addWidget(robots)
-        self._layout.addLayout(head)
-        self._layout.addWidget(self._facts)
+        self._facts = label("", "note", wraps=True, objectName="connection_facts")
+        self._diagnostics = ActionButton(
+            theme, tr("All topics"), icon="gauge", objectName="connection_diagnostics",
+            toolTip=tr("Open the Diagnostics panel: rate, age and size of all incoming data"),
+            clicked=self.diagnostics_requested,
+        )  # fmt: skip
+        robots = ActionButton(
+            theme, tr("Another robot…"), icon="robot", objectName="connection_robots", clicked=self.robots_requested
+        )
+        heading = label(tr("Connection in the last minute"), "heading", wraps=True)
+        head = layouts.hbox(None, (heading, 1), self._diagnostics, robots, spacing_px=8)
+        self._layout = layouts.vbox(self.card, head, self._facts, margins_px=(20, 16, 20, 16), spacing_px=10)
         row = FlowRow(gap_px=16)
-        for name, text, role, dash in _CURVES:
-            self._legend[name] = _LegendEntry(theme, tr(text), role, dash)
+        for name, text, *_ in _CURVES:
+            self._legend[name] = _LegendEntry(tr(text), name)
             row.add(self._legend[name])
         row.set_gap(4)
         self._layout.addWidget(row)
@@ -138,8 +134,6 @@ class ConnectionCard(Overlay):
         self._layout.addWidget(self._plot, 1)
 
     def _style(self) -> None:
-        self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._theme.style_text(self._facts, "dim", tokens.STATUS_PX)
         if self._plot is None:
             return
         import pyqtgraph
@@ -176,28 +170,18 @@ class _LegendEntry(QWidget):
 
     accessible_role = QAccessible.Role.StaticText
 
-    def __init__(self, theme: Theme, text: str, role: str, dash: Qt.PenStyle) -> None:
+    def __init__(self, text: str, name: str) -> None:
         super().__init__()
-        self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
-        self._theme = theme
-        self._text = text
-        self._role = role
-        self._dash = dash
-        self._value = ""
+        self._name = text
+        self._words = QLabel()
+        sample = QFrame()
+        sample.setObjectName(f"curve_{name}")
+        sample.setFixedSize(24, 2)
+        layouts.hbox(self, sample, self._words, margins_px=0, spacing_px=10)
+        # Room for the longest value, so that nothing moves.
+        self._words.setFixedSize(self.fontMetrics().horizontalAdvance(f"{text}  0000 ms") + 6, 24)
 
     def show_value(self, milliseconds: float) -> None:
-        self._value = "–" if milliseconds != milliseconds else f"{milliseconds:.0f} ms"  # noqa: PLR0124 (not a number)
-        self.setAccessibleName(f"{self._text} {self._value}")
-        self.updateGeometry()
-        self.update()
-
-    def sizeHint(self) -> QSize:
-        return QSize(40 + self.fontMetrics().horizontalAdvance(f"{self._text}  0000 ms"), 24)
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setPen(QPen(self._theme.color(self._role), 2, self._dash))
-        painter.drawLine(0, self.height() // 2, 24, self.height() // 2)
-        painter.setPen(self._theme.color("text"))
-        rect = QRectF(34, 0, self.width() - 34, self.height())
-        painter.drawText(rect, int(Qt.AlignmentFlag.AlignVCenter), f"{self._text}  {self._value}")
+        value = "–" if milliseconds != milliseconds else f"{milliseconds:.0f} ms"  # noqa: PLR0124 (not a number)
+        self._words.setText(f"{self._name}  {value}")
+        self.setAccessibleName(f"{self._name} {value}")

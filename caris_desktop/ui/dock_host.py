@@ -8,41 +8,33 @@ undocked. Here the layout value is the single source of truth, and the widgets f
 from collections import deque
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 
-from PySide6.QtCore import QPoint, QRect, QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import (
-    QCloseEvent,
-    QColor,
-    QGuiApplication,
-    QMoveEvent,
-    QPainter,
-    QPaintEvent,
-    QPen,
-    QResizeEvent,
-    QShowEvent,
-)
-from PySide6.QtWidgets import QApplication, QLabel, QMenu, QWidget
+from PySide6.QtCore import QPoint, QRect, Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QMoveEvent, QResizeEvent, QShowEvent
+from PySide6.QtWidgets import QApplication, QFrame, QLabel, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName
 from caris_desktop.ui import layouts
 from caris_desktop.ui.focus_widget import focus_widget, focused_widget
 from caris_desktop.ui.layout import dock_layout as edits
-from caris_desktop.ui.layout.dock import Dock
+from caris_desktop.ui.layout.dock import Dock, DockRequests
 from caris_desktop.ui.layout.dock_area import DockArea, qrect
-from caris_desktop.ui.layout.dock_geometry import Drop, drop_at
-from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
+from caris_desktop.ui.layout.dock_geometry import Drop, drop_at, grown
+from caris_desktop.ui.layout.dock_layout import DockLayout
 from caris_desktop.ui.layout.fitting import COMFORT
 from caris_desktop.ui.layout.layout_rect import Rect, on_a_screen
 from caris_desktop.ui.layout.layout_tree import Side, panels_in
-from caris_desktop.ui.layout.panel_size import RESIZE_PX, resized, resizer
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.tab_order import PanelWindow
-from caris_desktop.ui.tokens import PANEL_RADIUS_PX
 from caris_desktop.ui.window_above import WindowAbove
 
 _FLOATING: tuple[int, int] = (480, 360)
 _CASCADE_PX = 36
+_BESIDE_POINTER = QPoint(16, 18)
+RESIZE_PX = 48
+"""Step in px of resizing by keyboard."""
 _LEAVE_MS = 1
 LOCKED = QT_TR_NOOP("The layout is locked, so nothing was moved. Unlock it in the Layout menu.")
 
@@ -60,12 +52,12 @@ class FloatingWindow(PanelWindow, WindowAbove):
     moved_by_hand = Signal(object)  # Rect
     close_requested = Signal()
 
-    def __init__(self, docks: Mapping[PanelName, Dock], parent: QWidget) -> None:
+    def __init__(self, docks: Mapping[PanelName, Dock], requests: DockRequests, parent: QWidget) -> None:
         super().__init__(parent, Qt.WindowType.Tool)
         self.setObjectName("floating_panels")
         # Shown without activation when a popup closes or the scenario changes; a click activates it.
         self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
-        self.area = DockArea(docks, self)
+        self.area = DockArea(docks, requests, self)
         column = layouts.vbox(self, margins_px=_MARGIN_PX)
         column.addWidget(self.area)
         self._placed: Rect | None = None
@@ -116,9 +108,6 @@ class FloatingWindow(PanelWindow, WindowAbove):
             event.ignore()
             self.close_requested.emit()
 
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        QPainter(self).fillRect(self.rect(), self.palette().window())
-
 
 class DockHost(DockArea):
     """Dock area of the main window. ``edited``: an edit by the wizard, with the layout before it; ``layout_changed``:
@@ -132,26 +121,34 @@ class DockHost(DockArea):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         self._docks: dict[PanelName, Dock] = {}
-        super().__init__(self._docks, parent)
+        super().__init__(self._docks, None, parent)
         self.setObjectName("dock_host")
         self._arrangement: DockLayout | None = None
         self._windows: list[FloatingWindow] = []
-        self._drop_mark = DropMark(self)
+        self._drop_mark = QFrame(self)
+        self._drop_mark.setObjectName("drop_mark")
         self._drop_mark.hide()
-        self._words: DragWords | None = None
+        self._drop_mark.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self._drag_words = DragWords(self)
         self._given_up = False
         self.screens: Callable[[], Sequence[Rect]] = available_screens
         self._before_resize: DockLayout | None = None
         self._leaving: deque[Dock] = deque()
         self._leave = QTimer(self, interval=_LEAVE_MS)
         self._leave.timeout.connect(self._delete_next)
-        self._follow(self)
+        self.resized_by_hand.connect(partial(self._on_resized_by_hand, None))
+        requests = self.requests
+        requests.tab_chosen.connect(self._on_tab_chosen)
+        requests.tab_clicked.connect(self._go_to)
+        requests.close_requested.connect(self.close_panel)
+        requests.float_requested.connect(self.toggle_floating)
+        requests.menu_requested.connect(self._open_menu)
+        requests.drag_moved.connect(self._on_drag_moved)
+        requests.drag_dropped.connect(self._on_drag_dropped)
         app = QGuiApplication.instance()
         if isinstance(app, QGuiApplication):
             app.screenAdded.connect(self.show_everything)
             app.screenRemoved.connect(self.show_everything)
-        if isinstance(app, QApplication):
-            app.focusChanged.connect(self._on_focus_changed)
 
     # ---- display
 
@@ -168,13 +165,7 @@ class DockHost(DockArea):
         if not self._leaving:
             self._leave.stop()
             return
-        dock = self._leaving.popleft()
-        dock.setParent(None)
-        dock.deleteLater()
-
-    def show_layout(self, panels: Mapping[PanelName, Panel], tree: LayoutNode) -> None:
-        """Like :meth:`show_arrangement`, from the layout tree of a file."""
-        self.show_arrangement(panels, arrangement_of(tree))
+        self._leaving.popleft().deleteLater()
 
     def show_arrangement(self, panels: Mapping[PanelName, Panel], arrangement: DockLayout) -> None:
         """Show ``panels`` in this layout. Existing panels are reused, even if the layout hides them; others are
@@ -214,11 +205,7 @@ class DockHost(DockArea):
         if self._arrangement is not None:
             self._arrangement = edits.remove(self._arrangement, removed)
         for name in removed:
-            if self._docks[name].isFloating():
-                self._forget(name)
-            else:
-                self._docks[name].hide()
-                self._leaving.append(self._docks.pop(name))
+            self._forget(name)
 
     def make_room(self, name: PanelName, panel: Panel) -> None:
         """Create a hidden dock for the next layout, or replace the placeholder of this panel."""
@@ -242,18 +229,17 @@ class DockHost(DockArea):
             return
         if name not in self._docks:
             self._docks[name] = self._make_dock(name, panel)
-        description = tr("Open {panel}").format(panel=panel.title)
-        self._do(description, edits.add(self._arrangement, name, beside))
+        self._do(tr("Open {panel}").format(panel=panel.title), edits.add(self._arrangement, name, beside))
 
     def remove_panel(self, name: PanelName) -> bool:
         """Remove and delete the panel; returns whether it was removed."""
         if self._arrangement is None or name not in self._arrangement.panels:
             return False
-        description = tr("Close {panel}").format(panel=self._title(name))
         with self._keys_in_place_of(name):
-            if not self.edit(description, edits.remove(self._arrangement, (name,))):
+            if not self._change(tr("Close {panel}"), name, lambda layout: edits.remove(layout, (name,))):
                 return False
         self._forget(name)
+        self._leave.start()
         return True
 
     @contextmanager
@@ -261,11 +247,12 @@ class DockHost(DockArea):
         """Move the focus of a removed panel to the panel that becomes visible in its place, unless bare keys would
         drive there.
         """
-        focused, area = focused_widget(), self._area_of(name)
-        had = _holds(self._docks[name], focused)
-        group = next((group.panels for group in area.placing.groups if name in group.panels), ())
+        had = _holds(self._docks[name], focused_widget())
+        groups = [group.panels for area in self._areas for group in area.placing.groups if name in group.panels]
         yield
-        visible = next((other for other in group if other != name and self._docks[other].isVisible()), None)
+        visible = next(
+            (other for group in groups for other in group if other != name and self._docks[other].isVisible()), None
+        )
         if had and visible is not None and not self._docks[visible].widget().drives:
             self._go_to(visible)
 
@@ -276,21 +263,16 @@ class DockHost(DockArea):
     def _forget(self, name: PanelName) -> None:
         dock = self._docks.pop(name)
         dock.hide()
-        dock.setParent(None)
-        dock.deleteLater()
+        if dock.isFloating():
+            dock.setParent(self)  # its window may be deleted before
+        self._leaving.append(dock)
 
     def _make_dock(self, name: PanelName, panel: Panel) -> Dock:
         # Created with a parent: otherwise it briefly is a top-level window and takes the activation.
-        dock = Dock(name, panel, self)
+        dock = Dock(name, panel, self.requests, self)
         dock.lower()
         dock.hide()
         panel.title_changed.connect(self._retitle)
-        dock.drag_moved.connect(self._on_drag_moved)
-        dock.drag_dropped.connect(self._on_drag_dropped)
-        dock.close_requested.connect(self.close_panel)
-        dock.float_requested.connect(self.toggle_floating)
-        dock.menu_requested.connect(self._open_menu)
-        dock.drawer_requested.connect(self._open_drawer_of)
         return dock
 
     def show_everything(self) -> None:
@@ -330,26 +312,20 @@ class DockHost(DockArea):
             window.show_panels(target.tree, visible, target.place)
 
     def _new_window(self, index: int) -> FloatingWindow:
-        window = FloatingWindow(self._docks, self)
-        self._follow(window.area, index)
-        window.moved_by_hand.connect(lambda place: self._on_window_moved(index, place))
-        window.close_requested.connect(lambda: self._dock_all_of(index))
+        window = FloatingWindow(self._docks, self.requests, self)
+        window.area.resized_by_hand.connect(partial(self._on_resized_by_hand, index))
+        window.moved_by_hand.connect(partial(self._on_window_moved, index))
+        window.close_requested.connect(partial(self._dock_all_of, index))
         return window
 
-    def _follow(self, area: DockArea, window: int | None = None) -> None:
-        area.tab_chosen.connect(self._on_tab_chosen)
-        area.tab_clicked.connect(self._go_to)
-        area.tab_drag_moved.connect(self._on_drag_moved)
-        area.tab_drag_dropped.connect(self._on_drag_dropped)
-        area.tab_menu_requested.connect(self._open_menu)
-        area.resized_by_hand.connect(
-            lambda path, weights, let_go: self._on_resized_by_hand(window, path, weights, let_go)
-        )
-
     def _retitle(self) -> None:
-        self.retitle()
-        for window in self._windows:
-            window.area.retitle()
+        for area in self._areas:
+            area.retitle()
+
+    @property
+    def _areas(self) -> tuple[DockArea, ...]:
+        """Floating windows first, the top one of them before the others."""
+        return (*(window.area for window in reversed(self._windows)), self)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -377,6 +353,24 @@ class DockHost(DockArea):
         self._do(description, after)
         return True
 
+    def _change(
+        self,
+        description: str,
+        name: PanelName,
+        change: Callable[[DockLayout], DockLayout | None],
+        *,
+        focus: bool = False,
+    ) -> bool:
+        """Apply an edit of one panel, whose title goes into ``description``, and focus the panel if it is to have the
+        keys then. Returns whether it was applied.
+        """
+        if self._arrangement is None or name not in self._arrangement.panels:
+            return False
+        changed = self.edit(description.format(panel=self._title(name)), change(self._arrangement))
+        if changed and focus:
+            self._go_to(name)
+        return changed
+
     def panel_with_keys(self) -> PanelName | None:
         """The focused panel of the active window, else of the main window."""
         windows = [QApplication.activeWindow(), self.window()]
@@ -397,9 +391,9 @@ class DockHost(DockArea):
 
     def close_panel(self, name: PanelName) -> None:
         """Hide the panel; ``show_panel`` restores it at the same place."""
-        if self._arrangement is not None and self.is_open(name):
+        if self.is_open(name):
             with self._keys_in_place_of(name):
-                self.edit(tr("Close {panel}").format(panel=self._title(name)), edits.hide(self._arrangement, name))
+                self._change(tr("Close {panel}"), name, lambda layout: edits.hide(layout, name))
 
     def show_panel(self, name: PanelName) -> None:
         """Open the panel if it is closed, and raise its tab."""
@@ -413,23 +407,20 @@ class DockHost(DockArea):
 
     def float_panel(self, name: PanelName, place: Rect | None = None) -> None:
         """Float the panel in a separate window: at ``place``, or near its current position."""
-        if self._arrangement is None or name not in self._arrangement.panels:
-            return
-        if place is None:
+        if place is None and name in self._docks:
             dock = self._docks[name]
             at = dock.mapToGlobal(QPoint(_CASCADE_PX, _CASCADE_PX))
             comfort = COMFORT.get(name, _FLOATING)
             place = Rect(at.x(), at.y(), max(dock.width(), comfort[0]), max(dock.height(), comfort[1]))
-        after = edits.float_panel(self._arrangement, name, on_a_screen(place, self.screens()))
-        if self.edit(tr("Float {panel}").format(panel=self._title(name)), after):
-            self._go_to(name)
+        if place is not None:
+            on_screen = on_a_screen(place, self.screens())
+            self._change(
+                tr("Float {panel}"), name, lambda layout: edits.float_panel(layout, name, on_screen), focus=True
+            )
 
     def dock_panel(self, name: PanelName) -> None:
         """Dock a floating panel where it was before."""
-        if self._arrangement is not None and name in self._arrangement.panels:
-            back = edits.dock(self._arrangement, name)
-            if self.edit(tr("Dock {panel}").format(panel=self._title(name)), back):
-                self._go_to(name)
+        self._change(tr("Dock {panel}"), name, lambda layout: edits.dock(layout, name), focus=True)
 
     def toggle_floating(self, name: PanelName) -> None:
         if self._arrangement is not None and name in self._arrangement.afloat:
@@ -439,10 +430,20 @@ class DockHost(DockArea):
 
     def move_panel(self, name: PanelName, beside: PanelName, side: Side, at: int | None = None) -> None:
         """Move the panel next to another one or into its tab group."""
-        if self._arrangement is not None:
-            after = edits.move(self._arrangement, name, beside, side, at)
-            if self.edit(tr("Move {panel}").format(panel=self._title(name)), after):
-                self._go_to(name)
+        self._change(tr("Move {panel}"), name, lambda layout: edits.move(layout, name, beside, side, at), focus=True)
+
+    def resized(self, name: PanelName, by_px: int) -> DockLayout | None:
+        """Layout with the panel larger by this much, or smaller if negative; None if its neighbours leave no room."""
+        arrangement, area = self._arrangement, self._docks[name].parentWidget() if name in self._docks else None
+        if arrangement is None or not arrangement.is_shown(name) or not isinstance(area, DockArea):
+            return None
+        found = None if area.whole_tree is None else grown(area.whole_tree, area.placing, name, by_px)
+        return None if found is None else edits.resize(arrangement, edits.window_of(arrangement, name), *found)
+
+    def resize_panel(self, name: PanelName, by_px: int) -> None:
+        """Make the panel larger, or smaller if negative."""
+        words = tr("Make {panel} larger") if by_px > 0 else tr("Make {panel} smaller")
+        self._change(words, name, lambda _layout: self.resized(name, by_px))
 
     def _title(self, name: PanelName) -> str:
         return self._docks[name].widget().title
@@ -494,28 +495,11 @@ class DockHost(DockArea):
             after = edits.dock(after, name)
         self.edit(tr("Dock panels"), after)
 
-    # ---- drawer
-
-    def _area_of(self, name: PanelName) -> DockArea:
-        parent = self._docks[name].parentWidget()
-        return parent if isinstance(parent, DockArea) else self
-
-    def _open_drawer_of(self, name: PanelName) -> None:
-        self._area_of(name).open_drawer(name)
-
-    def _on_focus_changed(self, _old: QWidget | None, new: QWidget | None) -> None:
-        """Close the drawer when the focus moves to another panel."""
-        for area in (self, *(window.area for window in self._windows)):
-            drawer = area.drawer
-            elsewhere = [dock for name, dock in self._docks.items() if name != drawer]
-            if drawer is not None and new is not None and any(dock.isAncestorOf(new) for dock in elsewhere):
-                area.open_drawer(None)
-
     # ---- dragging
 
     def _drop_at(self, name: PanelName, at: QPoint) -> tuple[DockArea, Drop | None] | None:
         """The dock area under the pointer, floating windows first, with the drop that releasing there would cause."""
-        for area in (*(window.area for window in reversed(self._windows)), self):
+        for area in self._areas:
             inside = area.mapFromGlobal(at)
             if not area.isVisible() or not area.rect().contains(inside):
                 continue
@@ -532,17 +516,19 @@ class DockHost(DockArea):
     def _on_drag_moved(self, name: PanelName, at: QPoint) -> None:
         if self._given_up:
             return
-        if self._words is None:
-            self._words = DragWords(self)
         if self.locked:
-            self._words.show_at(at, tr("The layout is locked"))
+            self._drag_words.show_at(at, tr("The layout is locked"))
             return
         found = self._drop_at(name, at)
-        if found is None or found[1] is None:
-            self._drop_mark.hide()
-        else:
-            self._drop_mark.show_at(found[0], qrect(found[1].mark))
-        self._words.show_at(at, self._what_drops(name, found))
+        area, drop = found if found is not None else (self, None)
+        self._drop_mark.hide()
+        if drop is not None:
+            if self._drop_mark.parentWidget() is not area:
+                self._drop_mark.setParent(area)
+            self._drop_mark.setGeometry(qrect(drop.mark))
+            self._drop_mark.raise_()
+            self._drop_mark.show()
+        self._drag_words.show_at(at, self._what_drops(name, found))
 
     def _what_drops(self, name: PanelName, found: tuple[DockArea, Drop | None] | None) -> str:
         title = self._title(name)
@@ -560,33 +546,27 @@ class DockHost(DockArea):
     def _on_drag_dropped(self, name: PanelName, at: QPoint) -> None:
         self._drop_mark.hide()
         self._drop_mark.setParent(self)
-        if self._words is not None:
-            self._words.hide()
+        self._drag_words.hide()
         given_up, self._given_up = self._given_up, False
         if given_up or self._arrangement is None:
             return
         found = self._drop_at(name, at)
         if found is None:
-            place = Rect(at.x() - 60, at.y() - 20, *COMFORT.get(name, _FLOATING))
-            self.float_panel(name, place)
+            self.float_panel(name, Rect(at.x() - 60, at.y() - 20, *COMFORT.get(name, _FLOATING)))
         elif found[1] is not None:
             drop = found[1]
             if drop.beside is None:
-                after = edits.move_to_edge(self._arrangement, name, drop.side)
-                if self.edit(tr("Move {panel}").format(panel=self._title(name)), after):
-                    self._go_to(name)
+                to_edge = partial(edits.move_to_edge, panel=name, side=drop.side)
+                self._change(tr("Move {panel}"), name, to_edge, focus=True)
             else:
                 self.move_panel(name, drop.beside, drop.side, drop.at)
 
     def give_up(self) -> None:
-        """Esc: cancel the drag and close a drawer."""
-        if self._words is not None and self._words.isVisible():
+        """Esc: cancel the drag."""
+        if self._drag_words.isVisible():
             self._given_up = True
-            self._words.hide()
+            self._drag_words.hide()
             self._drop_mark.hide()
-        for area in (self, *(window.area for window in self._windows)):
-            if area.drawer is not None:
-                area.open_drawer(None)
 
     # ---- a panel's menu
 
@@ -605,18 +585,18 @@ class DockHost(DockArea):
         afloat = name in arrangement.afloat
         floats = menu.addAction(tr("Dock in the main window") if afloat else tr("Open in a separate window"))
         floats.triggered.connect(lambda: self.toggle_floating(name))
-        large = menu.addAction(tr("Enlarge temporarily"))
-        large.triggered.connect(lambda: self._open_drawer_of(name))
         for words, by_px in ((tr("Larger"), RESIZE_PX), (tr("Smaller"), -RESIZE_PX)):
             resizes = menu.addAction(words)
-            resizes.triggered.connect(resizer(self, name, by_px))
-            resizes.setEnabled(not self.locked and resized(self, name, by_px) is not None)
+            resizes.triggered.connect(lambda _checked, by_px=by_px: self.resize_panel(name, by_px))
+            resizes.setEnabled(not self.locked and self.resized(name, by_px) is not None)
         others = [other for other in arrangement.panels if other != name and arrangement.is_shown(other)]
         for side, words in _MENU_SIDES.items():
             into = menu.addMenu(tr(words))
             into.setEnabled(not self.locked and bool(others))
             for other in others:
-                into.addAction(self._title(other)).triggered.connect(self._mover(name, other, side))
+                into.addAction(self._title(other)).triggered.connect(
+                    lambda _checked, other=other, side=side: self.move_panel(name, other, side)
+                )
         menu.addSeparator()
         close = menu.addAction(tr("Close this panel"))
         close.triggered.connect(lambda: self.close_panel(name))
@@ -624,9 +604,6 @@ class DockHost(DockArea):
             action.setEnabled(not self.locked)
         if self.locked:
             menu.addSection(tr("The layout is locked"))
-
-    def _mover(self, name: PanelName, other: PanelName, side: Side) -> Callable[[], None]:
-        return lambda: self.move_panel(name, other, side)
 
 
 def _holds(dock: Dock, widget: QWidget | None) -> bool:
@@ -656,36 +633,6 @@ def available_screens() -> Sequence[Rect]:
     return [Rect(rect.x(), rect.y(), rect.width(), rect.height()) for rect in rects]
 
 
-_BESIDE_POINTER = QPoint(16, 18)
-_GROUND_ALPHA = 70
-
-
-class DropMark(QWidget):
-    """Highlight of the drop target, transparent to the mouse."""
-
-    def __init__(self, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setObjectName("drop_mark")
-        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        """Translucent: the content below helps to aim."""
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        ground = QColor(self.palette().highlight().color())
-        painter.setPen(QPen(ground, 3))
-        ground.setAlpha(_GROUND_ALPHA)
-        painter.setBrush(ground)
-        painter.drawRoundedRect(QRectF(self.rect()).adjusted(2, 2, -2, -2), PANEL_RADIUS_PX, PANEL_RADIUS_PX)
-
-    def show_at(self, over: QWidget, rect: QRect) -> None:
-        if self.parentWidget() is not over:
-            self.setParent(over)
-        self.setGeometry(rect)
-        self.raise_()
-        self.show()
-
-
 class DragWords(QLabel):
     """Label that follows the pointer."""
 
@@ -693,7 +640,6 @@ class DragWords(QLabel):
         super().__init__(parent, Qt.WindowType.ToolTip)
         self.setObjectName("drag_words")
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
 
     def show_at(self, at: QPoint, text: str) -> None:
         self.setText(text)

@@ -4,7 +4,7 @@ from PySide6.QtCore import QObject, QPoint, Qt, Signal
 from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.ui import layouts
-from caris_desktop.ui.drive_input_filter import DriveInputFilter
+from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 

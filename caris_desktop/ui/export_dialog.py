@@ -1,25 +1,28 @@
 """Export dialog: formats, destination, licence and progress."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import shiboken6
 from PySide6.QtCore import QSize, Qt, QUrl, Signal
-from PySide6.QtGui import QCloseEvent, QDesktopServices, QPainter, QPaintEvent, QShowEvent
-from PySide6.QtWidgets import QFileDialog, QLabel, QLineEdit, QProgressBar, QScrollArea, QSizePolicy, QWidget
+from PySide6.QtGui import QCloseEvent, QDesktopServices, QShowEvent
+from PySide6.QtWidgets import QFileDialog, QLabel, QProgressBar, QScrollArea, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import ExportStatus
 from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.csv_cells import CsvStyle
-from caris_desktop.recording.session_export import FORMATS
+from caris_desktop.recording.session_export import all_formats
 from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.form_dialog import lay_out_form, resize_to
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import TEXT_LEFT_PX, CheckBox
 from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.scroll_areas import Scrolled
+from caris_desktop.ui.widgets.labels import label, line_edit, restyle
+from caris_desktop.ui.widgets.scroll_areas import list_area
 
 _LICENCES = (
     (QT_TR_NOOP("No licence chosen"), ""),
@@ -39,73 +42,66 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
     def __init__(self, theme: Theme, library: SessionLibrary, sessions: Sequence[Path], parent: QWidget) -> None:
         super().__init__(parent, Qt.WindowType.Window)
         self.setObjectName("export_dialog")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._theme = theme
         self._library = library
         self._sessions = tuple(sessions)
         self._out: Path | None = None
-        self._heading = QLabel()
-        self._heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._which = QLabel(wordWrap=True)
-        self._which.setObjectName("export_sessions")
-        self._boxes: dict[str, CheckBox] = {}
-        self._dim: list[QLabel] = [self._which]
-        self._folder = QLineEdit()
-        self._folder.setObjectName("export_folder")
-        self._folder.setAccessibleName(tr("Export folder"))
-        self._folder.setMinimumHeight(36)
-        self._folder.textChanged.connect(self._show_state)
-        self._browse = ActionButton(theme, tr("Choose…"), icon="folder-open", height_px=36)
-        self._browse.setObjectName("export_choose")
-        self._browse.clicked.connect(self._choose_folder)
+        self._heading = label("", "heading")
+        self._which = label("", "note", wraps=True, objectName="export_sessions")
+        self._folder = line_edit("export_folder", tr("Export folder"), textChanged=self._show_state)
+        self._browse = self._button("choose", tr("Choose…"), self._choose_folder, icon="folder-open", height_px=36)
         self._licence = DropDown(theme, "export_licence", tr("Licence"))
         self._licence.setMinimumHeight(36)
         for text, value in _LICENCES:
             self._licence.addItem(tr(text), value)
         self._licence.addItem(tr("Another licence…"), None)
         self._licence.currentIndexChanged.connect(self._show_state)
-        self._other = QLineEdit(placeholderText=tr("name or URL of the licence"), maxLength=200)
-        self._other.setObjectName("export_other_licence")
-        self._other.setAccessibleName(tr("Name or URL of the licence"))
-        self._other.setMinimumHeight(36)
+        self._other = line_edit(
+            "export_other_licence", tr("Name or URL of the licence"), maxLength=200,
+            placeholderText=tr("name or URL of the licence"),
+        )  # fmt: skip
         self._names = CheckBox(
-            theme, tr("Include the names of wizards and coders and the robot’s address instead of W1, C1 …"), wraps=True
-        )
-        self._names.setObjectName("export_with_names")
-        self._names.setToolTip(
-            tr("Only for recipients who may know these identities. Transcripts are exported unchanged.")
-        )
+            theme, tr("Include the names of wizards and coders and the robot’s address instead of W1, C1 …"),
+            wraps=True, objectName="export_with_names",
+            toolTip=tr("Only for recipients who may know these identities. Transcripts are exported unchanged."),
+        )  # fmt: skip
         self._plain_csv = CheckBox(
-            theme, tr("CSV for programs: no apostrophe before text that starts like a formula"), wraps=True
-        )
-        self._plain_csv.setObjectName("export_plain_csv")
-        self._plain_csv.setToolTip(
-            tr("Not for spreadsheets: they would treat such text as formulas, and some formulas send data elsewhere.")
-        )
-        self._csv_bom = CheckBox(theme, tr("CSV with a UTF-8 byte order mark"), wraps=True)
-        self._csv_bom.setObjectName("export_csv_bom")
-        self._csv_bom.setToolTip(tr("For spreadsheets that show letters such as ü or é incorrectly."))
+            theme, tr("CSV for programs: no apostrophe before text that starts like a formula"), wraps=True,
+            objectName="export_plain_csv",
+            toolTip=tr(
+                "Not for spreadsheets: they would treat such text as formulas, and some formulas send data elsewhere."
+            ),
+        )  # fmt: skip
+        self._csv_bom = CheckBox(
+            theme, tr("CSV with a UTF-8 byte order mark"), wraps=True, objectName="export_csv_bom",
+            toolTip=tr("For spreadsheets that show letters such as ü or é incorrectly."),
+        )  # fmt: skip
+        self._boxes: dict[str, CheckBox] = {}
         self._bar = QProgressBar(textVisible=False)
         self._bar.setObjectName("export_progress")
         self._bar.setRange(0, 1000)
-        self._description = QLabel(wordWrap=True)
-        self._description.setObjectName("export_what")
+        self._description = label(tone="dim", wraps=True, objectName="export_what")
         self._description.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self._close = ActionButton(theme, tr("Close"), role="ghost", height_px=38)
-        self._close.setObjectName("export_close")
-        self._close.clicked.connect(self.close)
-        self._open = ActionButton(theme, tr("Open folder"), icon="folder-open", height_px=38)
-        self._open.setObjectName("export_open")
-        self._open.clicked.connect(self._open_folder)
-        self._cancel = ActionButton(theme, tr("Cancel export"), icon="x", height_px=38)
-        self._cancel.setObjectName("export_cancel")
-        self._cancel.clicked.connect(library.cancel_export)
-        self._start = ActionButton(theme, tr("Export"), icon="export", role="primary", height_px=38)
-        self._start.setObjectName("export_start")
-        self._start.clicked.connect(self._on_start)
-        self._lay_out()
+        self._close = self._button("close", tr("Close"), self.close, role="ghost")
+        self._open = self._button("open", tr("Open folder"), self._open_folder, icon="folder-open")
+        self._cancel = self._button("cancel", tr("Cancel export"), library.cancel_export, icon="x")
+        self._start = self._button("start", tr("Export"), self._on_start, icon="export", role="primary")
+        lay_out_form(
+            self,
+            layouts.vbox(None, self._heading, self._which, spacing_px=2),
+            (self._make_formats(), 1),
+            label(tr("Export to"), "note"),
+            layouts.hbox(None, (self._folder, 1), self._browse, spacing_px=8),
+            label(tr("Licence, if the data will be shared"), "note"),
+            layouts.hbox(None, (self._licence, 1), (self._other, 1), spacing_px=8),
+            self._names,
+            self._bar,
+            self._description,
+            buttons=(self._close, 1, self._open, self._cancel, self._start),
+        )
         self._mine = library.export.value.state == "running"
         library.export.changed.connect(self._on_export_changed)
-        theme.restyle_on_change(self._style)
         self.show_sessions(sessions)
         self.resize(self.sizeHint())  # Qt limits a first window to two thirds of the screen
 
@@ -150,72 +146,24 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
 
     # ---- layout
 
-    def _lay_out(self) -> None:
-        content = QWidget()
-        layout = layouts.vbox(content, margins_px=0, spacing_px=12)
-        head = layouts.vbox(spacing_px=2)
-        head.addWidget(self._heading)
-        head.addWidget(self._which)
-        layout.addLayout(head)
-        layout.addWidget(self._make_formats(), 1)
-        layout.addWidget(self._label(tr("Export to")))
-        where = layouts.hbox(spacing_px=8)
-        where.addWidget(self._folder, 1)
-        where.addWidget(self._browse)
-        layout.addLayout(where)
-        layout.addWidget(self._label(tr("Licence, if the data will be shared")))
-        licence = layouts.hbox(spacing_px=8)
-        licence.addWidget(self._licence, 1)
-        licence.addWidget(self._other, 1)
-        layout.addLayout(licence)
-        layout.addWidget(self._names)
-        layout.addSpacing(2)
-        layout.addWidget(self._bar)
-        layout.addWidget(self._description)
-        outer = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
-        outer.addWidget(Scrolled(content), 1)
-        buttons = layouts.hbox(spacing_px=8)
-        buttons.addWidget(self._close)
-        buttons.addStretch(1)
-        for button in (self._open, self._cancel, self._start):
-            buttons.addWidget(button)
-        outer.addLayout(buttons)
-
-    def _label(self, text: str) -> QLabel:
-        label = QLabel(text)
-        label.setFont(self._theme.font(tokens.STATUS_PX))
-        self._dim.append(label)
-        return label
+    def _button(self, name: str, text: str, run: Callable[[], object], **more: Any) -> ActionButton:
+        return ActionButton(self._theme, text, objectName=f"export_{name}", clicked=run, **{"height_px": 38, **more})
 
     def _make_formats(self) -> QScrollArea:
         rows = QWidget()
         column = layouts.vbox(rows, margins_px=(0, 0, 8, 0), spacing_px=6)
-        for fmt in FORMATS:
-            box = CheckBox(self._theme, tr(fmt.title))
-            box.setObjectName(f"export_format_{fmt.name}")
+        for fmt in all_formats().values():
+            box = self._boxes[fmt.name] = CheckBox(self._theme, tr(fmt.title), objectName=f"export_format_{fmt.name}")
             box.setAccessibleDescription(tr(fmt.description))
             box.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
             box.setChecked(fmt.name in _FIRST_CHOICE)
             box.toggled.connect(self._show_state)
-            description = _Description(tr(fmt.description), box)
-            description.setFont(self._theme.font(tokens.STATUS_PX))
-            self._dim.append(description)
-            row = layouts.vbox(spacing_px=0)
-            row.addWidget(box)
-            row.addWidget(description)
-            column.addLayout(row)
-            self._boxes[fmt.name] = box
+            column.addLayout(layouts.vbox(None, box, _Description(tr(fmt.description), box), spacing_px=0))
             if fmt.name == "csv":
-                column.addWidget(self._plain_csv)
-                column.addWidget(self._csv_bom)
+                layouts.fill(column, self._plain_csv, self._csv_bom)
         column.addStretch(1)
-        area = QScrollArea(widgetResizable=True)
+        area = list_area(rows, least_px=_LEAST_FORMATS_PX)
         area.setObjectName("export_formats")
-        area.setWidget(rows)
-        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        area.setMinimumHeight(_LEAST_FORMATS_PX)
-        area.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
         return area
 
     # ---- behaviour
@@ -279,16 +227,16 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         self._start.setEnabled(ready)
         count = len(self.formats)
         self._start.set_label(tr("Export"), role="plain" if ended and status.state == "done" else "primary")
-        text, role = "", "dim"
+        text, tone = "", "dim"
         if running:
             text = f"{status.fraction:.0%}".replace("%", " %") + (f" · {status.what}" if status.what else "")
         elif ended:
-            text, role = self._outcome(status)
+            text, tone = self._outcome(status)
         elif not count:
             text = tr("Choose at least one format.")
         self._description.setText(text)
         self._description.setVisible(bool(text))
-        self._theme.color_text(self._description, role)
+        restyle(self._description, tone=tone)
 
     def _outcome(self, status: ExportStatus) -> tuple[str, str]:
         written = len(status.written)
@@ -307,20 +255,9 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
                 reason = status.detail or tr("The export failed; see the program’s log for the reason.")
                 return f"{reason} {remaining}".strip(), "red"
 
-    # ---- style
-
-    def _style(self) -> None:
-        for label in self._dim:
-            self._theme.color_text(label, "dim")
-        self._which.setFont(self._theme.font(tokens.STATUS_PX))
-        self._description.setFont(self._theme.font(tokens.STATUS_PX + 1))
-        self._show_state()
-        self.update()
-
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
-        room = self.screen().availableSize()
-        self.resize(self.size().boundedTo(QSize(room.width() - 40, room.height() - 60)))
+        resize_to(self, self.size())
         next(iter(self._boxes.values())).setFocus(Qt.FocusReason.OtherFocusReason)
 
     def closeEvent(self, event: QCloseEvent) -> None:
@@ -328,15 +265,13 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         super().closeEvent(event)
         self.closed.emit()
 
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        QPainter(self).fillRect(self.rect(), self._theme.color("panel"))
-
 
 class _Description(QLabel):
     """Description below a check box; clicking it toggles the box."""
 
     def __init__(self, text: str, box: CheckBox) -> None:
         super().__init__(text)
+        self.setProperty("role", "note")
         self._box = box
         self.setWordWrap(True)
         self.setContentsMargins(TEXT_LEFT_PX, 0, 0, 0)

@@ -1,30 +1,21 @@
 """Gamepad dialog: live axes and buttons, and their bindings."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QAccessible, QCloseEvent, QFontMetricsF, QHideEvent, QPainter, QPaintEvent, QPen, QResizeEvent
-from PySide6.QtWidgets import (
-    QBoxLayout,
-    QDialog,
-    QGridLayout,
-    QHBoxLayout,
-    QLabel,
-    QScrollArea,
-    QSizePolicy,
-    QSlider,
-    QWidget,
-)
+from PySide6.QtWidgets import QBoxLayout, QGridLayout, QLabel, QSlider, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.gamepad import GamepadDevice, Gamepads, GamepadSample
-from caris_desktop.live.gamepad_mapping import (
+from caris_desktop.live.gamepad import (
     AXIS_ACTIONS,
     BUTTON_ACTIONS,
     TRIGGERS,
     AxisAction,
     ButtonAction,
+    GamepadDevice,
+    Gamepads,
+    GamepadSample,
     RawInputs,
     binding_words,
     let_go_since,
@@ -35,10 +26,11 @@ from caris_desktop.live.gamepad_mapping import (
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import GamepadStatus
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui.form_dialog import FormDialog, lay_out_form, resize_to
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.scroll_areas import Scrolled
+from caris_desktop.ui.widgets.labels import label, restyle
+from caris_desktop.ui.widgets.scroll_areas import list_area
 
 _LEAST_ROWS_PX, _BESIDE_ROWS_PX, _BETWEEN_PX = 160, 96, 32
 _AXIS_TEXTS: dict[AxisAction, tuple[str, str]] = {
@@ -67,96 +59,59 @@ _BUTTON_TEXTS: dict[ButtonAction, str] = {
 }  # fmt: skip
 
 
-class GamepadDialog(VisualTabOrderMixin, QDialog):
+class GamepadDialog(FormDialog):
     """Non-modal, so that the red button and all else keep working; the gamepad being configured does not drive."""
 
     def __init__(self, theme: Theme, state: LiveState, gamepads: Gamepads, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setObjectName("gamepad_dialog")
-        self.setWindowTitle(tr("Gamepad"))
-        self._theme = theme
+        super().__init__(theme, parent, "gamepad_dialog", tr("Gamepad"))
         self._state = state
         self._gamepads = gamepads
         self._learned: AxisAction | ButtonAction | None = None
         self._rests = RawInputs()
         self._before = RawInputs()
         self._first_way = ""
-        self._name = QLabel()
-        self._name.setObjectName("gamepad_name")
-        self._hint = QLabel(wordWrap=True)
-        self._hint.setObjectName("gamepad_hint")
+        self._name = label("", "heading", objectName="gamepad_name")
+        self._hint = label("", "note", wraps=True, objectName="gamepad_hint")
         self._view = GamepadView(theme)
-        self._view.setObjectName("gamepad_view")
         self._rows: dict[str, BindingRow] = {}
-        self._columns = QBoxLayout(QBoxLayout.Direction.LeftToRight)
-        self._columns.setSpacing(2)
-        self._sides: list[QWidget] = []
         shown_buttons = [action for action in BUTTON_ACTIONS if action in _BUTTON_TEXTS]
+        self._sides: list[QWidget] = []
         for actions in ((*AXIS_ACTIONS, *shown_buttons[:3]), shown_buttons[3:]):
             side = QWidget()
             lines = layouts.vbox(side, margins_px=0, spacing_px=2)
-            self._sides.append(side)
-            self._columns.addWidget(side, 1, Qt.AlignmentFlag.AlignTop)
             for action in actions:
-                row = BindingRow(theme, action, _title(action))
-                row.change.clicked.connect(self._learner(action))
-                self._rows[action] = row
+                row = self._rows[action] = BindingRow(theme, action, _title(action))
+                row.change.clicked.connect(lambda _checked=False, action=action: self._learn(action))
                 lines.addWidget(row)
+            self._sides.append(side)
         rows = QWidget()
-        rows_layout = layouts.vbox(rows, margins_px=(0, 0, 8, 0))
-        rows_layout.addLayout(self._columns)
-        rows_layout.addStretch(1)
-        scroll = self._scroll = QScrollArea(widgetResizable=True)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setWidget(rows)
-        self._dead_zone = self._slider("gamepad_dead_zone", tr("Dead zone"), 0, 40)
-        self._speed = self._slider("gamepad_speed", tr("Speed without a trigger"), 20, 100)
-        self._dead_zone_words, self._speed_words = QLabel(), QLabel()
-        self._dead_zone.valueChanged.connect(self._on_slider_moved)
-        self._speed.valueChanged.connect(self._on_slider_moved)
+        self._columns = layouts.hbox(spacing_px=2)
+        for side in self._sides:
+            self._columns.addWidget(side, 1, Qt.AlignmentFlag.AlignTop)
+        layouts.vbox(rows, self._columns, 1, margins_px=(0, 0, 8, 0))
         sliders = QGridLayout()
         sliders.setHorizontalSpacing(16)
-        for line, (text, slider, words) in enumerate(
-            (
-                (tr("Dead zone"), self._dead_zone, self._dead_zone_words),
-                (tr("Speed without a trigger"), self._speed, self._speed_words),
-            )
-        ):
-            label = QLabel(text)
-            sliders.addWidget(label, line, 0)
-            sliders.addWidget(slider, line, 1)
-            words.setMinimumWidth(56)
-            sliders.addWidget(words, line, 2)
-        self._reset = ActionButton(theme, tr("Reset to defaults"), icon="arrow-counter-clockwise")
-        self._reset.setObjectName("gamepad_reset")
-        self._reset.clicked.connect(self._on_reset)
-        close = ActionButton(theme, tr("Close"), role="primary")
-        close.setObjectName("gamepad_close")
-        close.clicked.connect(self.close)
-        foot = QHBoxLayout()
-        foot.addWidget(self._reset)
-        foot.addStretch(1)
-        foot.addWidget(close)
-        scroll.setMinimumHeight(_LEAST_ROWS_PX)
-        scroll.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
-        content = QWidget()
-        layout = layouts.vbox(content, margins_px=0, spacing_px=12)
-        layout.addWidget(self._name)
-        layout.addWidget(self._hint)
-        layout.addWidget(self._view)
-        layout.addWidget(scroll, 1)
-        layout.addLayout(sliders)
-        outer = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
-        outer.addWidget(Scrolled(content), 1)
-        outer.addLayout(foot)
+        self._dead_zone, self._dead_zone_words = self._slider(sliders, "gamepad_dead_zone", tr("Dead zone"), 0, 40)
+        self._speed, self._speed_words = self._slider(sliders, "gamepad_speed", tr("Speed without a trigger"), 20, 100)
+        self._reset = ActionButton(
+            theme, tr("Reset to defaults"), icon="arrow-counter-clockwise", objectName="gamepad_reset",
+            clicked=self._on_reset,
+        )  # fmt: skip
+        close = ActionButton(theme, tr("Close"), role="primary", objectName="gamepad_close", clicked=self.close)
+        lay_out_form(
+            self,
+            self._name,
+            self._hint,
+            self._view,
+            (list_area(rows, least_px=_LEAST_ROWS_PX), 1),
+            sliders,
+            buttons=(self._reset, 1, close),
+        )
         state.gamepad.changed.connect(self._on_status_changed)
         gamepads.mapping_changed.connect(self._refresh)
         gamepads.sampled.connect(self._on_sampled)
-        theme.restyle_on_change(self._style)
         self._refresh()
-        # Qt limits a dialog to two thirds of the screen, which cuts off rows on a small laptop.
-        self.resize(QSize(860, 760).boundedTo(self.screen().availableSize() - QSize(40, 60)))
+        resize_to(self, QSize(860, 760))
 
     @property
     def learned_action(self) -> str:
@@ -180,20 +135,18 @@ class GamepadDialog(VisualTabOrderMixin, QDialog):
         self._end_learning()
         super().closeEvent(event)
 
-    def _slider(self, name: str, title: str, lowest: int, highest: int) -> QSlider:
-        slider = QSlider(Qt.Orientation.Horizontal)
+    def _slider(self, grid: QGridLayout, name: str, title: str, lowest: int, highest: int) -> tuple[QSlider, QLabel]:
+        """Slider in a new row, and the label of its value."""
+        slider, words = QSlider(Qt.Orientation.Horizontal), QLabel()
         slider.setObjectName(name)
         slider.setAccessibleName(title)
         slider.setRange(lowest, highest)
-        return slider
-
-    def _style(self) -> None:
-        self._name.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._hint.setFont(self._theme.font(tokens.STATUS_PX))
-        self._show_hint()
-
-    def _learner(self, action: AxisAction | ButtonAction) -> Callable[[], None]:
-        return lambda: self._learn(action)
+        slider.valueChanged.connect(self._on_slider_moved)
+        words.setMinimumWidth(56)
+        row = grid.rowCount()
+        for column, part in enumerate((QLabel(title), slider, words)):
+            grid.addWidget(part, row, column)
+        return slider, words
 
     # ---- changing a binding
 
@@ -271,19 +224,19 @@ class GamepadDialog(VisualTabOrderMixin, QDialog):
 
     def _show_hint(self, status: GamepadStatus | None = None) -> None:
         status = status or self._state.gamepad.value
-        role = "dim"
+        role = "note"
         if self._gamepads.device is None:
             text = tr(status.detail) or tr("Plug in or turn on a gamepad. It is detected automatically.")
         elif self._learned is not None:
-            role = "blue"
+            role = "news"
             instruction = _wanted(self._learned, second=bool(self._first_way))
             text = tr("{action}: {wanted}.").format(action=_title(self._learned), wanted=instruction)
         elif status.detail:
-            text, role = tr("This gamepad is {what}.").format(what=tr(status.detail)), "amber"
+            text, role = tr("This gamepad is {what}.").format(what=tr(status.detail)), "warning"
         else:
             text = tr("The gamepad does not drive while this window is in front. Changes are saved for this gamepad.")
         self._hint.setText(text)
-        self._theme.color_text(self._hint, role)
+        restyle(self._hint, role=role)
 
     def _on_slider_moved(self, _value: int) -> None:
         self._gamepads.set_mapping(
@@ -301,18 +254,13 @@ class BindingRow(QWidget):
 
     def __init__(self, theme: Theme, action: str, title: str) -> None:
         super().__init__()
-        self._theme = theme
         self.setObjectName(f"binding_{action}")
-        self._title = QLabel(title)
-        self._bound = QLabel(alignment=Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        self.change = ActionButton(theme, tr("Change"), height_px=30, text_px=tokens.STATUS_PX)
-        self.change.setObjectName(f"change_{action}")
-        self.change.setAccessibleName(tr("Change: {action}").format(action=title))
-        row = layouts.hbox(self, margins_px=0, spacing_px=12)
-        row.addWidget(self._title)
-        row.addWidget(self._bound, 1)
-        row.addWidget(self.change)
-        theme.restyle_on_change(self._style)
+        self._bound = label("", "note", alignment=Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        self.change = ActionButton(
+            theme, tr("Change"), height_px=30, text_px=tokens.STATUS_PX, objectName=f"change_{action}",
+            accessibleName=tr("Change: {action}").format(action=title),
+        )  # fmt: skip
+        layouts.hbox(self, QLabel(title), (self._bound, 1), self.change, margins_px=0, spacing_px=12)
 
     @property
     def bound_text(self) -> str:
@@ -321,9 +269,6 @@ class BindingRow(QWidget):
     def show_binding(self, words: str, *, learning: bool) -> None:
         self._bound.setText(tr("waiting…") if learning else words)
         self.change.set_label(tr("Cancel") if learning else tr("Change"), role="amber" if learning else "plain")
-
-    def _style(self) -> None:
-        self._theme.style_text(self._bound, "dim", tokens.STATUS_PX)
 
 
 class GamepadView(QWidget):
@@ -337,6 +282,8 @@ class GamepadView(QWidget):
         self._raw = RawInputs()
         self._names: dict[str, str] = {}
         self._dead_zone = 0.0
+        self.setObjectName("gamepad_view")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.setFixedHeight(112)
         self.setAccessibleName(tr("Live gamepad input"))
         theme.changed.connect(self.update)
@@ -349,7 +296,8 @@ class GamepadView(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         theme = self._theme
-        painter = theme.paint_box(self, ground="raised", line="line", radius_px=8)
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.setFont(theme.font(tokens.STATUS_PX))
         if not self._raw.axes and not self._raw.buttons:
             painter.setPen(theme.color("dim"))

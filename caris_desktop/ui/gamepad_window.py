@@ -6,8 +6,9 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui.drive_input_filter import DriveInputFilter
+from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_place import raise_window
 
 if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.gamepad_dialog import GamepadDialog
@@ -40,8 +41,6 @@ class GamepadWindow:
             return
         from caris_desktop.ui.gamepad_dialog import GamepadDialog
 
-        if self._dialog is None:
-            self._dialog = GamepadDialog(self._theme, self._console.state, self._gamepads, self._window)
-        self._dialog.show()
-        self._dialog.raise_()
-        self._dialog.activateWindow()
+        dialog = self._dialog or GamepadDialog(self._theme, self._console.state, self._gamepads, self._window)
+        self._dialog = dialog
+        raise_window(dialog)

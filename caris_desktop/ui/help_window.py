@@ -6,18 +6,18 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, QSize, Qt, QUrl
-from PySide6.QtGui import QImage, QKeySequence, QPainter, QPaintEvent, QShortcut, QTextCursor, QTextDocument
+from PySide6.QtGui import QImage, QKeySequence, QShortcut, QTextCursor, QTextDocument
 from PySide6.QtWidgets import QApplication, QLineEdit, QTextBrowser, QWidget
 
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.focus_widget import focused_widget
-from caris_desktop.ui.session_windows import bring_up
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.window_place import bring_up
 
 _PICTURE_MARGIN_PX, _ABOVE_HEADING_PX = 40, 18
 
@@ -81,7 +81,6 @@ class HelpWindow(VisualTabOrderMixin, QWidget):
         super().__init__(parent, Qt.WindowType.Window)
         self.setObjectName("help_window")
         self.setWindowTitle(tr("Help · CARIS Desktop"))
-        self._theme = theme
         self.browser = GuideBrowser()
         self.browser.setObjectName("help_page")
         self.browser.setAccessibleName(tr("Guide"))
@@ -98,21 +97,17 @@ class HelpWindow(VisualTabOrderMixin, QWidget):
             ("help_back", tr("Back"), "arrow-left", self.browser.backward, self.browser.backwardAvailable),
             ("help_forward", tr("Forward"), "arrow-right", self.browser.forward, self.browser.forwardAvailable),
         ):
-            button = ActionButton(theme, text, icon=icon, role="ghost", may_lose_words=True)
-            button.setObjectName(name)
-            button.setToolTip(text)
-            button.setEnabled(False)
-            button.clicked.connect(step)
+            button = ActionButton(
+                theme, text, icon=icon, role="ghost", may_lose_words=True, objectName=name, toolTip=text, enabled=False,
+                clicked=step,
+            )  # fmt: skip
             can.connect(button.setEnabled)
             row.addWidget(button)
-        row.addWidget(self._pages, 1)
-        row.addWidget(self.search, 1)
-        column = layouts.vbox(self, margins_px=0, spacing_px=8)
-        column.addLayout(row)
-        column.addWidget(self.browser, 1)
+        layouts.fill(row, (self._pages, 1), (self.search, 1))
+        layouts.vbox(self, row, (self.browser, 1), margins_px=0, spacing_px=8)
         self.browser.sourceChanged.connect(self._on_page)
         QShortcut(QKeySequence(QKeySequence.StandardKey.Find), self, self._on_find)
-        theme.restyle_on_change(self._style)
+        theme.changed.connect(self.browser.reload)  # link colours are stored in the document
         self.resize(self.sizeHint().boundedTo(self.screen().availableSize() - QSize(40, 80)))
 
     def sizeHint(self) -> QSize:
@@ -138,18 +133,6 @@ class HelpWindow(VisualTabOrderMixin, QWidget):
         if not self.browser.find(self.search.text()):
             self.browser.moveCursor(QTextCursor.MoveOperation.Start)
             self.browser.find(self.search.text())
-
-    def _style(self) -> None:
-        colors = self._theme.colors
-        self.browser.setFont(self._theme.font(tokens.BODY_PX))
-        self.browser.setStyleSheet(
-            f"QTextBrowser {{ background: {colors.panel}; border: 0; padding: 4px 4px 4px 14px; }}"
-        )
-        self.browser.reload()  # link colours are stored in the document
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        QPainter(self).fillRect(self.rect(), self._theme.color("window"))
 
 
 def _title(page: Path) -> str:

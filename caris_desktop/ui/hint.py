@@ -2,16 +2,14 @@
 
 import shiboken6
 from PySide6.QtCore import QObject, QPoint, QRect, Qt, QTimer
-from PySide6.QtGui import QAccessible, QPaintEvent
+from PySide6.QtGui import QAccessible
 from PySide6.QtWidgets import QLabel, QWidget
 
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui import tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.announcing import announce
-from caris_desktop.ui.drive_input_filter import NOWHERE_MS, DriveInputFilter
 from caris_desktop.ui.focus_widget import focused_widget, window_of
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.input.drive_input_filter import NOWHERE_MS, DriveInputFilter
 
 _FIELD_PX = 120
 """A focused widget up to this height is a field, with the hint next to it; in a larger one the hint is inside."""
@@ -21,9 +19,9 @@ _GAP_PX, _MOST_PX = 6, 460
 class Hints(QObject):
     """One hint at a time, shown as long as keys are discarded. ``middle``: its anchor while nothing has the focus."""
 
-    def __init__(self, theme: Theme, middle: QWidget, actions: Actions, hold: DriveInputFilter) -> None:
+    def __init__(self, middle: QWidget, actions: Actions, hold: DriveInputFilter) -> None:
         super().__init__(middle)
-        self._theme, self._middle, self._hold = theme, middle, hold
+        self._middle, self._hold = middle, hold
         self._hint: Hint | None = None
         self._by_nowhere = False
         self._goes = QTimer(self, singleShot=True, interval=NOWHERE_MS)
@@ -44,7 +42,7 @@ class Hints(QObject):
         focused = focused_widget()
         beside = self._middle if focused is None or focused.isWindow() else focused
         # A new widget each time: the former one is deleted with its floating panel.
-        self._hint = Hint(self._theme, beside, text)
+        self._hint = Hint(beside, text)
         self._goes.start()
 
     def take_away(self) -> None:
@@ -70,17 +68,16 @@ class Hint(QLabel):
 
     accessible_role = QAccessible.Role.AlertMessage
 
-    def __init__(self, theme: Theme, beside: QWidget, text: str) -> None:
+    def __init__(self, beside: QWidget, text: str) -> None:
         window = window_of(beside)
         super().__init__(text, window)
         self.setObjectName("key_hint")
         self.setTextFormat(Qt.TextFormat.PlainText)
         self.setWordWrap(True)
-        self.setMargin(10)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.setAccessibleName(text)
-        self._theme = theme
-        theme.style_text(self, "text")
+        self.setProperty("role", "hint")
+        self.ensurePolished()
         width = min(_MOST_PX, window.width() - 2 * _GAP_PX, self.fontMetrics().horizontalAdvance(text) + 24)
         self.resize(width, self.heightForWidth(width))
         self._stand(QRect(beside.mapTo(window, QPoint()), beside.size()), window.rect())
@@ -99,7 +96,3 @@ class Hint(QLabel):
                 place.moveTop(beside.bottom() + _GAP_PX)
         place.moveRight(min(place.right(), room.right() - _GAP_PX))
         self.move(max(place.left(), _GAP_PX), max(place.top(), _GAP_PX))
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        self._theme.paint_box(self, ground="amber_soft", line="amber", radius_px=tokens.CONTROL_RADIUS_PX)
-        super().paintEvent(event)

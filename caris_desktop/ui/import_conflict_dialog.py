@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from PySide6.QtCore import QSize, Qt
-from PySide6.QtWidgets import QDialog, QLabel, QLineEdit, QPlainTextEdit, QScrollArea, QWidget
+from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.schema_paths import differences
@@ -13,11 +13,13 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
 from caris_desktop.scenario.bundle import NAME, ImportQuestion, NameConflict
 from caris_desktop.scenario.scenario_model import Scenario
-from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui import layouts
+from caris_desktop.ui.form_dialog import FormDialog, lay_out_form
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.labels import label, line_edit
+from caris_desktop.ui.widgets.scroll_areas import list_area
 
 _ASKED = {
     "scenario": QT_TR_NOOP("A scenario called “{name}” already exists with different content."),
@@ -27,51 +29,34 @@ _ASKED = {
 _LONGEST_NAME = 60
 
 
-class ImportConflictDialog(VisualTabOrderMixin, QDialog):
-    """Non-modal: the robot can be driven and stopped meanwhile. ``decide`` gets the choice for each name."""
+class ImportConflictDialog(FormDialog):
+    """``decide`` gets the choice for each name."""
 
     def __init__(
         self, theme: Theme, parent: QWidget, question: ImportQuestion, decide: Callable[[tuple[SameName, ...]], None]
     ) -> None:
-        super().__init__(parent)
-        self.setObjectName("same_names_dialog")
-        self.setWindowTitle(tr("Import a scenario"))
+        super().__init__(theme, parent, "same_names_dialog", tr("Import a scenario"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._decide = decide
-        heading = QLabel(tr("Some names in {file} already exist").format(file=question.path.name))
-        heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        hint = QLabel(tr("Nothing has been changed yet. Replaced files are set aside, not deleted."), wordWrap=True)
-        self._refusal = QLabel(wordWrap=True)
-        self._refusal.setObjectName("same_names_refusal")
-        holder = QWidget()
-        column = layouts.vbox(holder, margins_px=(0, 0, 8, 0), spacing_px=16)
+        heading = tr("Some names in {file} already exist").format(file=question.path.name)
+        hint = tr("Nothing has been changed yet. Replaced files are set aside, not deleted.")
+        self._refusal = label(tone="amber", wraps=True, objectName="same_names_refusal")
+        self._import = ActionButton(
+            theme, tr("Import"), role="primary", height_px=40, objectName="same_names_import", clicked=self._on_import
+        )
         self.parts = [_Part(theme, conflict, self._check) for conflict in question.conflicts]
-        for part in self.parts:
-            column.addWidget(part)
-        column.addStretch(1)
-        scroll = QScrollArea(widgetResizable=True)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        scroll.setFrameShape(QScrollArea.Shape.NoFrame)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setWidget(holder)
-        cancel = ActionButton(theme, tr("Cancel"), height_px=40)
-        cancel.setObjectName("same_names_cancel")
-        cancel.clicked.connect(self.reject)
-        self._import = ActionButton(theme, tr("Import"), role="primary", height_px=40)
-        self._import.setObjectName("same_names_import")
-        self._import.clicked.connect(self._on_import)
-        buttons = layouts.hbox()
-        buttons.addStretch(1)
-        buttons.addWidget(cancel)
-        buttons.addWidget(self._import)
-        layout = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
-        layout.addWidget(heading)
-        layout.addWidget(hint)
-        layout.addWidget(scroll, 1)
-        layout.addWidget(self._refusal)
-        layout.addLayout(buttons)
-        theme.color_text(hint, "dim")
-        theme.color_text(self._refusal, "amber")
+        holder = QWidget()
+        layouts.vbox(holder, *self.parts, 1, margins_px=(0, 0, 8, 0), spacing_px=16)
+        cancel = ActionButton(theme, tr("Cancel"), height_px=40, objectName="same_names_cancel", clicked=self.reject)
+        lay_out_form(
+            self,
+            label(heading, "heading"),
+            label(hint, tone="dim", wraps=True),
+            (list_area(holder, framed=False), 1),
+            self._refusal,
+            buttons=(1, cancel, self._import),
+            scrolls=False,
+        )
         self._check()
 
     def sizeHint(self) -> QSize:
@@ -97,36 +82,29 @@ class _Part(QWidget):
         self.setObjectName(f"same_name_{kind}")
         self._conflict = conflict
         self._changed = changed
-        question = QLabel(tr(_ASKED[kind]).format(name=name), wordWrap=True)
-        question.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
+        question = label(tr(_ASKED[kind]).format(name=name), "medium", wraps=True)
         self.choice = DropDown(theme, f"same_name_choice_{kind}", tr("How to import {name}").format(name=name))
         self.choice.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
         self.choice.setMinimumSize(320, 36)
         self.choice.addItem(tr("Keep both; name of the imported one:"), False)
-        self.name = QLineEdit(conflict.free, maxLength=_LONGEST_NAME)
-        self.name.setObjectName(f"new_name_{kind}")
-        self.name.setAccessibleName(tr("New name for {name}").format(name=name))
-        self.name.setMinimumHeight(36)
-        self.differs = ActionButton(theme, tr("Show differences"), icon="git-diff", height_px=32)
-        self.differs.setObjectName(f"what_differs_{kind}")
-        self.differs.clicked.connect(self._show_differences)
+        self.name = line_edit(
+            f"new_name_{kind}", tr("New name for {name}").format(name=name), conflict.free, maxLength=_LONGEST_NAME
+        )
+        self.differs = ActionButton(
+            theme, tr("Show differences"), icon="git-diff", height_px=32, objectName=f"what_differs_{kind}",
+            clicked=self._show_differences,
+        )  # fmt: skip
         self.differences = QPlainTextEdit(readOnly=True)
         self.differences.setObjectName(f"differences_{kind}")
         self.differences.setAccessibleName(tr("Differences between the imported and the existing version"))
         self.differences.setMinimumHeight(180)
         self.differences.hide()
-        named = layouts.hbox(spacing_px=8)
-        named.addWidget(self.choice, 1)
-        named.addWidget(self.name, 1)
-        column = layouts.vbox(self, margins_px=0, spacing_px=6)
-        column.addWidget(question)
-        column.addLayout(named)
+        named = layouts.hbox(None, (self.choice, 1), (self.name, 1), spacing_px=8)
+        column = layouts.vbox(self, question, named, margins_px=0, spacing_px=6)
         if conflict.own:
             self.choice.addItem(tr("Replace the existing one"), True)
         else:
-            shipped = QLabel(tr("It comes with the program and cannot be replaced."))
-            theme.color_text(shipped, "dim")
-            column.addWidget(shipped)
+            column.addWidget(label(tr("It comes with the program and cannot be replaced."), tone="dim"))
         column.addWidget(self.differs, 0, Qt.AlignmentFlag.AlignLeft)
         column.addWidget(self.differences)
         self.name.textChanged.connect(self._on_changed)

@@ -18,7 +18,7 @@ MODULES: tuple[str, ...] = (
     "caris_desktop.ui.start_dialog",
     "caris_desktop.ui.first_use.set_up_page",
     "caris_desktop.ui.gamepad_dialog",
-    *(f"caris_desktop.ui.panels.{spec.module}_panel" for spec in PANELS.values()),
+    *(f"caris_desktop.ui.panels.{spec.name}_panel" for spec in PANELS.values()),
     # Dependencies of the dialogs below, in pieces that import quickly.
     "caris_desktop.recording.session.recovery",
     "caris_desktop.recording.annotation.annotation_store",

@@ -9,13 +9,14 @@ from dataclasses import field
 from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtGui import QUndoCommand, QUndoStack
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Problem
 from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario, layout_data, layout_text, own_layout
@@ -48,44 +49,21 @@ class LayoutCommand(Value):
 MOST_UNDO_STEPS = 200
 
 
-class LayoutHistory:
-    """Undo and redo of dock layout edits.
+class LayoutEdit(QUndoCommand):
+    """Edit of the dock layout that is applied already. ``exchange`` shows a layout and returns the one shown before."""
 
-    Undo and redo stacks of layouts; each call gets the current one.
-    """
+    def __init__(self, description: str, before: DockLayout, exchange: Callable[[DockLayout], DockLayout]) -> None:
+        super().__init__(description)
+        self._other: DockLayout | None = None
+        self._before = before
+        self._exchange = exchange
 
-    def __init__(self) -> None:
-        self._before: list[tuple[str, DockLayout]] = []
-        self._after: list[tuple[str, DockLayout]] = []
+    def undo(self) -> None:
+        self._other = self._exchange(self._before)
 
-    def note(self, description: str, before: DockLayout) -> None:
-        """Record an edit ``description`` of ``before``; clears the redo stack."""
-        self._before.append((description, before))
-        del self._before[:-MOST_UNDO_STEPS]
-        self._after.clear()
-
-    @property
-    def undoes(self) -> str:
-        """Description of the edit to undo; empty if none."""
-        return self._before[-1][0] if self._before else ""
-
-    @property
-    def redoes(self) -> str:
-        return self._after[-1][0] if self._after else ""
-
-    def undo(self, present: DockLayout) -> DockLayout | None:
-        if not self._before:
-            return None
-        description, before = self._before.pop()
-        self._after.append((description, present))
-        return before
-
-    def redo(self, present: DockLayout) -> DockLayout | None:
-        if not self._after:
-            return None
-        description, after = self._after.pop()
-        self._before.append((description, present))
-        return after
+    def redo(self) -> None:
+        if self._other is not None:  # not when it is pushed
+            self._before = self._exchange(self._other)
 
 
 class LayoutStore(QObject):
@@ -124,7 +102,7 @@ class LayoutStore(QObject):
         self._trees: dict[SizeClass, LayoutNode] = {}
         self._baseline: LayoutNode | None = None
         self._touched = self._resetting = False
-        self._histories: dict[SizeClass, LayoutHistory] = {}
+        self._histories: dict[SizeClass, QUndoStack] = {}
         self.rest = QTimer(self, singleShot=True, interval=LAYOUT_AT_REST_MS)
         self.rest.timeout.connect(self.record_layout)
         docks.layout_changed.connect(self.rest.start)
@@ -213,18 +191,18 @@ class LayoutStore(QObject):
         stored = None
         if not self._in_replay:
             try:
-                stored = self._file.working(self._name, kind, self._file_tree(kind))
+                stored = self._file.working(self._name, kind)
             except ValueError:
                 self._notice(
                     tr("Your panel layout could not be read."),
                     tr("The layout of the scenario is used instead. A copy of your saved layout is in the settings."),
                 )
-        mine = None if stored is None else self._possible(stored.arrangement)
+        mine = None if stored is None else self._possible(stored[0])
         if stored is None or mine is None:
             return arrangement_of(baseline)
-        if stored.of_another:
+        if stored[1] != layout_data(self._file_tree(kind)):
             self._file.save_working_copy(self._name, kind, self._file_tree(kind), None)
-            self._history.note(tr("The scenario’s new layout"), mine)
+            self._note(tr("The scenario’s new layout"), mine)
             self._notice(
                 tr("The scenario’s layout has changed since last time."),
                 tr("Your own layout is not lost: choose Undo in the Layout menu to restore it."),
@@ -258,8 +236,17 @@ class LayoutStore(QObject):
                 self._begin_reporting()
 
     def _on_edited(self, description: str, before: DockLayout) -> None:
-        self._history.note(description, before)
+        self._note(description, before)
         self._touched = True
+
+    def _note(self, description: str, before: DockLayout) -> None:
+        self._history.push(LayoutEdit(description, before, self._exchange))
+
+    def _exchange(self, layout: DockLayout) -> DockLayout:
+        present = self._docks.arrangement
+        self._touched = True
+        self._board.show(self._possible(layout) or layout)
+        return layout if present is None else present
 
     def _on_layout_changed(self) -> None:
         self._persist()
@@ -337,61 +324,43 @@ class LayoutStore(QObject):
         return self._kind
 
     @property
-    def _history(self) -> LayoutHistory:
-        return self._histories.setdefault(self._kind, LayoutHistory())
+    def _history(self) -> QUndoStack:
+        if self._kind not in self._histories:
+            self._histories[self._kind] = QUndoStack()
+            self._histories[self._kind].setUndoLimit(MOST_UNDO_STEPS)
+        return self._histories[self._kind]
 
     def commands(self) -> tuple[LayoutCommand, ...]:
         """Commands for menu and palette."""
-        undo = tr("Undo: {what}").format(what=self._history.undoes) if self._history.undoes else tr("Undo")
-        redo = tr("Redo: {what}").format(what=self._history.redoes) if self._history.redoes else tr("Redo")
-        free, live = not self.locked, not self._in_replay
+        undoes, redoes = self._history.undoText(), self._history.redoText()
+        undo = tr("Undo: {what}").format(what=undoes) if undoes else tr("Undo")
+        redo = tr("Redo: {what}").format(what=redoes) if redoes else tr("Redo")
+        free, live, saves = not self.locked, not self._in_replay, tr("Save to the scenario")
+        saves_as, reverts = tr("Save as another scenario…"), tr("Revert to the scenario’s layout")
         return (
+            LayoutCommand(undo, "arrow-u-up-left", self.undo, bool(undoes) and free, "layout_undo", id="Undo"),
+            LayoutCommand(redo, "arrow-u-up-right", self.redo, bool(redoes) and free, id="Redo"),
+            LayoutCommand(saves, "floppy-disk", self.save, self.is_unsaved and live, id="Save into the scenario"),
+            LayoutCommand(saves_as, "floppy-disk", self.title_requested.emit, live, id="Save as another scenario…"),
             LayoutCommand(
-                undo, "arrow-u-up-left", self.undo, bool(self._history.undoes) and free, "layout_undo", id="Undo"
+                reverts, "arrow-counter-clockwise", self.revert, self.is_own, id="Revert to the scenario’s layout"
             ),
-            LayoutCommand(redo, "arrow-u-up-right", self.redo, bool(self._history.redoes) and free, id="Redo"),
-            *(
-                LayoutCommand(tr(text), icon, do, possible, id=known_as or text)
-                for text, icon, do, possible, known_as in (
-                    (
-                        QT_TR_NOOP("Save to the scenario"),
-                        "floppy-disk",
-                        self.save,
-                        self.is_unsaved and live,
-                        "Save into the scenario",
-                    ),
-                    (QT_TR_NOOP("Save as another scenario…"), "floppy-disk", self.title_requested.emit, live, ""),
-                    (
-                        QT_TR_NOOP("Revert to the scenario’s layout"),
-                        "arrow-counter-clockwise",
-                        self.revert,
-                        self.is_own,
-                        "",
-                    ),
-                    (
-                        QT_TR_NOOP("Reset to the original layout"),
-                        "layout",
-                        self.put_back,
-                        True,
-                        "Reset: as the scenario came",
-                    ),
-                )
+            LayoutCommand(
+                tr("Reset to the original layout"), "layout", self.put_back, id="Reset: as the scenario came"
             ),
         )
 
     def undo(self) -> None:
-        self._step(self._history.undo)
+        self._unless_locked(self._history.undo)
 
     def redo(self) -> None:
-        self._step(self._history.redo)
+        self._unless_locked(self._history.redo)
 
-    def _step(self, step: Callable[[DockLayout], DockLayout | None]) -> None:
-        present = self._docks.arrangement
+    def _unless_locked(self, step: Callable[[], None]) -> None:
         if self.locked:
             self._notice(tr(LOCKED), "")
-        elif present is not None and (before := step(present)) is not None:
-            self._touched = True
-            self._board.show(self._possible(before) or before)
+        else:
+            step()
 
     def save(self) -> None:
         """Request saving the current layout to the scenario file."""
@@ -411,7 +380,7 @@ class LayoutStore(QObject):
         present = self._docks.arrangement
         if present is None or self._baseline is None:
             return
-        self._history.note(tr("Revert"), present)
+        self._note(tr("Revert"), present)
         self._file.save_working_copy(self._name, self._kind, self._file_tree(self._kind), None)
         self._touched = False
         self._board.show(arrangement_of(self._baseline_of(self._kind)))
@@ -421,7 +390,7 @@ class LayoutStore(QObject):
         self._resetting = True
         present = self._docks.arrangement
         if present is not None:
-            self._history.note(tr("Reset"), present)
+            self._note(tr("Reset"), present)
         self._file.forget(self._name)
         self._console.do(intents.ResetLayout())
         self._show_scenario(self._console.scenario)
@@ -470,53 +439,40 @@ _WORKING, _ASIDE, _LOCKED, _ADAPTS = "layout/working", "layout/working_aside", "
 _log = logging.getLogger(__name__)
 
 
-class WorkingCopy(Value):
-    """A working copy. ``of_another``: made from a layout that the scenario file no longer has."""
-
-    arrangement: DockLayout
-    of_another: bool
-
-
 class LayoutFile:
     """Saved layouts of the current wizard, by scenario file and screen size class."""
 
     def __init__(self, values: WizardProfiles) -> None:
         self._values = values
 
-    def working(self, scenario: str, kind: SizeClass, file_tree: LayoutNode) -> WorkingCopy | None:
-        """The working copy, or None. Raises ValueError if unreadable; it is then set aside."""
+    def working(self, scenario: str, kind: SizeClass) -> tuple[DockLayout, Any] | None:
+        """The working copy and the layout of the file from which it was made, as data; None if there is none.
+
+        Raises ValueError if it is unreadable; all saved layouts are then copied to another key for inspection.
+        """
         text = str(self._values.value(_WORKING, "{}"))
-        everything = _read(text)
-        if not isinstance(everything, dict) or not isinstance(everything.get(scenario, {}), dict):
-            self._put_aside(scenario, text)
-            rest = everything | {scenario: {}} if isinstance(everything, dict) else {}
-            self._values.set_value(_WORKING, json.dumps(rest))
-            raise ValueError("the saved layouts are not a JSON object")  # noqa: TRY004
-        entry = everything.get(scenario, {}).get(kind)
-        if entry is None:
-            return None
         try:
-            if not isinstance(entry, dict):
-                raise ValueError("it is not a JSON object")  # noqa: TRY004, TRY301
-            return WorkingCopy(arrangement_from(entry.get("arrangement")), entry.get("of") != layout_data(file_tree))
+            entry = _object(_object(json.loads(text)).get(scenario, {})).get(kind)
+            return None if entry is None else (arrangement_from(_object(entry).get("arrangement")), entry.get("of"))
         except (ValueError, RecursionError) as error:
-            self._put_aside(scenario, json.dumps({scenario: {kind: entry}}))
-            self._write(scenario, kind, None)
+            _log.warning("the saved layouts of %s cannot be read, and are copied to %s", scenario, _ASIDE)
+            self._values.set_value(_ASIDE, text)
+            rest = {name: each for name, each in self._of(scenario).items() if name != kind}
+            self._values.set_value(_WORKING, json.dumps(self._all() | {scenario: rest}))
             raise ValueError(str(error)) from error
 
     def save_working_copy(
         self, scenario: str, kind: SizeClass, file_tree: LayoutNode, arrangement: DockLayout | None
     ) -> None:
         """Save a working copy; None if the layout equals the file's."""
-        entry = None
+        entries = {name: each for name, each in self._of(scenario).items() if name != kind}
         if arrangement is not None:
-            entry = {"of": layout_data(file_tree), "arrangement": arrangement_data(arrangement)}
-        self._write(scenario, kind, entry)
+            entries[kind] = {"of": layout_data(file_tree), "arrangement": arrangement_data(arrangement)}
+        if self._all().get(scenario, {}) != entries:
+            self._values.set_value(_WORKING, json.dumps(self._all() | {scenario: entries}))
 
     def forget(self, scenario: str) -> None:
-        self._values.set_value(
-            _WORKING, json.dumps({name: each for name, each in self._all().items() if name != scenario})
-        )
+        self._values.set_value(_WORKING, json.dumps(self._all() | {scenario: {}}))
 
     @property
     def adapts(self) -> bool:
@@ -541,22 +497,15 @@ class LayoutFile:
         entries = self._all().get(scenario)
         return entries if isinstance(entries, dict) else {}
 
-    def _write(self, scenario: str, kind: SizeClass, entry: dict[str, Any] | None) -> None:
-        known = self._all()
-        entries = {name: each for name, each in self._of(scenario).items() if name != kind}
-        if entry is not None:
-            entries[kind] = entry
-        if known.get(scenario, {}) != entries:
-            self._values.set_value(_WORKING, json.dumps(known | {scenario: entries}))
-
     def _all(self) -> dict[str, Any]:
         known = _read(self._values.value(_WORKING, "{}"))
         return known if isinstance(known, dict) else {}
 
-    def _put_aside(self, scenario: str, text: str) -> None:
-        """Keep unreadable data under another settings key for inspection."""
-        _log.warning("the arrangement that was kept for %s cannot be read, and is put aside", scenario)
-        self._values.set_value(_ASIDE, text)
+
+def _object(value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError("it is not a JSON object")  # noqa: TRY004  (the caller expects one kind)
+    return value
 
 
 def _read(text: Any) -> Any:

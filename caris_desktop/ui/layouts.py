@@ -1,27 +1,44 @@
-"""QVBoxLayout and QHBoxLayout with margins and spacing in px; None keeps the style's default."""
+"""QVBoxLayout and QHBoxLayout with items, margins and spacing in px; None keeps the style's default."""
 
-from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLayout, QVBoxLayout, QWidget
 
 Margins = int | tuple[int, int, int, int]
 """Equal on all sides; or left, top, right, bottom."""
 
+Item = QWidget | QLayout | int | tuple[QWidget | QLayout, int]
+"""Widget or layout, one with its stretch factor, or empty space of a stretch factor."""
+
 
 def vbox(
-    holder: QWidget | None = None, *, margins_px: Margins | None = None, spacing_px: int | None = None
+    holder: QWidget | None = None, *items: Item, margins_px: Margins | None = None, spacing_px: int | None = None
 ) -> QVBoxLayout:
     """Vertical layout of ``holder``, or one without a parent."""
     layout = QVBoxLayout() if holder is None else QVBoxLayout(holder)
     _give_room(layout, margins_px, spacing_px)
+    fill(layout, *items)
     return layout
 
 
 def hbox(
-    holder: QWidget | None = None, *, margins_px: Margins | None = None, spacing_px: int | None = None
+    holder: QWidget | None = None, *items: Item, margins_px: Margins | None = None, spacing_px: int | None = None
 ) -> QHBoxLayout:
     """Horizontal layout of ``holder``, or one without a parent."""
     layout = QHBoxLayout() if holder is None else QHBoxLayout(holder)
     _give_room(layout, margins_px, spacing_px)
+    fill(layout, *items)
     return layout
+
+
+def fill(layout: QBoxLayout, *items: Item) -> None:
+    """Append the items to a layout."""
+    for item in items:
+        part, stretch = item if isinstance(item, tuple) else (item, 0)
+        if isinstance(part, int):
+            layout.addStretch(part)
+        elif isinstance(part, QWidget):
+            layout.addWidget(part, stretch)
+        else:
+            layout.addLayout(part, stretch)
 
 
 def _give_room(layout: QBoxLayout, margins_px: Margins | None, spacing_px: int | None) -> None:

@@ -22,16 +22,13 @@ from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, Scenari
 from caris_desktop.ui import layouts, text_formatting
 from caris_desktop.ui.accessible_roles import install_accessible_roles
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.action_conditions import ActionConditions
 from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GROUP
-from caris_desktop.ui.alarms.alarm_list import AlarmList, AlarmsButton
 from caris_desktop.ui.announcing import Announcements
 from caris_desktop.ui.app_context import AppContext
 from caris_desktop.ui.background_reading import Remembered, read_for
-from caris_desktop.ui.banners import EmergencyBanner, GuardBanner, QuestionBanner
+from caris_desktop.ui.banners import EmergencyBanner, GuardBanner, NoticeStrip, QuestionBanner
 from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.emergency_over_dialogs import EmergencyOverDialogs
 from caris_desktop.ui.face.face_windows import FaceWindows
 from caris_desktop.ui.first_use.first_use import FirstUse
@@ -39,24 +36,25 @@ from caris_desktop.ui.gamepad_window import GamepadWindow
 from caris_desktop.ui.help_window import HelpWindows
 from caris_desktop.ui.hint import Hints
 from caris_desktop.ui.icons import icon
+from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
+from caris_desktop.ui.input.key_owner import KeyOwnerChip
+from caris_desktop.ui.input.talk_key import Talking
 from caris_desktop.ui.late_imports import LateImports
 from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.layout_store import LayoutStore
 from caris_desktop.ui.marking import Marking
-from caris_desktop.ui.notice_strip import NoticeStrip
+from caris_desktop.ui.notifications import AlarmList, AlarmsButton, NotificationLine, NotificationPopups
 from caris_desktop.ui.observer.observer_window import ObserverWindows
 from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.palette.palette_entries import PaletteEntries
-from caris_desktop.ui.palette.palette_item import PaletteItem
-from caris_desktop.ui.palette.palette_memory import PaletteMemory
-from caris_desktop.ui.palette.quick_choices import QuickChoices
+from caris_desktop.ui.palette.palette_entries import PaletteEntries, QuickChoices
+from caris_desktop.ui.palette.palette_search import PaletteItem, PaletteMemory
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.panel_manager import PanelManager
+from caris_desktop.ui.people.pending_identity_question import PendingIdentityQuestion
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.practice.practice_strip import PracticeStrip
 from caris_desktop.ui.preferences import Preferences
 from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
-from caris_desktop.ui.problems import ProblemCards, ProblemLine
 from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.quit_guard import QuitGuard
 from caris_desktop.ui.resume_trial_card import ResumeTrialCard
@@ -69,10 +67,8 @@ from caris_desktop.ui.shortcuts.shortcut_sheet import ShortcutSheet
 from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
 from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.tab_order import PanelWindow
-from caris_desktop.ui.talk_key import Talking
 from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
 from caris_desktop.ui.top_bar import TopBar
-from caris_desktop.ui.widgets.key_owner import KeyOwnerChip
 from caris_desktop.ui.window_appearance import Appearance
 from caris_desktop.ui.window_menus import WindowMenus
 from caris_desktop.ui.window_place import Settings, WindowPlace
@@ -139,12 +135,12 @@ class MainWindow(PanelWindow, QWidget):
         to_check = PreflightButton(self.theme, console)
         to_check.clicked.connect(self.show_preflight)
         alarms_button = AlarmsButton(self.theme, console)
-        line = ProblemLine(self.theme)
+        line = NotificationLine(self.theme)
         first = KeyOwnerChip(self.theme, self.hold), alarms_button, to_check
         self._status_bar = StatusBar(self.theme, console, *first, news=line)
         self._arrange()
-        Hints(self.theme, self.dock_host, self.actions_table, self.hold)
-        self._problems = ProblemCards(self.theme, self.dock_host, console.state, line)
+        Hints(self.dock_host, self.actions_table, self.hold)
+        self._problems = NotificationPopups(self.theme, self.dock_host, console.state, line)
         self._palette_overlay = CommandPalette(self.theme, self, PaletteMemory(self.wizards))
         self.wizard_keys = WizardKeys(self.wizards, self.actions_table, self._notify, self)
         self._sheet = ShortcutSheet(self.theme, self, self.actions_table, self.wizard_keys, self.hold)
@@ -196,7 +192,7 @@ class MainWindow(PanelWindow, QWidget):
         if explorer is not None:
             self.use_explorer(explorer)
         self.setWindowIcon(icon("robot", self.theme.color("blue"), 64))
-        ActionConditions(self.actions_table, console.state)
+        PendingIdentityQuestion(console.state, self)
         self._begin_scenario(console.scenario)
         if all_panels:
             self.board.complete()
@@ -316,7 +312,7 @@ class MainWindow(PanelWindow, QWidget):
         return self.board.panels
 
     @property
-    def problems(self) -> ProblemCards:
+    def problems(self) -> NotificationPopups:
         return self._problems
 
     @property

@@ -1,10 +1,12 @@
 """Manual marks: a tap marks a moment, a held key an interval; wizard errors, notes and the mark popup."""
 
 import time
+from collections.abc import Callable
+from typing import Any
 
-from PySide6.QtCore import QEvent, QObject, QRect, QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QAccessible, QPaintEvent
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtCore import QObject, QRect, Qt, QTimer, Signal, SignalInstance
+from PySide6.QtGui import QAccessible
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked
@@ -16,16 +18,17 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import ERROR_KEYS, ErrorKind
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.action_rows import MARKS_GROUP
+from caris_desktop.ui.action_rows import MARKS_GROUP, move_last_mark_back, withdraw_last_mark
 from caris_desktop.ui.action_spec import IntentNow
-from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.focus_widget import focus_widget, give_focus_back
-from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.mark_intents import move_last_mark_back, withdraw_last_mark
+from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.text_formatting import ESC_CLOSES
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.icon_label import IconLabel
+from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.popups import Popup
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 from caris_desktop.ui.window_above import clear_place, windows_above
 
@@ -210,7 +213,7 @@ _SAID_MS = 2500
 _LEFT_PX, _BELOW_TOP_BAR_PX = 16, 64
 
 
-class MarkCard(QWidget):
+class MarkCard(Popup):
     """Mark popup: shows a mark for a few seconds with time, label and single-key corrections.
 
     Popup below the top bar and the status indicators, which a mark must not cover. Takes the focus only for writing a
@@ -227,11 +230,8 @@ class MarkCard(QWidget):
     note_saved = Signal(str, str, float)  # text, mark id or empty, seconds ago
 
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, window: QWidget) -> None:
-        super().__init__(window)
+        super().__init__(theme, window, tone="blue")
         self.setObjectName("mark_card")
-        # A click on the popup must not reach the widgets below.
-        self.setAttribute(Qt.WidgetAttribute.WA_NoMousePropagation)
-        self._theme = theme
         self._console = console
         self._actions = actions
         self._window = window
@@ -243,33 +243,29 @@ class MarkCard(QWidget):
         self._note_began_s = 0.0
         self._below: tuple[QWidget, ...] = ()
         self._focus_before: QWidget | None = None
-        self._title = QLabel()
-        self._title.setObjectName("mark_card_title")
-        self._line = QLabel(wordWrap=True)
-        self._line.setObjectName("mark_card_line")
-        close = self._button("mark_card_close", "", icon="x", role="ghost")
-        close.setAccessibleName(tr("Close"))
-        close.clicked.connect(self.close_card)
+        self._icon = IconLabel(theme, size_px=20)
+        self._title = label("", "title", objectName="mark_card_title")
+        self._line = label("", "note", wraps=True, objectName="mark_card_line")
+        close = self._button("mark_card_close", "", self.close_card, icon="x", role="ghost", accessibleName=tr("Close"))
         self._labels = FlowRow(gap_px=6)
         self._label_buttons: list[ActionButton] = []
         self._kinds = FlowRow(gap_px=6)
         self._kind_buttons: list[tuple[str, str, ActionButton]] = []
         self._kinds_shown: tuple[ErrorKind, ...] = ()
-        self._end = self._button("mark_card_end", tr("End"), icon="stop", role="primary")
-        self._end.clicked.connect(self._on_end)
-        self._earlier = self._button("mark_card_earlier", tr("3 s earlier"), icon="rewind")
-        self._earlier.clicked.connect(self.earlier_requested)
-        self._add_note = self._button("mark_card_note", tr("Note"), icon="note-pencil")
-        self._add_note.clicked.connect(self._on_add_note)
-        self._undo = self._button("mark_card_undo", tr("Undo"), icon="arrow-u-up-left")
-        self._undo.clicked.connect(self.withdraw_requested)
-        self._add_note.setToolTip(tr("Add a note to this mark"))
-        self._undo.setToolTip(tr("Undo this mark"))
-        self._earlier.setToolTip(tr("Move the mark 3 seconds earlier. Press again for 6, 9, …"))
+        self._end = self._button("mark_card_end", tr("End"), self._on_end, icon="stop", role="primary")
+        self._earlier = self._button(
+            "mark_card_earlier", tr("3 s earlier"), self.earlier_requested, icon="rewind",
+            toolTip=tr("Move the mark 3 seconds earlier. Press again for 6, 9, …"),
+        )  # fmt: skip
+        self._add_note = self._button(
+            "mark_card_note", tr("Note"), self._on_add_note, icon="note-pencil", toolTip=tr("Add a note to this mark")
+        )
+        self._undo = self._button(
+            "mark_card_undo", tr("Undo"), self.withdraw_requested, icon="arrow-u-up-left", toolTip=tr("Undo this mark")
+        )
         self._correct = QWidget()
-        correct = layouts.hbox(self._correct, margins_px=0, spacing_px=6)
-        for button in (self._end, self._earlier, self._add_note, self._undo):
-            correct.addWidget(button)
+        corrections = self._end, self._earlier, self._add_note, self._undo
+        layouts.hbox(self._correct, *corrections, margins_px=0, spacing_px=6)
         self.field = SubmitLineEdit()
         self.field.setObjectName("note_field")
         self.field.setAccessibleName(tr("Note"))
@@ -277,43 +273,30 @@ class MarkCard(QWidget):
         self.field.setMaxLength(400)
         self.field.setMinimumHeight(36)
         self.field.returnPressed.connect(self._store_note)
-        self._keep = self._button("note_keep", tr("Save"), key="Enter", role="primary")
-        self._keep.clicked.connect(self._store_note)
-        leave = self._button("note_leave", tr("Discard"), key="Esc")
-        leave.setToolTip(tr(ESC_CLOSES))
-        leave.clicked.connect(self.close_card)
+        self._keep = self._button("note_keep", tr("Save"), self._store_note, key="Enter", role="primary")
+        leave = self._button("note_leave", tr("Discard"), self.close_card, key="Esc", toolTip=tr(ESC_CLOSES))
         self._note_row = QWidget()
-        note_row = layouts.hbox(self._note_row, margins_px=0, spacing_px=6)
-        note_row.addWidget(self.field, 1)
-        note_row.addWidget(self._keep)
-        note_row.addWidget(leave)
+        layouts.hbox(self._note_row, (self.field, 1), self._keep, leave, margins_px=0, spacing_px=6)
         head = layouts.hbox(spacing_px=10)
-        column = layouts.vbox(spacing_px=1)
-        column.addWidget(self._title)
-        column.addWidget(self._line)
-        head.addLayout(column, 1)
+        head.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
+        head.addLayout(layouts.vbox(None, self._title, self._line, spacing_px=1), 1)
         head.addWidget(self._correct, 0, Qt.AlignmentFlag.AlignTop)
         head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
-        layout = layouts.vbox(self, margins_px=(44, 10, 8, 12), spacing_px=8)
-        layout.addLayout(head)
-        for part in (self._labels, self._kinds, self._note_row):
-            layout.addWidget(part)
+        parts = self._labels, self._kinds, self._note_row
+        below = layouts.vbox(None, *parts, margins_px=(30, 0, 0, 0), spacing_px=8)
+        layouts.vbox(self, head, below, margins_px=(14, 10, 8, 12), spacing_px=8)
         self._away = QTimer(self, singleShot=True)
         self._away.timeout.connect(self._on_away)
         self._second = QTimer(self, interval=250)
         self._second.timeout.connect(self._show_words)
         console.state.marks.changed.connect(self._on_marks_changed)
         actions.keys_changed.connect(self._show_keys)
-        theme.changed.connect(self._style)
         window.installEventFilter(self)
-        self._style()
         self._show_keys()
-        self.hide()
 
-    def _button(self, name: str, text: str, **more: object) -> ActionButton:
-        button = ActionButton(self._theme, text, height_px=30, text_px=tokens.STATUS_PX + 1, **more)  # type: ignore[arg-type]
-        button.setObjectName(name)
-        return button
+    def _button(self, name: str, text: str, run: Callable[..., object] | SignalInstance, **more: Any) -> ActionButton:
+        more = {"height_px": 30, "text_px": tokens.STATUS_PX + 1, "objectName": name, "clicked": run, **more}
+        return ActionButton(self._theme, text, **more)
 
     def lie_below(self, *strips: QWidget) -> None:
         """Place the popup below those of the strips that are visible."""
@@ -365,6 +348,7 @@ class MarkCard(QWidget):
         self.setAccessibleName(self.text)
         for part in (self._labels, self._kinds, self._correct, self._note_row):
             part.hide()
+        self._show_icon("mark")
         self._second.stop()
         self._open(_SAID_MS)
 
@@ -396,6 +380,7 @@ class MarkCard(QWidget):
         self._away.stop()
         self.field.setText("" if mark is None else mark.note)
         self._note_row.show()
+        self._show_icon("note")
         self._open(None)
         focus_widget(self.field)
 
@@ -432,7 +417,7 @@ class MarkCard(QWidget):
         self._add_note.setVisible(mark.state != "open" and self._console.scenario.permissions.notes)
         self._show_words()
         self._show_keys()
-        self.update()
+        self._show_icon(mark.kind)
         if mark.state == "open":
             self._second.start()
         else:
@@ -452,9 +437,11 @@ class MarkCard(QWidget):
         for letter, kind in zip(ERROR_KEYS, kinds, strict=False):
             title = tr(kind.kind)
             name = f"mark_card_{kind.kind.replace(' ', '_')}"
-            button = self._button(name, f"{title[:1].upper()}{title[1:]}", key=letter, key_first=True)
-            button.setToolTip(tr(kind.meaning) if kind.meaning else "")
-            button.clicked.connect(lambda _checked=False, chosen=kind.kind: self.error_kind_chosen.emit(chosen))
+            button = self._button(
+                name, f"{title[:1].upper()}{title[1:]}",
+                lambda _on=False, chosen=kind.kind: self.error_kind_chosen.emit(chosen), key=letter, key_first=True,
+                toolTip=tr(kind.meaning) if kind.meaning else "",
+            )  # fmt: skip
             self._kinds.add(button)
             self._kind_buttons.append((letter, kind.kind, button))
 
@@ -462,9 +449,10 @@ class MarkCard(QWidget):
         labels = self._console.scenario.recording.labels if mark.kind == "mark" else ()
         while len(self._label_buttons) < len(labels):
             number = len(self._label_buttons) + 1
-            button = self._button(f"mark_card_label_{number}", "")
-            button.setCheckable(True)
-            button.clicked.connect(lambda _checked=False, index=number - 1: self._on_label(index))
+            button = self._button(
+                f"mark_card_label_{number}", "", lambda _on=False, index=number - 1: self._on_label(index),
+                checkable=True,
+            )  # fmt: skip
             self._labels.add(button)
             self._label_buttons.append(button)
         for index, button in enumerate(self._label_buttons):
@@ -510,10 +498,10 @@ class MarkCard(QWidget):
         self._end.set_key(self._actions.key_text("stretch"))
         self._earlier.set_key(self._actions.key_text("mark_earlier"))
         self._undo.set_key(self._actions.key_text("mark_undo"))
-        for letter, label, button in self._kind_buttons:
+        for letter, kind, button in self._kind_buttons:
             button.set_key(self._actions.letter(letter) if self._asks else "")
             button.setCheckable(True)
-            button.setChecked(self._mark is not None and self._mark.label == label)
+            button.setChecked(self._mark is not None and self._mark.label == kind)
 
     def _on_marks_changed(self, _status: object) -> None:
         status = self._console.state.marks.value
@@ -523,7 +511,7 @@ class MarkCard(QWidget):
             if mark is not None and mark.mark_id == self.mark_id and mark != self._mark:
                 self._mark = mark
                 self._fill()
-                self._place()
+                self.place()
                 return
 
     def _on_label(self, index: int) -> None:
@@ -550,9 +538,9 @@ class MarkCard(QWidget):
     # ---- placement and style
 
     def _open(self, for_ms: int | None) -> None:
-        self._place()
+        self.place()
         self.show()
-        self._place()
+        self.place()
         self.raise_()
         if for_ms is not None:
             self._away.start(for_ms)
@@ -563,7 +551,7 @@ class MarkCard(QWidget):
         else:
             self.close_card()
 
-    def _place(self) -> None:
+    def place(self) -> None:
         width = min(MARK_CARD_WIDTH_PX, self._window.width() - 2 * _LEFT_PX)
         layout = self.layout()
         if layout is None:
@@ -579,24 +567,9 @@ class MarkCard(QWidget):
         place = clear_place(usual, QRect(_LEFT_PX, top, room, height), taken) or usual
         self.setGeometry(place)
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self._window and event.type() == QEvent.Type.Resize and self.isVisible():
-            self._place()
-        return False
-
-    def _style(self) -> None:
-        self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self._theme.style_text(self._line, "dim", tokens.STATUS_PX)
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = self._theme.paint_box(
-            self, ground="panel", line="blue", radius_px=tokens.PANEL_RADIUS_PX, line_px=1.2, inset_px=(1, 1)
-        )
-        kind = "" if self._mark is None else self._mark.kind
-        name = "note-pencil" if self.writes_note or kind == "note" else "bookmark-simple"
-        name = "warning" if kind == "wizard_error" else name
-        draw_icon(painter, QRectF(14, 13, 20, 20), name, self._theme.color("blue"))
+    def _show_icon(self, kind: str) -> None:
+        icons = {"note": "note-pencil", "wizard_error": "warning"}
+        self._icon.show_icon(icons.get(kind, "bookmark-simple"), "blue")
 
 
 def _moment_ns(mark: Marked) -> int:

@@ -4,8 +4,11 @@ from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt
 from PySide6.QtGui import QAccessible, QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QRegion
 from PySide6.QtWidgets import QAbstractButton, QApplication, QCheckBox, QWidget
 
+from caris_desktop.domain.translation import tr
 from caris_desktop.ui.focus_widget import activate_window, existing, give_focus_back
+from caris_desktop.ui.text_formatting import ESC_CLOSES
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.window_above import PLACE_CHANGES, InSight, WindowAbove, clear_place, windows_above
 
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
@@ -32,7 +35,7 @@ class Overlay(QWidget):
         self._keys_before: QWidget | None = None
         self._stepped_back: list[WindowAbove] = []
         self._in_sight: list[InSight] = []
-        self.card = _Card(theme, self)
+        self.card = _Card(self)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         window.installEventFilter(self)
         self.hide()
@@ -62,6 +65,13 @@ class Overlay(QWidget):
         before, self._keys_before = existing(self._keys_before), None
         if isinstance(before, WindowAbove) and before.isVisible():
             activate_window(before)
+
+    def close_button(self, name: str) -> ActionButton:
+        """Button that closes the popup, as Esc does."""
+        return ActionButton(
+            self._theme, tr("Close"), icon="x", key="Esc", role="ghost", objectName=name, toolTip=tr(ESC_CLOSES),
+            clicked=self.close_overlay,
+        )  # fmt: skip
 
     def card_height_px(self) -> int:
         return self.card.sizeHint().height()
@@ -120,13 +130,9 @@ class Overlay(QWidget):
 
 
 class _Card(QWidget):
-    def __init__(self, theme: Theme, parent: QWidget) -> None:
+    def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
-        self._theme = theme
-        theme.changed.connect(self.update)
-
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        event.accept()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        self._theme.paint_box(self, ground="panel", line="line_strong", radius_px=12)
+        self.setProperty("role", "card")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        # A click on the card must not close the popup.
+        self.setAttribute(Qt.WidgetAttribute.WA_NoMousePropagation)

@@ -8,6 +8,7 @@ placeholders stand in for them. A request for a panel creates all remaining ones
 import time
 from collections import deque
 from collections.abc import Callable, Collection
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +16,11 @@ from PySide6.QtCore import QObject, QSize, Qt, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, PanelSettings, Scenario
-from caris_desktop.ui.dock_host import DockHost
+from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
 from caris_desktop.ui.focus_widget import existing, focus_widget
 from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
 from caris_desktop.ui.layout.layout_tree import panels_in, permitted
-from caris_desktop.ui.layout.panel_size import RESIZE_PX, resized, resizer
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 
@@ -29,13 +28,6 @@ TURN_S = 0.012
 """Time budget in seconds of a turn; no further step begins after it. A step begun just before it delays a key by no
 more than one repaint.
 """
-
-
-class _Building(Value):
-    """Layout to apply once all panels are created, and the callback for completion."""
-
-    arrangement: DockLayout
-    arranged: Callable[[], None]
 
 
 class _ReservedPlace(Panel):
@@ -73,10 +65,9 @@ class PanelManager(QObject):
         self._opened: tuple[Path | None, PanelSettings] | None = None
         self._opened_in: set[PanelName] = set()
         self._has_library = False
-        self._building: _Building | None = None
+        # Refresh of reused panels, creation of visible ones, and the layout, which ends them.
+        self._steps: deque[Callable[[], object]] = deque()
         self._had_keys: PanelName | None = None
-        self._outdated: deque[PanelName] = deque()  # reused, but still showing the former scenario
-        self._missing: deque[PanelName] = deque()
         self._behind: deque[PanelName] = deque()
         self._without_room: PanelName | None = None
         self._importing = False
@@ -132,23 +123,23 @@ class PanelManager(QObject):
         self._docks.leave_gaps({**self._panels, **self._aside}, self._panels)
         actions.rebuild(scenario)
         self._bind_driving()
-        self._outdated.extend(self._panels)
         missing, front_panels = [name for name in arrangement.panels if name not in self._panels], arrangement.in_front
         now = [name for name in missing if name in front_panels and PANELS[name].ready]
-        self._missing.extend(now)
         self._behind.extend(name for name in missing if name not in now)
-        self._building = _Building(arrangement, lambda: arranged(tree))
+        self._steps.extend(partial(self._refresh, name) for name in self._panels)
+        self._steps.extend(partial(self._make_without_room, name) for name in now)
+        self._steps.append(partial(self._arrange, arrangement, partial(arranged, tree)))
         self._turn.start()
 
     @property
     def building(self) -> bool:
         """Whether visible panels are still missing."""
-        return self._building is not None
+        return bool(self._steps)
 
     @property
     def whole(self) -> bool:
         """Whether all panels exist, also those behind other tabs."""
-        return self._building is None and not (self._outdated or self._behind or self._without_room)
+        return not (self._steps or self._behind or self._without_room)
 
     def complete(self) -> None:
         """Create all missing panels now."""
@@ -171,26 +162,24 @@ class PanelManager(QObject):
         self._turn.start()
 
     def _build_next(self) -> None:
-        """Run one step: refresh a reused panel, create a visible one, place it, apply the layout, or create a hidden
-        one.
-        """
+        """Run one step: place a new panel, the next of the steps, or create a hidden panel."""
         if self._without_room is not None:
             self._give_room()
-        elif self._outdated:
-            name = self._outdated.popleft()
-            self._panels[name].show_scenario()
-            self._open_in(name, self._panels[name])
-        elif self._missing:
-            self._make_next(self._missing)
-        elif self._building is not None:
-            building, self._building = self._building, None
-            self._put_aside_all_but(building.arrangement.panels)
-            self._docks.show_arrangement({**self._panels, **self._aside, **self._stored_places()}, building.arrangement)
-            self._bind_driving()
-            self._restore_focus()
-            building.arranged()
+        elif self._steps:
+            self._steps.popleft()()
         elif self._behind:
-            self._make_next(self._behind)
+            self._make_without_room(self._behind.popleft())
+
+    def _refresh(self, name: PanelName) -> None:
+        self._panels[name].show_scenario()
+        self._open_in(name, self._panels[name])
+
+    def _arrange(self, arrangement: DockLayout, arranged: Callable[[], None]) -> None:
+        self._put_aside_all_but(arrangement.panels)
+        self._docks.show_arrangement({**self._panels, **self._aside, **self._stored_places()}, arrangement)
+        self._bind_driving()
+        self._restore_focus()
+        arranged()
 
     def _restore_focus(self) -> None:
         """Restore the focus to a panel that the new scenario also has; otherwise nothing is focused."""
@@ -202,7 +191,7 @@ class PanelManager(QObject):
     @property
     def _arranges_next(self) -> bool:
         """Whether the next step applies the layout: the slowest step, as it repaints the whole window."""
-        return self.building and not (self._without_room or self._outdated or self._missing)
+        return len(self._steps) == 1 and self._without_room is None
 
     def _stored_places(self) -> dict[PanelName, Panel]:
         return {name: _ReservedPlace(self._context, name, self._least.get(name, QSize(0, 0))) for name in self._behind}
@@ -233,15 +222,15 @@ class PanelManager(QObject):
             self._importing = True
             self._context.console.run_in_background(PANELS[late[0]].import_library, self._on_imported)
         self._behind = deque(sorted(self._behind, key=lambda name: not PANELS[name].ready))
-        left = self.building or self._outdated or self._without_room or len(late) < len(self._behind)
+        left = self.building or self._without_room or len(late) < len(self._behind)
         return bool(late) and not left
 
     def _on_imported(self, _nothing: None) -> None:
         self._importing = False
         self._turn.start()
 
-    def _make_next(self, names: deque[PanelName]) -> None:
-        name = self._without_room = names.popleft()
+    def _make_without_room(self, name: PanelName) -> None:
+        self._without_room = name
         self._make(name)
 
     def _give_room(self) -> None:
@@ -254,10 +243,8 @@ class PanelManager(QObject):
     def _stop_building(self) -> None:
         self._turn.stop()
         self._give_room()
-        self._outdated.clear()
-        self._missing.clear()
+        self._steps.clear()
         self._behind.clear()
-        self._building = None
 
     def show(self, arrangement: DockLayout) -> None:
         """Apply a layout: existing panels stay, visible missing ones are created, and hidden missing ones keep their
@@ -315,9 +302,8 @@ class PanelManager(QObject):
 
     def resizers(self, name: PanelName) -> list[tuple[int, Callable[[], None]]]:
         """Possible changes of the panel's size in px, with their slots."""
-        docks = self._docks
-        steps = [by_px for by_px in (RESIZE_PX, -RESIZE_PX) if resized(docks, name, by_px) is not None]
-        return [(by_px, resizer(docks, name, by_px)) for by_px in steps]
+        steps = [by_px for by_px in (RESIZE_PX, -RESIZE_PX) if self._docks.resized(name, by_px) is not None]
+        return [(by_px, partial(self._docks.resize_panel, name, by_px)) for by_px in steps]
 
     def toggler(self, name: PanelName) -> Callable[[bool], None]:
         """Slot that opens or closes the panel after the menu has closed, so that size and focus can be set."""

@@ -1,4 +1,4 @@
-"""Panel table: module, icon, neighbours and required permission of each panel."""
+"""Panel table: title, icon, neighbours and required permission of each panel."""
 
 import importlib
 from collections.abc import Mapping
@@ -15,15 +15,15 @@ _imported: set[str] = set()
 class PanelSpec(Value):
     """Row of the panel table.
 
-    ``module`` and ``class_name`` are imported only when a scenario shows the panel. ``neighbours``: a panel outside the
+    The class of the panel ``video`` is ``VideoPanel`` in ``panels/video_panel.py``, imported only when a scenario shows
+    it. ``neighbours``: a panel outside the
     scenario's layout opens in a tab with the first of these that is open. Without ``permission`` the panel is absent,
     whatever the layout says. ``library``: module that takes longer to import than a turn of the event loop may take;
     the panel is created once it is imported in the background.
     """
 
+    name: PanelName
     title: str
-    module: str
-    class_name: str
     icon: str
     neighbours: tuple[PanelName, ...]
     permission: Permission | None = None
@@ -43,63 +43,30 @@ class PanelSpec(Value):
         """Import the panel's class, a Panel, at first use."""
         if self.library:
             self.import_library()
-        panel: type[Any] = getattr(
-            importlib.import_module(f"caris_desktop.ui.panels.{self.module}_panel"), self.class_name
-        )
+        module = importlib.import_module(f"caris_desktop.ui.panels.{self.name}_panel")
+        panel: type[Any] = getattr(module, f"{self.name.capitalize()}Panel")
         return panel
 
 
 _PLOTS = "pyqtgraph"
 
-PANELS: Mapping[PanelName, PanelSpec] = {
-    "video": PanelSpec(QT_TR_NOOP("Video"), "video", "VideoPanel", "video-camera", ("map", "people")),
-    "map": PanelSpec(
-        QT_TR_NOOP("Map"), "map", "MapPanel", "map-trifold", ("people", "session", "drive"), library=_PLOTS
-    ),
-    "drive": PanelSpec(
-        QT_TR_NOOP("Drive"), "drive", "DrivePanel", "game-controller", ("map", "people", "session"), "driving"
-    ),
-    "people": PanelSpec(QT_TR_NOOP("People"), "people", "PeoplePanel", "users", ("session", "drive", "map")),
-    "speak": PanelSpec(QT_TR_NOOP("Speak"), "speak", "SpeakPanel", "chat-text", ("assistant",), "speech"),
-    "conversation": PanelSpec(
-        QT_TR_NOOP("Conversation"),
-        "conversation",
-        "ConversationPanel",
-        "chats",
-        ("assistant", "people", "session", "map"),
-    ),
-    "assistant": PanelSpec(
-        QT_TR_NOOP("Assistant"), "assistant", "AssistantPanel", "sparkle", ("people", "session", "map"), "assistant"
-    ),
-    "session": PanelSpec(
-        QT_TR_NOOP("Session"), "session", "SessionPanel", "list-bullets", ("people", "drive", "assistant", "map")
-    ),
-    "robot": PanelSpec(
-        QT_TR_NOOP("Robot"), "robot", "RobotPanel", "sliders", ("people", "drive", "session", "map"), "robot_controls"
-    ),
-    "motion": PanelSpec(
-        QT_TR_NOOP("Motion"),
-        "motion",
-        "MotionPanel",
-        "chart-line",
-        ("map", "drive", "people", "session"),
-        library=_PLOTS,
-    ),
-    "photos": PanelSpec(
-        QT_TR_NOOP("Photos"), "photos", "PhotosPanel", "image", ("people", "session", "map", "drive"), "photos"
-    ),
-    "face": PanelSpec(QT_TR_NOOP("Robot’s face"), "face", "FacePanel", "smiley", ("people", "session", "map"), "face"),
-    "notes": PanelSpec(
-        QT_TR_NOOP("Notes"), "notes", "NotesPanel", "note-pencil", ("session", "people", "conversation", "map"), "notes"
-    ),
-    "diagnostics": PanelSpec(
-        QT_TR_NOOP("Diagnostics"),
-        "diagnostics",
-        "DiagnosticsPanel",
-        "gauge",
-        ("session", "people", "assistant", "drive", "map"),
-    ),
-}
+_ROWS = (
+    PanelSpec("video", QT_TR_NOOP("Video"), "video-camera", ("map", "people")),
+    PanelSpec("map", QT_TR_NOOP("Map"), "map-trifold", ("people", "session", "drive"), library=_PLOTS),
+    PanelSpec("drive", QT_TR_NOOP("Drive"), "game-controller", ("map", "people", "session"), "driving"),
+    PanelSpec("people", QT_TR_NOOP("People"), "users", ("session", "drive", "map")),
+    PanelSpec("speak", QT_TR_NOOP("Speak"), "chat-text", ("assistant",), "speech"),
+    PanelSpec("conversation", QT_TR_NOOP("Conversation"), "chats", ("assistant", "people", "session", "map")),
+    PanelSpec("assistant", QT_TR_NOOP("Assistant"), "sparkle", ("people", "session", "map"), "assistant"),
+    PanelSpec("session", QT_TR_NOOP("Session"), "list-bullets", ("people", "drive", "assistant", "map")),
+    PanelSpec("robot", QT_TR_NOOP("Robot"), "sliders", ("people", "drive", "session", "map"), "robot_controls"),
+    PanelSpec("motion", QT_TR_NOOP("Motion"), "chart-line", ("map", "drive", "people", "session"), library=_PLOTS),
+    PanelSpec("photos", QT_TR_NOOP("Photos"), "image", ("people", "session", "map", "drive"), "photos"),
+    PanelSpec("face", QT_TR_NOOP("Robot’s face"), "smiley", ("people", "session", "map"), "face"),
+    PanelSpec("notes", QT_TR_NOOP("Notes"), "note-pencil", ("session", "people", "conversation", "map"), "notes"),
+    PanelSpec("diagnostics", QT_TR_NOOP("Diagnostics"), "gauge", ("session", "people", "assistant", "drive", "map")),
+)
+PANELS: Mapping[PanelName, PanelSpec] = {spec.name: spec for spec in _ROWS}
 
 
 def possible_panels(scenario: Scenario) -> tuple[PanelName, ...]:

@@ -6,8 +6,8 @@ from textwrap import shorten
 from typing import TYPE_CHECKING, TypeVar
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QAccessible, QHideEvent, QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QApplication, QFrame, QLabel, QScrollArea, QSizePolicy, QWidget
+from PySide6.QtGui import QAccessible, QHideEvent, QResizeEvent
+from PySide6.QtWidgets import QApplication, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import LATE_FROM_S
@@ -18,15 +18,17 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.protocol_steps import ProtocolStep
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.drive_input_filter import DriveInputFilter
+from caris_desktop.ui.action_rows import PROTOCOL_GROUP, present_step, target_of
 from caris_desktop.ui.focus_widget import Bar
+from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.protocol.step_pills import DisplayedStep, StepPills, StepState
-from caris_desktop.ui.step_intents import PROTOCOL_GROUP, present_step, target_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
-from caris_desktop.ui.widgets.floating_card import FloatingCard
+from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.popups import FloatingCard
+from caris_desktop.ui.widgets.scroll_areas import list_area
 
 if TYPE_CHECKING:
     # Imported late: the window is shown before session files are read.
@@ -56,6 +58,7 @@ class ProtocolStrip(Bar, QWidget):
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, hold: DriveInputFilter) -> None:
         super().__init__()
         self.setObjectName("protocol_strip")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.setAccessibleName(tr("Protocol"))
         self.setFixedHeight(HEIGHT_PX)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
@@ -71,7 +74,7 @@ class ProtocolStrip(Bar, QWidget):
         self.pills = StepPills(theme)
         self.pills.chosen.connect(self._go_to)
         self.pills.list_requested.connect(self._open_or_close_list)
-        self._note = ElidedLabel()
+        self._note = ElidedLabel(role="fine")
         self._note.setObjectName("step_note_line")
         self._ticks: list[CheckBox] = []
         self._ticked = self._button("ticks_button", icon="check-square", menu_arrow=True)
@@ -83,12 +86,10 @@ class ProtocolStrip(Bar, QWidget):
         self._skip = self._button("skip_step", "skip_step", icon="skip-forward", ghost=True)
         self.next_button = self._button("next_step", "next_step", icon="arrow-right", may_shrink=True)
         self._acts = (self._say, self._go, self._branch, self._back, self._skip, self.next_button)
-        self._row = layouts.hbox(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
-        self._row.addWidget(self.pills, 3)
-        self._row.addWidget(self._note, 1)
-        self._row.addWidget(self._ticked)
-        for button in self._acts:
-            self._row.addWidget(button)
+        self._row = layouts.hbox(
+            self, (self.pills, 3), (self._note, 1), self._ticked, *self._acts, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0),
+            spacing_px=_GAP_PX,
+        )  # fmt: skip
         self._clock = QTimer(self, interval=_SECOND_MS)
         self._clock.timeout.connect(self._show_time)
         state = console.state
@@ -97,7 +98,6 @@ class ProtocolStrip(Bar, QWidget):
         actions.answer_for(PROTOCOL_GROUP, self)
         actions.keys_changed.connect(self._make_room)
         hold.escape_pressed.connect(self.put_away)
-        theme.restyle_on_change(self._style)
         self.refresh()
 
     def _button(
@@ -106,9 +106,8 @@ class ProtocolStrip(Bar, QWidget):
     ) -> ActionButton:  # fmt: skip
         button = ActionButton(
             self._theme, icon=icon, role="ghost" if ghost else "plain", height_px=_BUTTON_PX,
-            text_px=tokens.STATUS_PX + 1, menu_arrow=menu_arrow, may_shrink=may_shrink,
+            text_px=tokens.STATUS_PX + 1, menu_arrow=menu_arrow, may_shrink=may_shrink, objectName=f"strip_{name}",
         )  # fmt: skip
-        button.setObjectName(f"strip_{name}")
         if action_id:
             button.bind(self._actions, action_id)
         return button
@@ -247,10 +246,8 @@ class ProtocolStrip(Bar, QWidget):
         self._ticked.set_label(tr("{done} of {all} ticked").format(done=done, all=len(ticks)))
 
     def _new_tick(self, number: int, item: str) -> CheckBox:
-        box = CheckBox(self._theme, item)
-        box.setObjectName(f"strip_tick_{number}")
+        box = CheckBox(self._theme, item, objectName=f"strip_tick_{number}", clicked=lambda on: self._tick(item, on))
         box.setFont(self._theme.font(tokens.STATUS_PX + 1))
-        box.clicked.connect(lambda on: self._tick(item, on))
         self._row.insertWidget(self._row.indexOf(self._ticked), box)
         return box
 
@@ -404,18 +401,6 @@ class ProtocolStrip(Bar, QWidget):
             self.next_button: self._next_words(level),
         }
 
-    def _style(self) -> None:
-        self._theme.style_text(self._note, "dim", tokens.STATUS_PX + 1)
-        for box in self._ticks:
-            box.setFont(self._theme.font(tokens.STATUS_PX + 1))
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.fillRect(self.rect(), self._theme.color("panel"))
-        painter.setPen(self._theme.color("line"))
-        painter.drawLine(QPoint(0, self.height() - 1), QPoint(self.width(), self.height() - 1))
-
 
 def _state(step_id: str, status: ProtocolStatus) -> StepState:
     return "skipped" if step_id in status.skipped else "done" if step_id in status.done else "ahead"
@@ -517,25 +502,15 @@ class StepsCard(_CardBelow):
         super().__init__(theme, window)
         self.setObjectName("steps_card")
         self.setAccessibleName(tr("All steps of the protocol"))
-        self._note = QLabel(wordWrap=True)
-        self._note.setObjectName("step_note")
+        self._note = label("", wraps=True, objectName="step_note")
         self._boxes = layouts.vbox(spacing_px=2)
         self._ticks: list[CheckBox] = []
         self._rows: list[ActionButton] = []
-        self._list = layouts.vbox(margins_px=0, spacing_px=2)
         inside = QWidget()
-        inside.setLayout(self._list)
-        self._scroll = QScrollArea(widgetResizable=True)
-        self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self._scroll.setFrameShape(QFrame.Shape.NoFrame)
-        self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self._scroll.setWidget(inside)
-        column = layouts.vbox(self, margins_px=10, spacing_px=8)
-        column.addWidget(self._note)
-        column.addLayout(self._boxes)
-        column.addWidget(self._scroll)
+        self._list = layouts.vbox(inside, margins_px=0, spacing_px=2)
+        self._scroll = list_area(inside, framed=False)
+        layouts.vbox(self, self._note, self._boxes, self._scroll, margins_px=10, spacing_px=8)
         self.setFixedWidth(_WIDE_PX)
-        theme.restyle_on_change(self._style)
 
     def show_steps(
         self, steps: Sequence[DisplayedStep], note: str, ticks: Sequence[tuple[str, bool]], *, digits: bool, live: bool
@@ -577,9 +552,6 @@ class StepsCard(_CardBelow):
     def _on_row(self, row: ActionButton) -> None:
         self.hide()
         self.chosen.emit(row.property("step_id"))
-
-    def _style(self) -> None:
-        self._note.setFont(self._theme.font(tokens.BODY_PX))
 
 
 class BranchesCard(_CardBelow):

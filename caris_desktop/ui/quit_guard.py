@@ -10,8 +10,8 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.banners import QuestionBanner
+from caris_desktop.ui.notifications import NotificationPopups
 from caris_desktop.ui.overlay import Overlay
-from caris_desktop.ui.problems import ProblemCards
 from caris_desktop.ui.robot_choice import motion_that_ends
 
 
@@ -23,7 +23,7 @@ class QuitGuard(QObject):
         window: QWidget,
         console: WizardConsole,
         question: QuestionBanner,
-        problems: ProblemCards,
+        problems: NotificationPopups,
         overlays: Sequence[Overlay],
     ) -> None:
         super().__init__(window)

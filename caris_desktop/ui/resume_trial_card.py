@@ -12,9 +12,9 @@ from caris_desktop.live.status import CrashRecoveryStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import event_messages, layouts, tokens
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.buttons import ActionButton, ButtonRole
 from caris_desktop.ui.widgets.check_box import CheckBox
-from caris_desktop.ui.widgets.dock_card import DockCard
+from caris_desktop.ui.widgets.popups import DockCard
 
 _ASKED: dict[AsBefore, str] = {
     "map": QT_TR_NOOP("The robot is where the map shows it"),
@@ -63,39 +63,33 @@ class ResumeTrialCard(DockCard):
     def __init__(
         self, theme: Theme, over: QWidget, console: WizardConsole, start_recording: Callable[[], None]
     ) -> None:
-        self._boxes: dict[AsBefore, CheckBox] = {}
-        super().__init__(theme, over, line="amber")
+        super().__init__(theme, over, tone="amber")
         self.setObjectName("going_on_card")
         self._console = console
         self.heading.setObjectName("going_on_heading")
         self.text.setObjectName("going_on_text")
-        column = self.column
+        self._boxes: dict[AsBefore, CheckBox] = {}
         for condition, text in _ASKED.items():
-            box = self._boxes[condition] = CheckBox(theme, tr(text), wraps=True)
-            box.setObjectName(f"going_on_{condition}")
-            box.clicked.connect(self._confirmer(condition))
-            column.addWidget(box)
-        self._yes = ActionButton(theme, tr("Resume the trial"), role="primary", height_px=38)
-        self._yes.setObjectName("going_on_yes")
-        self._yes.clicked.connect(lambda: console.do(intents.GoOnWithTrial()))
-        self._start = ActionButton(theme, tr("Record the next part"), icon="record", role="primary", height_px=38)
-        self._start.setObjectName("going_on_start")
-        self._start.clicked.connect(start_recording)
-        self._no = ActionButton(theme, tr("Do not resume"), role="ghost", height_px=38)
-        self._no.setObjectName("going_on_no")
-        self._no.clicked.connect(lambda: console.do(intents.LeaveTrial()))
-        buttons = layouts.hbox(spacing_px=tokens.GRID_PX)
-        buttons.addWidget(self._no)
-        buttons.addStretch(1)
-        buttons.addWidget(self._start)
-        buttons.addWidget(self._yes)
-        column.addSpacing(4)
-        column.addLayout(buttons)
-        self.restyle()
+            self._boxes[condition] = CheckBox(
+                theme, tr(text), wraps=True, objectName=f"going_on_{condition}", clicked=self._confirmer(condition)
+            )
+        self._yes = self._button("yes", tr("Resume the trial"), lambda: console.do(intents.GoOnWithTrial()), "primary")
+        self._start = self._button("start", tr("Record the next part"), start_recording, "primary", icon="record")
+        self._no = self._button("no", tr("Do not resume"), lambda: console.do(intents.LeaveTrial()), "ghost")
+        layouts.fill(self.column, *self._boxes.values())
+        self.column.addSpacing(4)
+        self.column.addLayout(layouts.hbox(None, self._no, 1, self._start, self._yes, spacing_px=tokens.GRID_PX))
         console.state.going_on.changed.connect(self._show)
         for value in (console.state.scenario, console.state.levels, console.state.microphone):
             value.changed.connect(self._show_permissions)
         self._show(console.state.going_on.value)
+
+    def _button(
+        self, name: str, text: str, run: Callable[[], object], role: ButtonRole, icon: str = ""
+    ) -> ActionButton:
+        return ActionButton(
+            self._theme, text, icon=icon, role=role, height_px=38, objectName=f"going_on_{name}", clicked=run
+        )
 
     def _confirmer(self, condition: AsBefore) -> Callable[[bool], None]:
         def confirm(_checked: bool) -> None:
@@ -144,8 +138,3 @@ class ResumeTrialCard(DockCard):
         if text != box.text():
             box.setText(text)
             self.place()
-
-    def restyle(self) -> None:
-        super().restyle()
-        for box in self._boxes.values():
-            box.setFont(self._theme.font(tokens.BODY_PX))

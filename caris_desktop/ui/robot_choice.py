@@ -1,10 +1,10 @@
 """Robot selection: connects another robot, after confirmation if that ends something, and opens robot discovery."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject
-from PySide6.QtGui import QActionGroup
 from PySide6.QtWidgets import QMenu, QWidget
 
 from caris_desktop.domain import intents
@@ -15,8 +15,10 @@ from caris_desktop.live.status import DriveStatus, LinkStatus
 from caris_desktop.live.wizard_console import RobotChoice, WizardConsole
 from caris_desktop.ui.background_reading import Remembered
 from caris_desktop.ui.banners import QuestionBanner
+from caris_desktop.ui.menu_choices import add_choices
 from caris_desktop.ui.text_formatting import UNDER_WAY, in_menu, shortened
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_place import raise_window
 
 if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.robot_dialog import RobotDialog, RobotExplorer
@@ -77,7 +79,7 @@ class RobotChooser(QObject):
         )
 
     def chooser(self, choice: RobotChoice) -> Callable[[], None]:
-        return lambda: self.choose(choice)
+        return partial(self.choose, choice)
 
     def others(self) -> list[RobotChoice]:
         """Robots to which the console can switch."""
@@ -87,16 +89,15 @@ class RobotChooser(QObject):
         """Fill the menu with the robots and an entry for discovery."""
         menu.clear()
         menu.setToolTipsVisible(True)
-        group = QActionGroup(menu)
-        for choice in self.choices.now():
-            title = tr("{robot} · cannot be used").format(robot=choice.title) if choice.problem else choice.title
-            action = menu.addAction(in_menu(title))
-            action.setCheckable(True)
-            action.setChecked(self._is_current(choice))
-            action.setActionGroup(group)
+        choices, unusable = self.choices.now(), tr("{robot} · cannot be used")
+        titles = [unusable.format(robot=each.title) if each.problem else each.title for each in choices]
+        rows = zip(titles, choices, strict=True)
+        actions = add_choices(
+            menu, ((in_menu(title), self._is_current(each), self.chooser(each)) for title, each in rows)
+        )
+        for action, choice in zip(actions, choices, strict=True):
             action.setEnabled(not choice.problem)
             action.setToolTip(choice.problem or choice.address)
-            action.triggered.connect(self.chooser(choice))
         if self.can_detect:
             menu.addSeparator()
             menu.addAction(tr("Connect another robot…")).triggered.connect(self.open_dialog)
@@ -107,15 +108,12 @@ class RobotChooser(QObject):
             return
         from caris_desktop.ui.robot_dialog import RobotDialog
 
-        if self._dialog is not None:
-            self._dialog.raise_()
-            self._dialog.activateWindow()
-            return
-        link: LinkStatus = self._console.state.link.value
-        self._dialog = RobotDialog(self._theme, self._explorer, self._window, address=link.address)
-        self._dialog.saved.connect(self._on_saved)
-        self._dialog.finished.connect(self._on_dialog_finished)
-        self._dialog.show()
+        if self._dialog is None:
+            link: LinkStatus = self._console.state.link.value
+            self._dialog = RobotDialog(self._theme, self._explorer, self._window, address=link.address)
+            self._dialog.saved.connect(self._on_saved)
+            self._dialog.finished.connect(self._on_dialog_finished)
+        raise_window(self._dialog)
 
     def _on_saved(self, choice: RobotChoice) -> None:
         self.choices.renew()  # an open list gets the new profile

@@ -1,27 +1,18 @@
 """Robot discovery dialog: find topics, map them, check their streams, save a profile."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import urlsplit
 
-from PySide6.QtCore import QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QAccessible, QCloseEvent, QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import (
-    QButtonGroup,
-    QDialog,
-    QGridLayout,
-    QLabel,
-    QLineEdit,
-    QListWidget,
-    QScrollArea,
-    QSizePolicy,
-    QStackedWidget,
-    QWidget,
-)
+from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtGui import QAccessible, QCloseEvent
+from PySide6.QtWidgets import QButtonGroup, QLabel, QLineEdit, QListWidget, QSizePolicy, QStackedWidget, QWidget
 
+from caris_desktop.domain.address import plugin_address
 from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.plugins import BUILT_IN
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import (
@@ -33,14 +24,15 @@ from caris_desktop.robot.profile import (
     user_robots_dir,
 )
 from caris_desktop.robot.profile_proposal import FieldProposal, Proposal, RobotOffer, profile_of, propose
-from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui import layouts, text_formatting
+from caris_desktop.ui.form_dialog import FormDialog, lay_out_form, resize_to
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
-from caris_desktop.ui.widgets.scroll_areas import Scrolled
+from caris_desktop.ui.widgets.icon_label import IconLabel
+from caris_desktop.ui.widgets.labels import label, line_edit, restyle
+from caris_desktop.ui.widgets.scroll_areas import list_area
 
 if TYPE_CHECKING:  # importing its sockets takes 0.25 s and would delay the first window
     from caris_desktop.robot.discovery import Exploration, StreamCheck
@@ -103,121 +95,116 @@ def with_usual_port(address: str) -> str:
     return parts._replace(netloc=f"{parts.netloc}:{_USUAL_PORT}").geturl() if alone else address
 
 
-class RobotDialog(VisualTabOrderMixin, QDialog):
-    """Non-modal: the connected robot can be driven and stopped meanwhile. Ends with ``saved(RobotChoice)``."""
+def names_plugin(address: str) -> bool:
+    """Whether it is the address of a robot plug-in, such as ``ros2:5``, rather than a host with its port."""
+    name, target = plugin_address(address) or ("", "")
+    return name in BUILT_IN["robots"] or bool(name and not target.isdecimal())
+
+
+class RobotDialog(FormDialog):
+    """The connected robot can be driven and stopped meanwhile. Ends with ``saved(RobotChoice)``."""
 
     saved = Signal(object)
 
     def __init__(self, theme: Theme, explorer: RobotExplorer, parent: QWidget, *, address: str = "") -> None:
-        super().__init__(parent)
-        self.setObjectName("robot_dialog")
-        self.setWindowTitle(tr("Connect another robot"))
-        self._theme = theme
+        super().__init__(theme, parent, "robot_dialog", tr("Connect another robot"))
         self._explorer = explorer
         self._found: Exploration | None = None
         self._proposal: Proposal | None = None
         self._busy = ""
         self._rows: dict[str, MappingRow] = {}
-        self._heading = QLabel(tr("Which robot?"))
-        self._hint = QLabel(
-            tr(
-                "Enter the address of rosbridge on the robot. Scanning only reads: nothing is sent that could "
-                "move the robot."
-            )
+        hint = tr(
+            "Enter the address of rosbridge on the robot. Scanning only reads: nothing is sent that could move the "
+            "robot."
         )
-        self._hint.setWordWrap(True)
-        self.address_field = QLineEdit(address, placeholderText=tr("ws://192.168.1.20:9090 or wss://…"))
-        self.address_field.setObjectName("robot_address")
-        self.address_field.setAccessibleName(tr("Address of the robot"))
-        self.address_field.setMinimumHeight(36)
-        self.address_field.setMaxLength(300)
-        self.address_field.returnPressed.connect(self.query_robot)
-        self.address_field.textChanged.connect(self._on_address_changed)
-        self._scan_button = ActionButton(
-            theme, tr("Scan"), icon="magnifying-glass", key="Enter", role="primary", height_px=36
+        self.address_field = line_edit(
+            "robot_address", tr("Address of the robot"), address, maxLength=300, returnPressed=self.query_robot,
+            placeholderText=tr("ws://192.168.1.20:9090 or wss://…"), textChanged=self._on_address_changed,
+        )  # fmt: skip
+        self._scan_button = self._button(
+            "look", tr("Scan"), self.query_robot, icon="magnifying-glass", key="Enter", role="primary", height_px=36
         )
-        self._scan_button.setObjectName("robot_look")
-        self._scan_button.clicked.connect(self.query_robot)
-        self._certificates = self._optional_field(
-            "robot_certificates", tr("a PEM file, if not signed by a known authority")
-        )
-        self._fingerprint = self._optional_field(
-            "robot_fingerprint", tr("64 hexadecimal digits, read on the robot itself")
-        )
-        self._secret = self._optional_field("robot_secret", tr("for example MY_ROBOT_SECRET"))
         self._security = QWidget()
-        security = QGridLayout(self._security)
-        security.setContentsMargins(0, 0, 0, 0)
-        for line, (text, field) in enumerate(
-            (
-                (tr("Certificate file"), self._certificates),
-                (tr("Certificate fingerprint (SHA-256)"), self._fingerprint),
-                (tr("Environment variable with the secret"), self._secret),
-            )
-        ):
-            field.setAccessibleName(text)
-            security.addWidget(QLabel(text), 2 * line, 0)
-            security.addWidget(field, 2 * line + 1, 0)
-        self._security.hide()
-        self._security_toggle = ActionButton(theme, tr("Security"), icon="lock-simple", role="ghost", height_px=36)
-        self._security_toggle.setObjectName("robot_security")
-        self._security_toggle.setCheckable(True)
-        self._security_toggle.setToolTip(tr("Custom certificates (wss://) and the rosauth secret"))
-        self._security_toggle.toggled.connect(self._security.setVisible)
-        self._note = NoteLine(theme)
-        self._note.setObjectName("robot_note")
-        self._pages = QStackedWidget()
-        self._pages.addWidget(self._make_mapping_page())
-        self._pages.addWidget(self._make_offer_page())
-        self._pages.hide()
-        self._empty = QLabel(
-            tr(
-                "Enter the address and scan. You then see what the robot offers, choose the mapping and "
-                "check the live data."
+        security = layouts.vbox(self._security, margins_px=0)
+        self._certificates, self._fingerprint, self._secret = (
+            QLineEdit(placeholderText=placeholder, maxLength=500)
+            for placeholder in (
+                tr("a PEM file, if not signed by a known authority"),
+                tr("64 hexadecimal digits, read on the robot itself"),
+                tr("for example MY_ROBOT_SECRET"),
             )
         )
-        self._empty.setWordWrap(True)
-        self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        for field, name, text in (
+            (self._certificates, "certificates", tr("Certificate file")),
+            (self._fingerprint, "fingerprint", tr("Certificate fingerprint (SHA-256)")),
+            (self._secret, "secret", tr("Environment variable with the secret")),
+        ):
+            field.setObjectName(f"robot_{name}")
+            field.setAccessibleName(text)
+            layouts.fill(security, QLabel(text), field)
+        self._security.hide()
+        self._security_toggle = ActionButton(
+            theme, tr("Security"), objectName="robot_security", icon="lock-simple", role="ghost", height_px=36,
+            checkable=True, toggled=self._security.setVisible,
+            toolTip=tr("Custom certificates (wss://) and the rosauth secret"),
+        )  # fmt: skip
+        self._note = NoteLine(theme)
+        self._pages = QStackedWidget()
+        for page in (self._make_mapping_page(), self._make_offer_page()):
+            self._pages.addWidget(page)
+        self._pages.setMinimumHeight(_LEAST_PAGE_PX)
+        self._pages.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
+        self._empty = label(
+            tr(
+                "Enter the address and scan. You then see what the robot offers, choose the mapping and check the live "
+                "data."
+            ),
+            "note", wraps=True, alignment=Qt.AlignmentFlag.AlignCenter,
+        )  # fmt: skip
         self._tabs = self._make_tabs()
-        self.name_field = QLineEdit(placeholderText=tr("for example Lab robot"), maxLength=60)
-        self.name_field.setObjectName("robot_name")
-        self.name_field.setAccessibleName(tr("Name of the robot"))
-        self.name_field.setMinimumHeight(36)
-        self.name_field.textChanged.connect(self._refresh)
-        self._file = ElidedLabel()
+        self.name_field = line_edit(
+            "robot_name", tr("Name of the robot"), placeholderText=tr("for example Lab robot"), maxLength=60,
+            textChanged=self._refresh,
+        )  # fmt: skip
+        self._file = ElidedLabel(role="note")
         self._file.setObjectName("robot_file")
-        self._check = ActionButton(theme, tr("Check live"), icon="activity", height_px=38)
-        self._check.setObjectName("robot_check")
-        self._check.setToolTip(tr("Listen to every stream for a few seconds"))
-        self._check.clicked.connect(self.check)
-        self._save = ActionButton(theme, tr("Save and connect"), role="primary", height_px=38)
-        self._save.setObjectName("robot_save")
-        self._save.clicked.connect(self.save)
-        cancel = ActionButton(theme, tr("Cancel"), role="ghost", height_px=38)
-        cancel.setObjectName("robot_cancel")
-        cancel.clicked.connect(self.reject)
-        self._lay_out(cancel)
-        theme.restyle_on_change(self._style)
+        self._check = self._button(
+            "check", tr("Check live"), self.check, icon="activity",
+            toolTip=tr("Listen to every stream for a few seconds"),
+        )  # fmt: skip
+        self._save = self._button("save", tr("Save and connect"), self.save, role="primary")
+        cancel = self._button("cancel", tr("Cancel"), self.reject, role="ghost")
+        lay_out_form(
+            self,
+            label(tr("Which robot?"), "heading"),
+            label(hint, "note", wraps=True),
+            layouts.hbox(None, (self.address_field, 1), self._scan_button, self._security_toggle, spacing_px=8),
+            self._security,
+            self._note,
+            self._tabs,
+            (self._pages, 1),
+            (self._empty, 1),
+            layouts.hbox(None, QLabel(tr("Name")), (self.name_field, 1), spacing_px=8),
+            self._file,
+            buttons=(cancel, 1, self._check, self._save),
+            spacing_px=10,
+        )
         self._refresh()
-        self.resize(QSize(920, 720).boundedTo(self.screen().availableSize() - QSize(40, 60)))
+        resize_to(self, QSize(920, 720))
         self.address_field.setFocus(Qt.FocusReason.OtherFocusReason)
         self.address_field.selectAll()
 
-    def _optional_field(self, name: str, placeholder: str) -> QLineEdit:
-        field = QLineEdit(placeholderText=placeholder, maxLength=500)
-        field.setObjectName(name)
-        return field
+    def _button(self, name: str, text: str, run: Callable[[], object], **more: Any) -> ActionButton:
+        return ActionButton(self._theme, text, objectName=f"robot_{name}", clicked=run, **{"height_px": 38, **more})
 
     def _make_tabs(self) -> QWidget:
         holder = QWidget()
-        self._summary = ElidedLabel()
+        self._summary = ElidedLabel(role="note")
         self._summary.setObjectName("robot_summary")
         row = layouts.hbox(holder, margins_px=0, spacing_px=6)
         group = QButtonGroup(holder)
         for page, text in enumerate((tr("Mapping"), tr("Everything found"))):
-            button = ActionButton(self._theme, text, role="ghost")
-            button.setObjectName(f"robot_page_{page}")
-            button.setCheckable(True)
+            button = ActionButton(self._theme, text, role="ghost", objectName=f"robot_page_{page}", checkable=True)
             button.setChecked(page == 0)
             group.addButton(button, page)
             row.addWidget(button)
@@ -229,27 +216,19 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
 
     def _make_mapping_page(self) -> QWidget:
         page = QWidget()
-        self._start_label, self._namespace_label = QLabel(tr("Start from")), QLabel(tr("Namespace"))
+        self._start_label, self._namespace_label = label(tr("Start from"), "note"), label(tr("Namespace"), "note")
         self.start_from = DropDown(self._theme, "robot_start_from", tr("Start from"))
         self.start_from.setMinimumWidth(340)
         self.start_from.activated.connect(self._on_start_chosen)
         self.namespace = DropDown(self._theme, "robot_namespace", tr("Which robot on this server"))
         self.namespace.setMinimumWidth(180)
         self.namespace.activated.connect(self._on_namespace_chosen)
-        choices = layouts.hbox(spacing_px=8)
-        for widget in (self._start_label, self.start_from, self._namespace_label, self.namespace):
-            choices.addWidget(widget)
-        choices.addStretch(1)
-        self._grid_holder = QWidget()
-        self._column = layouts.vbox(self._grid_holder, margins_px=(0, 0, 8, 0), spacing_px=4)
-        self._column.addStretch(1)
-        scroll = QScrollArea(widgetResizable=True)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setWidget(self._grid_holder)
-        column = layouts.vbox(page, margins_px=0, spacing_px=8)
-        column.addLayout(choices)
-        column.addWidget(scroll, 1)
+        choices = layouts.hbox(
+            None, self._start_label, self.start_from, self._namespace_label, self.namespace, 1, spacing_px=8
+        )
+        rows = QWidget()
+        self._column = layouts.vbox(rows, 1, margins_px=(0, 0, 8, 0), spacing_px=4)
+        layouts.vbox(page, choices, (list_area(rows), 1), margins_px=0, spacing_px=8)
         return page
 
     def _make_offer_page(self) -> QWidget:
@@ -261,41 +240,8 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self.offer_list = QListWidget()
         self.offer_list.setObjectName("robot_offer")
         self.offer_list.setAccessibleName(tr("Everything the robot offers"))
-        column = layouts.vbox(page, margins_px=0)
-        column.addWidget(self._filter)
-        column.addWidget(self.offer_list, 1)
+        layouts.vbox(page, self._filter, (self.offer_list, 1), margins_px=0)
         return page
-
-    def _lay_out(self, cancel: ActionButton) -> None:
-        address = layouts.hbox(spacing_px=8)
-        address.addWidget(self.address_field, 1)
-        address.addWidget(self._scan_button)
-        address.addWidget(self._security_toggle)
-        foot = layouts.hbox(spacing_px=8)
-        foot.addWidget(cancel)
-        foot.addStretch(1)
-        foot.addWidget(self._check)
-        foot.addWidget(self._save)
-        named = layouts.hbox(spacing_px=8)
-        named.addWidget(QLabel(tr("Name")))
-        named.addWidget(self.name_field, 1)
-        self._pages.setMinimumHeight(_LEAST_PAGE_PX)
-        self._pages.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
-        content = QWidget()
-        layout = layouts.vbox(content, margins_px=0, spacing_px=10)
-        layout.addWidget(self._heading)
-        layout.addWidget(self._hint)
-        layout.addLayout(address)
-        layout.addWidget(self._security)
-        layout.addWidget(self._note)
-        layout.addWidget(self._tabs)
-        layout.addWidget(self._pages, 1)
-        layout.addWidget(self._empty, 1)
-        layout.addLayout(named)
-        layout.addWidget(self._file)
-        outer = layouts.vbox(self, margins_px=(24, 20, 24, 20), spacing_px=12)
-        outer.addWidget(Scrolled(content), 1)
-        outer.addLayout(foot)
 
     # ---- commands
 
@@ -304,7 +250,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         if self._busy:
             return
         address = self.address_field.text().strip()
-        if address and "://" not in address:
+        if address and "://" not in address and not names_plugin(address):
             address = with_usual_port(f"ws://{address}")
             self.address_field.setText(address)
         try:
@@ -325,7 +271,7 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
     def _check_it(self, profile: RobotProfile) -> None:
         for row in self._rows.values():
             row.show_check(None)
-        self._drop_extra_rows()
+        self._drop_rows([field for field, row in self._rows.items() if row.proposal is None])
         self._set_busy(tr("Listening to every stream for a few seconds"))
         self._explorer.check(profile, progress=self._on_checked, done=self._on_check_done)
 
@@ -483,29 +429,21 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
     def _forget(self) -> None:
         self._found = None
         self._proposal = None
-        self._clear_rows()
+        self._drop_rows(self._rows)
         self._refresh()
 
-    def _clear_rows(self) -> None:
-        for row in self._rows.values():
-            self._column.removeWidget(row)
-            row.hide()
-            row.deleteLater()
-        self._rows = {}
-
-    def _drop_extra_rows(self) -> None:
-        for field in [field for field, row in self._rows.items() if row.proposal is None]:
+    def _drop_rows(self, fields: Iterable[str]) -> None:
+        for field in list(fields):
             row = self._rows.pop(field)
             self._column.removeWidget(row)
             row.hide()
             row.deleteLater()
 
     def _show_proposal(self, proposal: Proposal) -> None:
-        self._clear_rows()
+        self._drop_rows(self._rows)
         if not self.start_from.currentData():
             # Fields without candidates come last.
-            ordered = sorted(proposal.fields, key=lambda field: not field.candidates)
-            for field in ordered:
+            for field in sorted(proposal.fields, key=lambda field: not field.candidates):
                 row = self._rows[field.field] = MappingRow(self._theme, field.field, field.label, field)
                 self._column.insertWidget(self._column.count() - 1, row)
         self._refresh()
@@ -513,14 +451,9 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
     def _fill_offer(self) -> None:
         self.offer_list.clear()
         if self._found is not None:
-            query_words = self._filter.text().casefold().split()
-            self.offer_list.addItems(
-                [
-                    line
-                    for line in offer_lines(self._found.offer)
-                    if all(word in line.casefold() for word in query_words)
-                ]
-            )
+            words = self._filter.text().casefold().split()
+            lines = offer_lines(self._found.offer)
+            self.offer_list.addItems([line for line in lines if all(word in line.casefold() for word in words)])
 
     def _set_busy(self, activity: str) -> None:
         self._busy = activity
@@ -543,11 +476,6 @@ class RobotDialog(VisualTabOrderMixin, QDialog):
         self._check.setEnabled(found and not self._busy)
         self._save.setEnabled(found and not self._busy and bool(self._title()))
         self._save.setToolTip("" if self._title() else tr("Give the robot a name first"))
-
-    def _style(self) -> None:
-        self._heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        for label in (self._hint, self._empty, self._summary, self._start_label, self._namespace_label, self._file):
-            self._theme.style_text(label, "dim", tokens.STATUS_PX)
 
     def done(self, result: int) -> None:
         self._explorer.cancel()
@@ -589,13 +517,12 @@ class NoteLine(QWidget):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self._theme = theme
-        self._role, self._icon = "dim", ""
-        self._label = QLabel(wordWrap=True)
-        self._label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        row = layouts.hbox(self, margins_px=(28, 2, 0, 2))
-        row.addWidget(self._label)
-        theme.changed.connect(self._style)
+        self.setObjectName("robot_note")
+        self._icon = IconLabel(theme)
+        self._label = label(wraps=True, textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse)
+        row = layouts.hbox(self, margins_px=(2, 2, 0, 2), spacing_px=8)
+        row.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
+        row.addWidget(self._label, 1)
         self.hide()
 
     @property
@@ -603,67 +530,45 @@ class NoteLine(QWidget):
         return self._label.text()
 
     def show_note(self, role: str, icon: str, text: str) -> None:
-        self._role, self._icon = role, icon
+        self._icon.show_icon(icon, role)
         self._label.setText(" ".join(text.split()))
         self.setAccessibleName(text)
         self.setVisible(bool(text))
-        self._style()
-
-    def _style(self) -> None:
-        self._theme.color_text(self._label, "text")
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        if self._icon:
-            painter = QPainter(self)
-            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            draw_icon(painter, _icon_rect(4), self._icon, self._theme.color(self._role))
 
 
 class MappingRow(QWidget):
     """Mapping of one function to a ROS name, with the stream check."""
 
     def __init__(
-        self, theme: Theme, field: str, label: str, proposal: FieldProposal | None, *, topic: str = ""
+        self, theme: Theme, field: str, title: str, proposal: FieldProposal | None, *, topic: str = ""
     ) -> None:
         super().__init__()
         self.setObjectName(f"mapping_{field}")
-        self._theme = theme
         self.proposal = proposal
-        self._check: StreamCheck | None = None
-        self._words = ""
-        label = tr(label)
-        name = QLabel(label, wordWrap=True)
+        name = label(tr(title), wraps=True)
         name.setFixedWidth(170)
-        self._verdict = QLabel()
+        self._icon = IconLabel(theme)
+        self._verdict = ElidedLabel()
         self._verdict.setObjectName("mapping_verdict")
-        self._verdict.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self.box = DropDown(theme, f"mapping_{field}_box", label)
-        self.box.setFixedWidth(270)
+        self.box = DropDown(theme, f"mapping_{field}_box", tr(title))
         self.box.setMaxVisibleItems(_SHORT_LIST)
-        row = layouts.hbox(self, margins_px=(0, 1, 0, 1), spacing_px=8)
-        row.addWidget(name)
+        chosen: QWidget = self.box
         if proposal is None:
-            fixed = QLabel(topic)
-            fixed.setFixedWidth(270)
-            fixed.setToolTip(topic)
-            row.addWidget(fixed)
+            chosen = label(topic, toolTip=topic)
             self.box.hide()
             self.box.setParent(self)
         else:
             self.box.addItem(tr(NOT_USED), "")
             for candidate in proposal.candidates:
                 self.box.addItem(candidate.value, candidate.value)
-                self.box.setItemData(
-                    self.box.count() - 1, f"{candidate.type}\n{tr(candidate.why)}".strip(), Qt.ItemDataRole.ToolTipRole
-                )
+                tip = f"{candidate.type}\n{tr(candidate.why)}".strip()
+                self.box.setItemData(self.box.count() - 1, tip, Qt.ItemDataRole.ToolTipRole)
             self.box.setCurrentIndex(max(0, self.box.findData(proposal.value)))
             self.box.setEnabled(bool(proposal.candidates))
-            self.box.activated.connect(self._on_chosen)
-            row.addWidget(self.box)
-        row.addSpacing(24)
-        row.addWidget(self._verdict, 1)
-        theme.restyle_on_change(self._show)
+            self.box.activated.connect(lambda _index: self.show_check(None))
+        chosen.setFixedWidth(270)
+        layouts.hbox(self, name, chosen, self._icon, (self._verdict, 1), margins_px=(0, 1, 0, 1), spacing_px=8)
+        self.show_check(None)
 
     @property
     def value(self) -> str:
@@ -672,56 +577,21 @@ class MappingRow(QWidget):
 
     @property
     def verdict_text(self) -> str:
-        return self._words
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self._elide()
-
-    def _elide(self) -> None:
-        room = self._verdict.width()
-        self._verdict.setText(self._verdict.fontMetrics().elidedText(self._words, Qt.TextElideMode.ElideRight, room))
+        return self._verdict.text()
 
     def show_check(self, check: "StreamCheck | None") -> None:
-        self._check = check
-        self._show()
+        """Show the result of a check; None for the reason of the proposal."""
+        icon, role = ("", "") if check is None else _CHECK_LOOKS[check.state][:2]
+        self._icon.show_icon(icon, role)
+        self._verdict.setText(self._reason() if check is None else rate_words(check))
+        restyle(self._verdict, role="note" if check is None else "small")
 
-    def _on_chosen(self, _index: int) -> None:
-        self._check = None
-        self._show()
-
-    def _show(self) -> None:
-        self._verdict.setFont(self._theme.font(tokens.STATUS_PX))
-        if self._check is not None:
-            text = rate_words(self._check)
-        elif self.proposal is None:
-            text = ""
-        elif not self.proposal.candidates:
-            text = tr("the robot offers nothing suitable")
-        else:
-            chosen = next((each for each in self.proposal.candidates if each.value == self.value), None)
-            text = (
-                tr(chosen.why)
-                if chosen is not None
-                else tr("left out")
-                if self.proposal.value
-                else tr(self.proposal.why)
-            )
-        self._words = text
-        self._elide()
-        self._verdict.setToolTip(text)
-        self._theme.color_text(self._verdict, "text" if self._check is not None else "dim")
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        if self._check is not None:
-            icon, role, _ = _CHECK_LOOKS[self._check.state]
-            painter = QPainter(self)
-            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            rect = _icon_rect((self.height() - 18) / 2)
-            rect.moveLeft(self._verdict.x() - 26)
-            draw_icon(painter, rect, icon, self._theme.color(role))
-
-
-def _icon_rect(top: float) -> QRectF:
-    return QRectF(2, top, 18, 18)
+    def _reason(self) -> str:
+        if self.proposal is None:
+            return ""
+        if not self.proposal.candidates:
+            return tr("the robot offers nothing suitable")
+        chosen = next((each for each in self.proposal.candidates if each.value == self.value), None)
+        if chosen is not None:
+            return tr(chosen.why)
+        return tr("left out") if self.proposal.value else tr(self.proposal.why)

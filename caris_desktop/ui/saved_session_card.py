@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QUrl
 from PySide6.QtGui import QDesktopServices
-from PySide6.QtWidgets import QHBoxLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import IN_SESSION, RecordingStatus
@@ -12,28 +12,26 @@ from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.session_windows import SessionWindows
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.dock_card import DockCard
+from caris_desktop.ui.widgets.popups import DockCard
 
 
 class SavedSessionCard(DockCard):
     """Stays until it is closed, one of its buttons is used, or the next recording starts."""
 
     def __init__(self, theme: Theme, over: QWidget, sessions: SessionWindows, now_ns: Callable[[], int]) -> None:
-        super().__init__(theme, over, line="green")
+        super().__init__(theme, over, tone="green")
         self.setObjectName("saved_session_card")
         self.text.setObjectName("saved_session_text")
         self._sessions = sessions
         self._now_ns = now_ns
         self._status = RecordingStatus()
         self._lasted = ""
-        row = layouts.hbox(spacing_px=tokens.GRID_PX)
-        self._replay = self._add(row, "saved_session_replay", tr("Replay"), "play", self._open_replay)
-        self._add(row, "saved_session_export", tr("Export…"), "export", sessions.export_last_session)
-        self._add(row, "saved_session_folder", tr("Open folder"), "folder-open", self._open_folder)
-        row.addStretch(1)
-        self._add(row, "saved_session_close", tr("Close"), "x", lambda: None)
+        self._replay = self._button("replay", tr("Replay"), "play", self._open_replay)
+        export = self._button("export", tr("Export…"), "export", sessions.export_last_session)
+        folder = self._button("folder", tr("Open folder"), "folder-open", self._open_folder)
+        close = self._button("close", tr("Close"), "x", lambda: None)
         self.column.addSpacing(4)
-        self.column.addLayout(row)
+        self.column.addLayout(layouts.hbox(None, self._replay, export, folder, 1, close, spacing_px=tokens.GRID_PX))
 
     def show_recording(self, status: RecordingStatus) -> None:
         """Open the card when a recording has ended as it should; failures have a message of their own."""
@@ -52,17 +50,14 @@ class SavedSessionCard(DockCard):
     def put_away(self) -> None:
         self.hide()
 
-    def _add(self, row: QHBoxLayout, name: str, text: str, icon: str, act: Callable[[], None]) -> ActionButton:
-        button = ActionButton(self._theme, text, icon=icon, height_px=34)
-        button.setObjectName(name)
-
+    def _button(self, name: str, text: str, icon: str, act: Callable[[], None]) -> ActionButton:
         def clicked() -> None:
             self.hide()
             act()
 
-        button.clicked.connect(clicked)
-        row.addWidget(button)
-        return button
+        return ActionButton(
+            self._theme, text, icon=icon, height_px=34, objectName=f"saved_session_{name}", clicked=clicked
+        )
 
     def _open_replay(self) -> None:
         if self._status.folder is not None:

@@ -12,8 +12,8 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_library import own_file
 from caris_desktop.ui.background_reading import read_for
-from caris_desktop.ui.session_windows import bring_up
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_place import bring_up
 
 if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor

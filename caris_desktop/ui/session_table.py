@@ -3,11 +3,12 @@
 import re
 from collections.abc import Callable, Sequence
 from datetime import datetime
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
-from PySide6.QtGui import QFocusEvent, QIcon, QKeyEvent
+from PySide6.QtGui import QFocusEvent, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
@@ -78,33 +79,30 @@ def _doubtful(entry: SessionEntry) -> bool:
     return not entry.closed_properly or bool(entry.losses or entry.copy_of)
 
 
+def _text_column(title: str, field: str, width_px: int) -> Column:
+    text = attrgetter(field)
+    return Column(title, text, lambda entry: natural_order(text(entry)), width_px)
+
+
 COLUMNS: tuple[Column, ...] = (
-    Column(QT_TR_NOOP("Date"), lambda entry: local_time(entry.started_utc), lambda entry: entry.started_utc, 148),
+    Column(QT_TR_NOOP("Date"), lambda entry: local_time(entry.started_utc), attrgetter("started_utc"), 148),
+    _text_column(QT_TR_NOOP("Participant"), "participant", 100),
+    _text_column(QT_TR_NOOP("Condition"), "condition", 88),
+    _text_column(QT_TR_NOOP("Trial"), "trial", 62),
+    _text_column(QT_TR_NOOP("Recording"), "recording", 90),
+    _text_column(QT_TR_NOOP("Wizard"), "wizard", 84),
+    _text_column(QT_TR_NOOP("Scenario"), "scenario", 160),
     Column(
-        QT_TR_NOOP("Participant"), lambda entry: entry.participant, lambda entry: natural_order(entry.participant), 100
-    ),
-    Column(QT_TR_NOOP("Condition"), lambda entry: entry.condition, lambda entry: natural_order(entry.condition), 88),
-    Column(QT_TR_NOOP("Trial"), lambda entry: entry.trial, lambda entry: natural_order(entry.trial), 62),
-    Column(QT_TR_NOOP("Recording"), lambda entry: entry.recording, lambda entry: natural_order(entry.recording), 90),
-    Column(QT_TR_NOOP("Wizard"), lambda entry: entry.wizard, lambda entry: natural_order(entry.wizard), 84),
-    Column(QT_TR_NOOP("Scenario"), lambda entry: entry.scenario, lambda entry: natural_order(entry.scenario), 160),
-    Column(
-        QT_TR_NOOP("Length"),
-        lambda entry: text_formatting.elapsed(entry.duration_s),
-        lambda entry: entry.duration_s,
-        76,
+        QT_TR_NOOP("Length"), lambda entry: text_formatting.elapsed(entry.duration_s), attrgetter("duration_s"), 76,
         right=True,
     ),
     Column(
-        QT_TR_NOOP("Size"),
-        lambda entry: text_formatting.size(entry.size_bytes),
-        lambda entry: entry.size_bytes,
-        86,
+        QT_TR_NOOP("Size"), lambda entry: text_formatting.size(entry.size_bytes), attrgetter("size_bytes"), 86,
         right=True,
     ),
-    Column(QT_TR_NOOP("Marks"), lambda entry: str(entry.marks), lambda entry: entry.marks, 66, right=True),
+    Column(QT_TR_NOOP("Marks"), lambda entry: str(entry.marks), attrgetter("marks"), 66, right=True),
     Column(QT_TR_NOOP("State"), state_words, lambda entry: (_doubtful(entry), entry.purpose, entry.problems), 140),
-)
+)  # fmt: skip
 
 
 class SessionsModel(QAbstractTableModel):
@@ -141,13 +139,12 @@ class SessionsModel(QAbstractTableModel):
         if role == Qt.ItemDataRole.DisplayRole:
             return tr("Recording now") if goes_on and column.title == "State" else column.text(entry)
         if role == Qt.ItemDataRole.TextAlignmentRole:
-            side = Qt.AlignmentFlag.AlignRight if column.right else Qt.AlignmentFlag.AlignLeft
-            return int(side | Qt.AlignmentFlag.AlignVCenter)
+            return _alignment(column)
         if role == Qt.ItemDataRole.ToolTipRole:
             lines = (str(entry.folder), tr("Recording now") if goes_on else state_words(entry), lacks_words(entry))
             return "\n".join(part for part in lines if part)
         if role == Qt.ItemDataRole.DecorationRole and column.title == "State":
-            return _warning_icon(self._theme) if _doubtful(entry) and not goes_on else None
+            return icon("warning", self._theme.color("amber"), 16) if _doubtful(entry) and not goes_on else None
         return None
 
     def headerData(
@@ -157,8 +154,7 @@ class SessionsModel(QAbstractTableModel):
             if role == Qt.ItemDataRole.DisplayRole:
                 return tr(COLUMNS[section].title)
             if role == Qt.ItemDataRole.TextAlignmentRole:
-                side = Qt.AlignmentFlag.AlignRight if COLUMNS[section].right else Qt.AlignmentFlag.AlignLeft
-                return int(side | Qt.AlignmentFlag.AlignVCenter)
+                return _alignment(COLUMNS[section])
         return None
 
     def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
@@ -176,8 +172,9 @@ class SessionsModel(QAbstractTableModel):
         self._entries.sort(key=key, reverse=self._order == Qt.SortOrder.DescendingOrder)
 
 
-def _warning_icon(theme: Theme) -> QIcon:
-    return icon("warning", theme.color("amber"), 16)
+def _alignment(column: Column) -> int:
+    side = Qt.AlignmentFlag.AlignRight if column.right else Qt.AlignmentFlag.AlignLeft
+    return int(side | Qt.AlignmentFlag.AlignVCenter)
 
 
 class SessionTable(QTableView):

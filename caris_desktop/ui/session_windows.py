@@ -5,17 +5,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, QPoint, QRect, Signal
+from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.remote_microphone import participant_microphone
-from caris_desktop.live.status import IN_SESSION, LibraryStatus, RecordingStatus
+from caris_desktop.live.status import IN_SESSION, CrashRecoveryStatus, LibraryStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording, SessionLibrary, WizardConsole
 from caris_desktop.recording.studies.study_query import SessionEntry, SessionQuery
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.window_place import WINDOW_FRAME
+from caris_desktop.ui.window_place import bring_up
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 if TYPE_CHECKING:  # imported at first use
@@ -24,7 +24,6 @@ if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.start_dialog import StartDialog
 
 RECENT_SESSIONS = 8
-_LEAST_HEIGHT_PX, _BELOW_RED_PX = 480, 8
 
 
 class SessionWindows(QObject):
@@ -117,7 +116,14 @@ class SessionWindows(QObject):
         console.check_before_recording(know)
 
     def record_next_part(self) -> None:
-        """Open the start dialog with the last trial filled in."""
+        """Record the next part of a resumed trial at once. The start dialog, with the last trial filled in, opens only
+        where a check asks first.
+        """
+        status: CrashRecoveryStatus = self._console.state.going_on.value
+        if status.state == "confirmed" and not any(check.asks_first for check in self._console.state.preflight.value):
+            wizard = self._wizards.current or status.details.wizard
+            self._on_begin(replace(status.details, wizard=wizard, recording=""), anyway=False)
+            return
         self.open_start_dialog()
         if self._start is not None:
             self._start.use_last_trial()
@@ -180,32 +186,3 @@ class SessionWindows(QObject):
         self._sessions.show_recording(status.folder if status.state in IN_SESSION else None)
         if status.state == "idle" and self._sessions.isVisible():
             self._sessions.refresh()  # includes the new session
-
-
-def _room_next_to(parent: QWidget, room: QRect) -> QRect:
-    """Screen area below that window's red button, unless too small."""
-    red = parent.findChild(QWidget, "emergency_stop")
-    below = QRect(room)
-    below.setTop(room.top() + WINDOW_FRAME.height())
-    if red is not None and red.isVisible():
-        below.setTop(max(below.top(), red.mapToGlobal(red.rect().bottomLeft()).y() + _BELOW_RED_PX))
-        if below.height() - WINDOW_FRAME.height() < _LEAST_HEIGHT_PX:
-            below.setTop(room.top() + WINDOW_FRAME.height())
-    return below
-
-
-def bring_up(window: QWidget) -> None:
-    """Show a window centred on its owner, without covering the red button, and focus it."""
-    parent = window.parentWidget()
-    if parent is not None and not window.isVisible():
-        # Window managers place it in a corner.
-        room = _room_next_to(parent, window.screen().availableGeometry())
-        window.resize(window.size().boundedTo(room.size() - WINDOW_FRAME))
-        place = QRect(QPoint(), window.size() + WINDOW_FRAME)
-        place.moveCenter(parent.frameGeometry().center())
-        place.moveRight(min(place.right(), room.right()))
-        place.moveBottom(min(place.bottom(), room.bottom()))
-        window.move(max(place.left(), room.left()), max(place.top(), room.top()))
-    window.show()
-    window.raise_()
-    window.activateWindow()

@@ -28,13 +28,10 @@ from PySide6.QtGui import (
     QFontMetrics,
     QKeyEvent,
     QPainter,
-    QPaintEvent,
     QShowEvent,
 )
 from PySide6.QtWidgets import (
     QAbstractItemView,
-    QLabel,
-    QLineEdit,
     QListView,
     QSplitter,
     QStyle,
@@ -63,6 +60,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.labels import label, line_edit, restyle
 
 _TYPING_PAUSE_MS = 120
 _WIDEST_FILTER_PX = 240
@@ -89,13 +87,11 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self._library = library
         self._listed: tuple[SessionEntry, ...] = ()
         self._known: dict[str, set[str]] = {name: set() for name, _ in _FILTERS}
-        self.search = QLineEdit(placeholderText=tr("Search speech, notes and marks…"))
-        self.search.setObjectName("sessions_search")
-        self.search.setAccessibleName(tr("Search"))
+        self.search = line_edit(
+            "sessions_search", tr("Search"), placeholderText=tr("Search speech, notes and marks…"),
+            textChanged=self._on_typed, returnPressed=self._find,
+        )  # fmt: skip
         add_clear_button(self.search)
-        self.search.setMinimumHeight(36)
-        self.search.textChanged.connect(self._on_typed)
-        self.search.returnPressed.connect(self._find)
         self._typing = QTimer(self, singleShot=True, interval=_TYPING_PAUSE_MS)
         self._typing.timeout.connect(self._find)
         self._filters: dict[str, DropDown] = {}
@@ -131,15 +127,12 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self.hit_list.doubleClicked.connect(self._on_hit_chosen)
         self.hit_list.chosen.connect(self._on_hit_entered)
         self.hit_list.selectionModel().currentChanged.connect(self._on_hit_current)
-        self._found = QLabel()
-        self._found.setObjectName("sessions_found")
+        self._found = label("", "note", objectName="sessions_found")
         self._hits_part = QWidget()
-        self._empty = QLabel(self.table, alignment=Qt.AlignmentFlag.AlignCenter, wordWrap=True)
-        self._empty.setObjectName("sessions_empty")
-        self._status = QLabel()
-        self._status.setObjectName("sessions_status")
-        self._lacks = QLabel(wordWrap=True)
-        self._lacks.setObjectName("sessions_lacks")
+        self._empty = label(tone="dim", wraps=True, objectName="sessions_empty", alignment=Qt.AlignmentFlag.AlignCenter)
+        layouts.vbox(self.table.viewport(), self._empty, margins_px=0)
+        self._status = label("", "note", objectName="sessions_status")
+        self._lacks = label("", "warning", wraps=True, objectName="sessions_lacks")
         self._lacks.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._lacks.hide()
         self._all = self._button("sessions_show_all", tr("Show all"), "x", self._show_all, role="ghost")
@@ -149,7 +142,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self._replay_button.set_key("Enter")
         self._lay_out()
         library.found.changed.connect(self._on_found)
-        theme.restyle_on_change(self._style)
+        theme.changed.connect(self.table.viewport().update)
         self._on_found(library.found.value)
         self.resize(self.sizeHint().boundedTo(self.screen().availableSize() - QSize(40, 80)))
 
@@ -157,35 +150,22 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         return QSize(1180, 720)
 
     def _button(self, name: str, text: str, icon_name: str, do: Callable[[], None], **more: Any) -> ActionButton:
-        button = ActionButton(self._theme, text, icon=icon_name, height_px=36, may_lose_words=True, **more)
-        button.setObjectName(name)
-        button.clicked.connect(do)
-        return button
+        more = {"icon": icon_name, "height_px": 36, "may_lose_words": True, "objectName": name, "clicked": do, **more}
+        return ActionButton(self._theme, text, **more)
 
     def _lay_out(self) -> None:
         filters = FlowRow()
         for choice in self._filters.values():
             filters.add(choice)
-        below = layouts.vbox(self._hits_part, margins_px=(0, 4, 0, 0), spacing_px=4)
-        below.addWidget(self._found)
-        below.addWidget(self.hit_list, 1)
+        layouts.vbox(self._hits_part, self._found, (self.hit_list, 1), margins_px=(0, 4, 0, 0), spacing_px=4)
         splitter = QSplitter(Qt.Orientation.Vertical, childrenCollapsible=False)
         splitter.addWidget(self.table)
         splitter.addWidget(self._hits_part)
         splitter.setStretchFactor(0, 3)
         splitter.setStretchFactor(1, 2)
-        buttons = layouts.hbox(spacing_px=8)
-        buttons.addWidget(self._status)
-        buttons.addWidget(self._all)
-        buttons.addStretch(1)
-        for button in (self._open, self._export, self._replay_button):
-            buttons.addWidget(button)
-        layout = layouts.vbox(self, margins_px=16, spacing_px=12)
-        layout.addWidget(self.search)
-        layout.addWidget(filters)
-        layout.addWidget(splitter, 1)
-        layout.addWidget(self._lacks)
-        layout.addLayout(buttons)
+        buttons = self._open, self._export, self._replay_button
+        foot = layouts.hbox(None, self._status, self._all, 1, *buttons, spacing_px=8)
+        layouts.vbox(self, self.search, filters, (splitter, 1), self._lacks, foot, margins_px=16, spacing_px=12)
 
     # ---- search
 
@@ -275,13 +255,12 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         if filtered:
             some = tr("{found} of 1 session") if status.total == 1 else tr("{found} of %n sessions", "", status.total)
             text = some.format(found=len(status.sessions))
-        role = "dim"
         if status.detail:
-            text, role = status.detail, "amber"
+            text = status.detail
         if status.updating:
             text = tr("{found} · updating…").format(found=text) if status.total else tr("Updating the list…")
         self._status.setText(text)
-        self._theme.color_text(self._status, role)
+        restyle(self._status, role="warning" if status.detail else "note")
         self._all.setVisible(filtered)
         empty = ""
         if not status.sessions:
@@ -295,7 +274,6 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
                 empty = tr("No sessions yet.\nA session appears here when its recording is stopped.")
         self._empty.setText(empty)
         self._empty.setVisible(bool(empty))
-        self._place_empty()
 
     # ---- commands
 
@@ -363,30 +341,10 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         if len(chosen) == 1:
             QDesktopServices.openUrl(QUrl.fromLocalFile(str(chosen[0].folder)))
 
-    # ---- style
-
-    def _style(self) -> None:
-        self.table.setFont(self._theme.font(tokens.STATUS_PX + 1))
-        for label in (self._status, self._found, self._lacks):
-            self._theme.style_text(label, "dim", tokens.STATUS_PX)
-        self._theme.color_text(self._lacks, "amber")
-        self._theme.color_text(self._empty, "dim")
-        self._say(self._library.found.value)
-        self.table.viewport().update()
-        self.update()
-
-    def _place_empty(self) -> None:
-        self._empty.setGeometry(self.table.viewport().geometry())
-
-    def resizeEvent(self, event: Any) -> None:
-        super().resizeEvent(event)
-        QTimer.singleShot(0, self, self._place_empty)
-
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         self.search.setFocus(Qt.FocusReason.OtherFocusReason)
         self.refresh()
-        QTimer.singleShot(0, self, self._place_empty)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         super().closeEvent(event)
@@ -397,9 +355,6 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
             self.table.setFocus(Qt.FocusReason.OtherFocusReason)
         else:
             super().keyPressEvent(event)
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        QPainter(self).fillRect(self.rect(), self._theme.color("window"))
 
 
 _HIT_ROLE = int(Qt.ItemDataRole.UserRole)

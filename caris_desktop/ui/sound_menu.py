@@ -1,11 +1,9 @@
 """Sound menu: microphones, and volume of the robot's microphone."""
 
-from collections.abc import Callable
 from dataclasses import field
 from functools import partial
 from itertools import groupby
 
-from PySide6.QtGui import QActionGroup
 from PySide6.QtWidgets import QMenu
 
 from caris_desktop.domain import intents
@@ -15,6 +13,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.live.remote_microphone import participant_microphone
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import text_formatting
+from caris_desktop.ui.menu_choices import add_choices
 
 _VOLUMES = (1.0, 0.7, 0.4, 0.2)
 
@@ -72,28 +71,16 @@ def _percent(volume: float) -> str:
     return f"{volume:.0%}".replace("%", " %")
 
 
-class SoundMenu:
-    """Sound menu with the entries that the scenario permits."""
-
-    def __init__(self, console: WizardConsole) -> None:
-        self._console = console
-
-    def fill(self, menu: QMenu) -> None:
-        choices = sound_choices(self._console)
-        if choices:
-            menu.addSection(tr("Sound"))
-        for title, of_title in groupby(choices, key=lambda choice: choice.title):
-            part = menu.addMenu(title)
-            group = QActionGroup(part)
-            for choice in of_title:
-                action = part.addAction(text_formatting.in_menu(choice.text))
-                action.setCheckable(True)
-                action.setChecked(choice.chosen)
-                action.setActionGroup(group)
-                action.triggered.connect(self._asker(choice.intent))
-
-    def _asker(self, intent: intents.Intent) -> Callable[[], None]:
-        return partial(self._ask, intent)
-
-    def _ask(self, intent: intents.Intent, _checked: bool = False) -> None:
-        self._console.do(intent)
+def add_sound_menus(console: WizardConsole, menu: QMenu) -> None:
+    """Add the sound settings that the scenario permits."""
+    choices = sound_choices(console)
+    if choices:
+        menu.addSection(tr("Sound"))
+    for title, of_title in groupby(choices, key=lambda choice: choice.title):
+        add_choices(
+            menu.addMenu(title),
+            (
+                (text_formatting.in_menu(choice.text), choice.chosen, partial(console.do, choice.intent))
+                for choice in of_title
+            ),
+        )

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import field, replace
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtWidgets import QBoxLayout, QDialog, QFormLayout, QLabel, QLineEdit, QWidget
+from PySide6.QtWidgets import QBoxLayout, QFormLayout, QLineEdit, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial_details import TrialDetails
@@ -12,14 +12,15 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import BeforeRecording, WizardConsole
 from caris_desktop.scenario.scenario_model import BlurSettings, Permissions
-from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui import layouts, text_formatting
+from caris_desktop.ui.form_dialog import FormDialog
 from caris_desktop.ui.preflight.preflight_list import PreflightList
 from caris_desktop.ui.preflight.preflight_words import open_words, summary
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
 from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.labels import label, line_edit, restyle
 from caris_desktop.ui.widgets.scroll_areas import Scrolled
 
 _FIELDS = (
@@ -88,7 +89,7 @@ def _listed(parts: Sequence[str], several: str) -> str:
     return parts[0] if len(parts) == 1 else several.format(some=", ".join(parts[:-1]), last=parts[-1])
 
 
-class StartDialog(VisualTabOrderMixin, QDialog):
+class StartDialog(FormDialog):
     """Emits ``begin(TrialDetails, bool)`` to start, with empty details after Skip; True if the wizard starts in spite
     of open checks.
 
@@ -104,45 +105,30 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         self, theme: Theme, parent: QWidget, offer: RecordingOffer | None = None, console: WizardConsole | None = None
     ) -> None:
         """Without ``console`` there are no checks."""
-        super().__init__(parent)
-        self._theme = theme
+        super().__init__(theme, parent, "start_dialog", tr("Start recording"))
         self._prefilled = TrialDetails()
         self._last: TrialDetails | None = None
         self._known = self._wants_last = self._wants_begin = False
         self._offer = offer or RecordingOffer()
-        self.setObjectName("start_dialog")
-        self.setWindowTitle(tr("Start recording"))
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        heading = QLabel(tr("Who takes part?"))
-        heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        hint = self._small(
-            tr(
-                "These details identify the recording. Use codes rather than names for participants. Fields may "
-                "be empty."
-            )
+        hint = tr(
+            "These details identify the recording. Use codes rather than names for participants. Fields may be empty."
         )
-        form = QFormLayout()
-        form.setHorizontalSpacing(16)
-        form.setVerticalSpacing(10)
+        form = self._form = QFormLayout(horizontalSpacing=16, verticalSpacing=10)
         form.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         self._fields: dict[str, QLineEdit] = {}
-        for name, label, placeholder in _FIELDS:
-            line = QLineEdit(placeholderText=tr(placeholder), maxLength=120)
-            line.setObjectName(f"start_{name}")
-            line.setAccessibleName(tr(label))
-            line.setMinimumHeight(36)
-            line.returnPressed.connect(self._on_begin)
-            form.addRow(tr(label), line)
-            self._fields[name] = line
-        self._again = CheckBox(theme, wraps=True)
-        self._again.setObjectName("start_again")
-        self._again.toggled.connect(self._on_again)
-        self._practice = CheckBox(theme, tr("Practice run (counts as wizard training, not as data)"), wraps=True)
-        self._practice.setObjectName("start_practice")
+        for name, title, placeholder in _FIELDS:
+            line = self._fields[name] = line_edit(
+                f"start_{name}", tr(title), placeholderText=tr(placeholder), maxLength=120, returnPressed=self._on_begin
+            )
+            form.addRow(tr(title), line)
+        self._again = CheckBox(theme, wraps=True, objectName="start_again", toggled=self._on_again)
+        self._practice = CheckBox(
+            theme, tr("Practice run (counts as wizard training, not as data)"), wraps=True, objectName="start_practice"
+        )
         # Never preselected: data marked as practice by mistake is lost to the study.
         form.addRow("", self._again)
         form.setRowVisible(self._again, False)
-        self._form = form
         for name in ("study", "participant", "condition", "trial"):
             self._fields[name].textEdited.connect(self._on_edited)
         self._fields["participant"].textEdited.connect(self._on_participant_edited)
@@ -150,41 +136,30 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         self._microphone = self._make_microphones()
         if self._microphone is not None:
             form.addRow(tr("Microphone"), self._microphone)
-        self._contents = self._small("")
-        self._contents.setObjectName("start_kept")
-        self._room = self._small("")
-        self._room.setObjectName("start_room")
-        self._room.hide()
-        begin = self._begin_button = ActionButton(
-            theme, tr("Start recording"), icon="record", key="Enter", role="primary", height_px=38
+        self._contents = label("", "note", wraps=True, objectName="start_kept")
+        self._room = label("", "note", wraps=True, objectName="start_room")
+        self._question = label("", "warning", wraps=True, objectName="start_asked")
+        for part in (self._room, self._question):
+            part.hide()
+        self._begin_button = ActionButton(
+            theme, tr("Start recording"), icon="record", key="Enter", role="primary", height_px=38,
+            objectName="start_dialog_begin", clicked=self._on_begin,
+        )  # fmt: skip
+        skip = ActionButton(
+            theme, tr("Start without details"), height_px=38, objectName="start_dialog_skip", clicked=self._on_skip
         )
-        begin.setObjectName("start_dialog_begin")
-        begin.clicked.connect(self._on_begin)
-        skip = ActionButton(theme, tr("Start without details"), height_px=38)
-        skip.setObjectName("start_dialog_skip")
-        skip.clicked.connect(self._on_skip)
-        cancel = ActionButton(theme, tr("Cancel"), role="ghost", height_px=38)
-        cancel.setObjectName("start_dialog_cancel")
-        cancel.clicked.connect(self.reject)
-        buttons = layouts.hbox(spacing_px=8)
-        buttons.addWidget(cancel)
-        buttons.addStretch(1)
-        buttons.addWidget(skip)
-        buttons.addWidget(begin)
-        column = layouts.vbox(spacing_px=4)
-        column.addWidget(self._contents)
-        column.addWidget(self._room)
-        self._question = self._small("")
-        self._question.setObjectName("start_asked")
-        self._question.hide()
-        layout = layouts.vbox(spacing_px=14)
+        cancel = ActionButton(
+            theme, tr("Cancel"), role="ghost", height_px=38, objectName="start_dialog_cancel", clicked=self.reject
+        )
         content = QWidget()
         self._room_px = parent.screen().availableGeometry().size()
         beside = self._room_px.width() >= _FORM_PX + _CHECKS_PX + 3 * _SIDE_PX
         sides = QBoxLayout(QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom, content)
         sides.setContentsMargins(_SIDE_PX, 20, _SIDE_PX, 8)
         sides.setSpacing(28)
-        sides.addLayout(layout, 1)
+        head = label(tr("Who takes part?"), "heading"), label(hint, "note", wraps=True)
+        amount = layouts.vbox(None, self._contents, self._room, spacing_px=4)
+        sides.addLayout(layouts.vbox(None, *head, form, amount, 1, spacing_px=14), 1)
         self._checks = None if console is None else console.state.preflight
         if console is not None and console.state.preflight.value:
             checks = self._make_checks(console)
@@ -193,17 +168,9 @@ class StartDialog(VisualTabOrderMixin, QDialog):
             else:
                 checks.setMinimumHeight(_CHECKS_BELOW_PX)
             sides.addWidget(checks)
-        foot = layouts.vbox(margins_px=(_SIDE_PX, 8, _SIDE_PX, 20), spacing_px=10)
-        foot.addWidget(self._question)
-        foot.addLayout(buttons)
-        outer = layouts.vbox(self, margins_px=0, spacing_px=0)
-        outer.addWidget(Scrolled(content), 1)
-        outer.addLayout(foot)
-        layout.addWidget(heading)
-        layout.addWidget(hint)
-        layout.addLayout(form)
-        layout.addLayout(column)
-        layout.addStretch(1)
+        buttons = layouts.hbox(None, cancel, 1, skip, self._begin_button, spacing_px=8)
+        foot = layouts.vbox(None, self._question, buttons, margins_px=(_SIDE_PX, 8, _SIDE_PX, 20), spacing_px=10)
+        layouts.vbox(self, (Scrolled(content), 1), foot, margins_px=0, spacing_px=0)
         self._show_contents()
         self.resize(self.sizeHint())  # Qt limits a dialog to two thirds of the screen
         # The field that changes from session to session.
@@ -233,7 +200,7 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         expected = text_formatting.expectation(bytes_per_hour, free_bytes)
         self._room.setVisible(bool(expected))
         if bytes_per_hour and free_bytes is not None and free_bytes < bytes_per_hour:
-            self._theme.color_text(self._room, "amber")
+            restyle(self._room, role="warning")
             expected = tr("{expected}. Free some disk space before a long session.").format(expected=expected)
         self._room.setText(expected)
 
@@ -245,14 +212,9 @@ class StartDialog(VisualTabOrderMixin, QDialog):
     def _make_checks(self, console: WizardConsole) -> QWidget:
         """List of preflight checks, next to the trial details."""
         side = QWidget()
-        heading = QLabel(tr("Is everything ready?"))
-        heading.setFont(self._theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._summary = self._small("")
-        self._summary.setObjectName("start_summary")
-        column = layouts.vbox(side, margins_px=0, spacing_px=8)
-        column.addWidget(heading)
-        column.addWidget(self._summary)
-        column.addWidget(PreflightList(self._theme, console), 1)
+        self._summary = label("", "note", wraps=True, objectName="start_summary")
+        heading, checks = label(tr("Is everything ready?"), "heading"), PreflightList(self._theme, console)
+        layouts.vbox(side, heading, self._summary, (checks, 1), margins_px=0, spacing_px=8)
         console.state.preflight.changed.connect(self._show_checks)
         self._show_checks(console.state.preflight.value)
         return side
@@ -267,16 +229,10 @@ class StartDialog(VisualTabOrderMixin, QDialog):
         waits = any(check.asks_first for check in checks)
         self._question.setText(open_words(checks) if waits else "")
         self._question.setVisible(waits)
-        self._theme.color_text(self._question, "amber")
         if waits:
             self._begin_button.set_label(tr("Record anyway"), role="amber")
         else:
             self._begin_button.set_label(tr("Start recording"), role="primary")
-
-    def _small(self, text: str) -> QLabel:
-        label = QLabel(text, wordWrap=True)
-        self._theme.style_text(label, "dim", tokens.STATUS_PX)
-        return label
 
     def _make_microphones(self) -> DropDown | None:
         """Microphone selection, if the scenario records sound."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QFontMetricsF, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
+from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain.address import is_loopback, without_credentials
 from caris_desktop.domain.clock import ClockAnchor
@@ -22,12 +22,12 @@ from caris_desktop.live.status import (
     SoundStatus,
 )
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import text_formatting, tokens
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.input.key_owner import KeyOwnerChip
 from caris_desktop.ui.robot_motion import RobotMotion
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.key_owner import KeyOwnerChip
 from caris_desktop.ui.widgets.status_button import StatusButton
 from caris_desktop.ui.window_above import InSight
 
@@ -162,37 +162,17 @@ class StatusBar(Bar, InSight):
         self._shown_states: tuple[object, ...] = ()
         self.setObjectName("status_bar")
         self.setFixedHeight(HEIGHT_PX)
-        self._theme = theme
         self._console = console
         self._first = first
-        self.items = {
-            name: StatusItem(theme, f"status_{name}")
-            for name in (
-                "link",
-                "motion",
-                "round_trip",
-                "video",
-                "lidar",
-                "pose",
-                "battery",
-                "refused",
-                "perception",
-                "listening",
-                "load",
-                "models",
-                "microphone",
-                "recording",
-                "dropped",
-                "disk",
-            )
-        }
-        row = QHBoxLayout(self)
-        row.setContentsMargins(_SIDE_PX, 0, _SIDE_PX, 0)
-        row.setSpacing(_GAP_PX)
+        names = (
+            "link", "motion", "round_trip", "video", "lidar", "pose", "battery", "refused", "perception", "listening",
+            "load", "models", "microphone", "recording", "dropped", "disk",
+        )  # fmt: skip
+        self.items = {name: StatusItem(theme, f"status_{name}") for name in names}
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        row = layouts.hbox(self, *first, news, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
         self._news = news
         news.words_changed.connect(self._fit)
-        for widget in (*first, news):
-            row.addWidget(widget)
         for name, item in self.items.items():
             if name == "microphone":
                 row.addStretch(1)
@@ -207,7 +187,6 @@ class StatusBar(Bar, InSight):
         self._timer = QTimer(self, interval=250)
         self._timer.timeout.connect(self.refresh)
         self._timer.start()
-        theme.changed.connect(self.update)
         state = console.state
         microphones = (state.microphone, state.wizard_microphone, state.sound)
         for value in (state.link, state.recording, state.perception, state.load, state.listening, *microphones):
@@ -521,12 +500,6 @@ class StatusBar(Bar, InSight):
         if free is not None:
             text = (tr("{size} left on disk") if low else tr("{size} free")).format(size=text_formatting.size(free))
         item.say(text, "amber" if low else "dim", icon="warning" if low else "")
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.fillRect(self.rect(), self._theme.color("panel"))
-        painter.setPen(self._theme.color("line"))
-        painter.drawLine(0, 0, self.width(), 0)
 
 
 def _refused(count: int) -> str:

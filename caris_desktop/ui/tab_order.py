@@ -55,12 +55,8 @@ def move_focus(window: QWidget, *, forward: bool) -> bool:
     return True
 
 
-def tab_stops(window: QWidget, focused: QWidget | None = None) -> list[QWidget]:
-    """All tab stops in visual order, with the focused widget even if it is not a tab stop."""
-    return _below(window, focused)
-
-
-def _below(holder: QWidget, focused: QWidget | None) -> list[QWidget]:
+def tab_stops(holder: QWidget, focused: QWidget | None = None) -> list[QWidget]:
+    """All tab stops below ``holder`` in visual order, with the focused widget even if it is not a tab stop."""
     parts: list[_Part] = []
     visible = [child for child in holder.children() if isinstance(child, QWidget) and _is_shown(child)]
     over = next((child for child in reversed(visible) if isinstance(child, Overlay)), None)
@@ -68,7 +64,7 @@ def _below(holder: QWidget, focused: QWidget | None) -> list[QWidget]:
         if over is not None and child is not over and child.geometry().intersects(over.geometry()):
             continue  # covered
         own_stop = [child] if child is focused or _is_stop(child) else []
-        stops = [*own_stop, *_below(child, focused)]
+        stops = [*own_stop, *tab_stops(child, focused)]
         if stops:
             parts.append((child.geometry(), stops))
     return [stop for _place, stops in _as_read(parts) for stop in stops]

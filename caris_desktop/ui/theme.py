@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import Literal
 
-from PySide6.QtCore import QObject, QRectF, Qt, Signal
-from PySide6.QtGui import QColor, QFont, QFontDatabase, QGuiApplication, QPainter, QPalette, QPen
+from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtGui import QColor, QFont, QFontDatabase, QGuiApplication, QPalette
 from PySide6.QtWidgets import QApplication, QWidget
 
 from caris_desktop.ui import tokens
@@ -92,27 +92,6 @@ class Theme(QObject):
         self.color_text(widget, role)
         widget.setFont(self.font(size_px, weight))
 
-    def paint_box(
-        self,
-        widget: QWidget,
-        *,
-        ground: str,
-        line: str,
-        radius_px: float,
-        line_px: float = 1.0,
-        inset_px: tuple[float, float] = (0.5, 0.5),
-    ) -> QPainter:
-        """Paint a widget as a rounded box with an outline, in the colours of these roles. ``inset_px``: horizontal and
-        vertical inset. Returns the antialiased painter.
-        """
-        painter = QPainter(widget)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(self.color(line), line_px))
-        painter.setBrush(self.color(ground))
-        across, down = inset_px
-        painter.drawRoundedRect(QRectF(widget.rect()).adjusted(across, down, -across, -down), radius_px, radius_px)
-        return painter
-
     def _on_system_scheme_changed(self, scheme: Qt.ColorScheme) -> None:
         self._system_scheme = scheme
         if self._choice == "system":
@@ -173,6 +152,10 @@ QFrame#people_undo {{ background: {colors.blue_soft}; margin: 0 1px; }}
 QWidget#split_handle:hover:enabled {{ background: {colors.line_strong}; }}
 QPushButton#more_tabs {{ background: transparent; color: {colors.dim}; border: 0; border-radius: {radius}px; }}
 QPushButton#more_tabs:hover, QPushButton#more_tabs:focus {{ color: {colors.text}; background: {colors.raised}; }}
+QFrame#drop_mark {{
+    /* Translucent: the content below helps to aim. */
+    background: #46{colors.blue[1:]}; border: 3px solid {colors.blue}; border-radius: {tokens.PANEL_RADIUS_PX}px;
+}}
 QLabel#drag_words {{
     background: {colors.raised}; color: {colors.text}; border: 1px solid {colors.blue}; padding: 5px 10px;
 }}
@@ -184,7 +167,7 @@ QLineEdit, QPlainTextEdit, QComboBox {{
 QLineEdit:focus, QPlainTextEdit:focus, QComboBox:focus {{ border: 2px solid {colors.blue}; padding: 4px 9px; }}
 QLineEdit:disabled, QPlainTextEdit:disabled {{ color: {colors.dim}; background: {colors.panel}; }}
 QPlainTextEdit#speak_field, QPlainTextEdit#speak_field:focus {{ font-size: {tokens.SPEECH_PX}px; padding: 0; }}
-QPlainTextEdit#assistant_answer {{ font-size: {tokens.SPEECH_PX - 1}px; }}
+QPlainTextEdit#transcript_field, QPlainTextEdit#assistant_answer {{ font-size: {tokens.SPEECH_PX - 1}px; }}
 QPlainTextEdit#assistant_answer[readOnly="true"] {{
     background: transparent; border-color: transparent; padding: 2px 0;
 }}
@@ -217,9 +200,14 @@ QTableView {{
     selection-color: {colors.text};
 }}
 QTableView::item {{ padding: 0 7px; border: 0; border-bottom: 1px solid {colors.line}; }}
-QTableView#person_history::item {{ padding: 0; border: 0; }}
+QTableView#person_history::item, QTableView#diagnostics_table::item {{ padding: 0; border: 0; }}
 QTableView::item:selected {{
     background: {colors.blue_soft}; color: {colors.text}; border-bottom: 1px solid {colors.blue};
+}}
+QTableView#diagnostics_table {{ background: transparent; border: 0; font-size: {status}px; }}
+QTableView#diagnostics_table QHeaderView {{ background: transparent; }}
+QTableView#diagnostics_table QHeaderView::section {{
+    padding: 3px 4px; border-bottom: 1px solid {colors.line}; font-size: {status}px;
 }}
 FastTableView {{ background: transparent; border: 0; border-radius: 0; }}
 QAbstractScrollArea::corner {{ background: transparent; border: 0; }}
@@ -242,15 +230,86 @@ QScrollBar::handle {{
 QScrollBar::add-line, QScrollBar::sub-line, QScrollBar::add-page, QScrollBar::sub-page {{
     background: transparent; width: 0; height: 0;
 }}
+QWidget[role="popup"] {{
+    background: {colors.panel}; border: 1px solid {colors.line_strong}; border-radius: {tokens.PANEL_RADIUS_PX}px;
+}}
+QWidget#practice_strip {{
+    background: {colors.panel}; border: 1px solid {colors.blue}; border-radius: {tokens.PANEL_RADIUS_PX}px;
+    margin: 1px 8px;
+}}
+QWidget#drive_hint {{
+    background: {colors.blue_soft}; border: 1px solid {colors.blue}; border-radius: {radius}px; margin: 3px 8px;
+}}
+QWidget#top_bar, QWidget#protocol_strip {{
+    background: {colors.panel}; border-bottom: 1px solid {colors.line};
+}}
+QWidget#status_bar {{ background: {colors.panel}; border-top: 1px solid {colors.line}; }}
+QLabel#replay_badge {{
+    background: {colors.blue}; color: {colors.on_blue}; border-radius: {radius}px; padding: 6px 12px;
+    font-weight: {tokens.WEIGHT_SEMIBOLD};
+}}
+QLabel#welcome {{ font-size: 24px; }}
+QPushButton[role="step"] {{ background: transparent; border: 0; border-radius: {radius}px; }}
+QPushButton[role="step"]:checked, QPushButton[role="step"]:hover {{ background: {colors.raised}; }}
+QPushButton[role="step"]:focus {{ border: 2px solid {colors.blue}; }}
+QPushButton[role="choice"] {{
+    background: {colors.raised}; border: 1px solid {colors.line}; border-radius: {tokens.PANEL_RADIUS_PX}px;
+}}
+QPushButton[role="choice"]:hover {{ background: {colors.raised_hover}; border-color: {colors.blue}; }}
+QPushButton[role="choice"][tone="blue"] {{ background: {colors.blue_soft}; border-color: {colors.blue}; }}
+QPushButton[role="choice"]:focus {{ border: 2px solid {colors.blue}; }}
+QWidget#gamepad_view, QFrame#speed_frame {{
+    background: {colors.raised}; border: 1px solid {colors.line}; border-radius: {radius}px;
+}}
+QFrame#curve_round_trip {{ border: 0; border-top: 2px solid {colors.blue}; }}
+QFrame#curve_video {{ border: 0; border-top: 2px dashed {colors.green}; }}
+QFrame#curve_lidar {{ border: 0; border-top: 2px dotted {colors.amber}; }}
+QWidget[role="card"] {{
+    background: {colors.panel}; border: 1px solid {colors.line_strong}; border-radius: 12px;
+}}
+QWidget[role="banner"] {{ border-radius: {tokens.PANEL_RADIUS_PX}px; }}
+{_tones(colors)}
+QLabel[role="hint"] {{
+    background: {colors.amber_soft}; border: 1px solid {colors.amber}; border-radius: {radius}px; color: {colors.text};
+    padding: 10px;
+}}
+QLabel[role="caption"] {{ font-size: {status}px; font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
+QLabel[role="detail"], QLabel[role="fine"], QLineEdit#queue_editor, QTableView#sessions_table {{
+    font-size: {status + 1}px;
+}}
+QLabel[role="fine"] {{ color: {colors.dim}; }}
 QLabel[role="title"], QLabel[role="heading"], QLabel[role="time"] {{ font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
 QLabel[role="heading"], QLabel[role="time"] {{ font-size: {tokens.SPEECH_PX}px; }}
+QLabel[role="medium"] {{ font-weight: {tokens.WEIGHT_MEDIUM}; }}
+QTextBrowser#help_page {{ background: {colors.panel}; border: 0; padding: 4px 4px 4px 14px; }}
+QWidget#export_dialog {{ background: {colors.panel}; }}
+QLabel[role="small"], QCheckBox[role="small"] {{ font-size: {status}px; }}
+QLabel[role="drive"] {{ font-size: {tokens.SPEECH_PX - 1}px; font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
 QLabel[role="moment"] {{ font-size: {status}px; font-weight: {tokens.WEIGHT_MEDIUM}; }}
 QLabel[role="note"] {{ color: {colors.dim}; font-size: {status}px; }}
+QWidget[role="readout"] {{ border: 1px solid {colors.line}; border-radius: {radius}px; }}
+QLabel[role="key"] {{
+    background: {colors.key_ground}; color: {colors.text}; border: 1px solid {colors.key_line}; border-radius: 4px;
+    padding: 0 5px; min-width: 8px; font-size: {tokens.KEY_CAP_PX}px; font-weight: {tokens.WEIGHT_SEMIBOLD};
+}}
 QLabel[role="warning"] {{ color: {colors.amber}; font-size: {status}px; }}
+QLabel[role="news"] {{ color: {colors.blue}; font-size: {status}px; }}
 QLabel[role="refusal"] {{
     background: {colors.amber_soft}; border: 1px solid {colors.amber}; border-radius: {radius}px;
     color: {colors.text}; font-size: {status}px;
 }}
+QPushButton#speed_step {{
+    background: transparent; border: 1px solid transparent; border-radius: {radius}px; padding: 0 5px;
+    color: {colors.dim}; font-size: {status}px;
+}}
+QPushButton#speed_step:checked {{
+    background: {colors.blue_soft}; border-color: {colors.blue}; color: {colors.text};
+    font-weight: {tokens.WEIGHT_SEMIBOLD};
+}}
+QFrame#queue_row, QFrame#exchange_row {{ border: 1px solid transparent; border-radius: 6px; }}
+QFrame#queue_row {{ margin: 1px 0; }}
+QFrame#queue_row[current="true"] {{ background: {colors.blue_soft}; border-color: {colors.blue}; }}
+QFrame#exchange_row[current="true"] {{ background: {colors.raised}; border-color: {colors.raised}; }}
 QLineEdit#tier_filter, QListView#label_list, QTableView#agreement_table {{ font-size: {status}px; }}
 QLabel#agreement_kappa {{ font-size: 28px; font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
 QWidget#replay_bar {{ background: {colors.panel}; border-top: 1px solid {colors.line}; }}
@@ -271,3 +330,14 @@ QSlider::handle:horizontal {{
 QSlider::sub-page:horizontal:disabled {{ background: {colors.line_strong}; }}
 QSlider::handle:horizontal:disabled {{ border-color: {colors.dim}; }}
 """
+
+
+def _tones(colors: Colors) -> str:
+    """Texts, and edges of popups and banners, in the colour of their state or severity."""
+    rules = [f'QLabel[tone="{tone}"] {{ color: {getattr(colors, tone)}; }}' for tone in ("text", "dim")]
+    for tone in ("blue", "green", "amber", "red"):
+        line, ground = getattr(colors, tone), getattr(colors, f"{tone}_soft")
+        rules.append(f'QLabel[tone="{tone}"] {{ color: {line}; }}')
+        rules.append(f'QWidget[role="popup"][tone="{tone}"] {{ border-color: {line}; }}')
+        rules.append(f'QWidget[role="banner"][tone="{tone}"] {{ background: {ground}; border: 1px solid {line}; }}')
+    return "\n".join(rules)

@@ -1,7 +1,7 @@
 """Top bar: scenario, trial, recording, marks, and the emergency stop button, which is always visible."""
 
 from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QAccessible, QFont, QFontMetricsF, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QMenu, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
@@ -13,11 +13,12 @@ from caris_desktop.live.status import IN_SESSION, DriveStatus, LiveRobotsStatus,
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.drive_input_filter import STOPS
 from caris_desktop.ui.focus_widget import Bar
+from caris_desktop.ui.input.drive_input_filter import STOPS
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
+from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.wrapped_tip import set_wrapped_tip
 
 HEIGHT_PX = 44
@@ -97,72 +98,69 @@ class TopBar(Bar, QWidget):
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("top_bar")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.setFixedHeight(HEIGHT_PX)
         self._theme = theme
         self._console = console
         self._actions = actions
         self.scenario_button = ActionButton(
-            theme, "", menu_arrow=True, role="ghost", text_px=tokens.SPEECH_PX - 1, may_shrink=True, semibold=True
-        )
-        self.scenario_button.setObjectName("scenario_button")
-        self.scenario_button.clicked.connect(self.scenario_menu_requested)
+            theme, menu_arrow=True, role="ghost", text_px=tokens.SPEECH_PX - 1, may_shrink=True, semibold=True,
+            objectName="scenario_button", clicked=self.scenario_menu_requested,
+        )  # fmt: skip
         self._trial = TrialLabel()
         self._trial.setObjectName("trial_label")
+        self._trial.setProperty("tone", "dim")
         self._details: TrialDetails | None = None
-        self.record_button = ActionButton(theme, tr("Start recording"), icon="record")
-        self.record_button.setObjectName("record_button")
-        self.record_button.clicked.connect(self._on_record_clicked)
+        self.record_button = ActionButton(
+            theme, tr("Start recording"), icon="record", objectName="record_button", clicked=self._on_record_clicked
+        )
         self._record_menu = QMenu(self)
         self._record_menu.setObjectName("record_menu")
         self._pause = self._record_menu.addAction(tr("Pause recording"))
         self._pause.triggered.connect(self._on_pause)
         self._record_menu.addAction(tr("Stop recording")).triggered.connect(self._on_stop_recording)
         self._paused_ns: int | None = None
-        self.mark_button = ActionButton(theme, tr("Mark"), icon="bookmark-simple")
-        self.mark_button.setObjectName("mark_button")
+        self.mark_button = ActionButton(theme, tr("Mark"), icon="bookmark-simple", objectName="mark_button")
         self.mark_button.bind(actions, "mark")
-        self.stretch_button = ActionButton(theme, "", icon="brackets-square")
-        self.stretch_button.setObjectName("stretch_button")
-        self.stretch_button.setCheckable(True)  # checked while the interval is open
-        self.stretch_button.setChecked(True)
-        self.stretch_button.clicked.connect(self._on_end_interval)
+        self.stretch_button = ActionButton(
+            theme, icon="brackets-square", objectName="stretch_button", checkable=True, clicked=self._on_end_interval
+        )
+        self.stretch_button.setChecked(True)  # while the interval is open
         self.stretch_button.hide()
         self._unmark = QTimer(self, singleShot=True, interval=1500)
         self._unmark.timeout.connect(self._on_mark_shown)
         self._in_replay = False
-        error = self._error = ActionButton(theme, tr("Wizard error"), icon="warning")
-        error.setObjectName("wizard_error_button")
+        error = self._error = ActionButton(
+            theme, tr("Wizard error"), icon="warning", objectName="wizard_error_button",
+            toolTip=tr("Mark a mistake on the wizard's side, for the analysis"),
+        )  # fmt: skip
         error.bind(actions, "wizard_error")
-        error.setToolTip(tr("Mark a mistake on the wizard's side, for the analysis"))
-        self._find = ActionButton(theme, tr("Find anything"), icon="magnifying-glass")
-        self._find.setObjectName("find_button")
+        self._find = ActionButton(
+            theme, tr("Find anything"), icon="magnifying-glass", objectName="find_button",
+            toolTip=tr("Find anything: actions, phrases, places, panels"),
+        )  # fmt: skip
         self._find.bind(actions, "find")
-        self._find.setToolTip(tr("Find anything: actions, phrases, places, panels"))
-        self.window_button = ActionButton(theme, tr("Window"), menu_arrow=True)
-        self.window_button.setObjectName("window_menu_button")
-        self.window_button.setAccessibleName(tr("Panels and appearance"))
-        self.window_button.setToolTip(tr("Panels and appearance"))
-        self.window_button.clicked.connect(self.window_menu_requested)
-        self.emergency = ActionButton(theme, tr("Emergency stop"), key="Esc Esc", role="danger")
-        self.emergency.setObjectName("emergency_stop")
+        self.window_button = ActionButton(
+            theme, tr("Window"), menu_arrow=True, objectName="window_menu_button", clicked=self.window_menu_requested,
+            accessibleName=tr("Panels and appearance"), toolTip=tr("Panels and appearance"),
+        )  # fmt: skip
+        self.emergency = ActionButton(
+            theme, tr("Emergency stop"), key="Esc Esc", role="danger", objectName="emergency_stop",
+            pressed=self._on_emergency_pressed,
+            toolTip=tr("Stops the robot and holds it until you release the stop. The Pause key also works."),
+        )  # fmt: skip
         self.emergency.setProperty(STOPS, True)
-        self.emergency.setToolTip(
-            tr("Stops the robot and holds it until you release the stop. The Pause key also works.")
-        )
-        self.emergency.pressed.connect(self._on_emergency_pressed)
-        row = layouts.hbox(self, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX)
-        self._replay_badge = ReplayBadge(theme)
-        row.addWidget(self._replay_badge)
-        row.addWidget(self.scenario_button)
-        row.addWidget(self._trial)
-        row.addWidget(self.record_button)
-        row.addWidget(self.mark_button)
-        row.addWidget(self.stretch_button)
-        row.addWidget(error)
-        row.addWidget(self._find)
-        row.addStretch(1)
-        row.addWidget(self.window_button)
-        row.addWidget(self.emergency)
+        self._replay_badge = label(
+            tr("REPLAY"), objectName="replay_badge", accessibleName=tr("REPLAY"),
+            toolTip=tr("This is a recorded session. Nothing you do here reaches a robot, except a stop."),
+        )  # fmt: skip
+        self._replay_badge.setFixedHeight(30)
+        self._replay_badge.hide()
+        marks = self.mark_button, self.stretch_button, error
+        layouts.hbox(
+            self, self._replay_badge, self.scenario_button, self._trial, self.record_button, *marks, self._find, 1,
+            self.window_button, self.emergency, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX,
+        )  # fmt: skip
         console.state.recording.changed.connect(self._on_recording_changed)
         console.state.drive.changed.connect(self._on_drive_changed)
         console.state.marks.changed.connect(self._on_marks_changed)
@@ -173,9 +171,7 @@ class TopBar(Bar, QWidget):
         self._clock.timeout.connect(self._refresh)
         self._clock.timeout.connect(self._show_interval)
         self._clock.start()
-        theme.changed.connect(self._style)
         self.show_scenario()
-        self._style()
         self._on_drive_changed(console.state.drive.value)
 
     def show_replay(self, live_robots: LiveValue) -> None:
@@ -284,10 +280,6 @@ class TopBar(Bar, QWidget):
         if menu is self._record_menu:
             menu.setActiveAction(menu.actions()[0])
 
-    def _style(self) -> None:
-        self._theme.color_text(self._trial, "dim")
-        self.update()
-
     # On press, not on click: a stop must not wait for the release.
     def _on_emergency_pressed(self) -> None:
         self._console.do(intents.EmergencyStop())
@@ -391,7 +383,6 @@ class TopBar(Bar, QWidget):
         details = self._details if status.state in IN_SESSION else None
         self._trial.show_details(details, roomy=self.width() >= ROOMY_PX)
         self._make_room()
-        self._actions.set_condition("recording", status.state == "recording")
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         if self._in_replay:
@@ -400,42 +391,6 @@ class TopBar(Bar, QWidget):
             self.emergency.set_label(tr("Emergency stop active"), role="outline_danger")
         else:
             self.emergency.set_label(tr("Emergency stop"), role="danger")
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.fillRect(self.rect(), self._theme.color("panel"))
-        painter.setPen(self._theme.color("line"))
-        painter.drawLine(0, self.height() - 1, self.width(), self.height() - 1)
-
-
-class ReplayBadge(QWidget):
-    """Badge that marks the window as a replay; hidden otherwise."""
-
-    accessible_role = QAccessible.Role.StaticText
-
-    def __init__(self, theme: Theme) -> None:
-        super().__init__()
-        self.setObjectName("replay_badge")
-        self.setAccessibleName(tr("REPLAY"))
-        self.setToolTip(tr("This is a recorded session. Nothing you do here reaches a robot, except a stop."))
-        self._theme = theme
-        width = QFontMetricsF(self._font()).horizontalAdvance(self.accessibleName())
-        self.setFixedSize(round(width) + 24, 30)
-        theme.changed.connect(self.update)
-        self.hide()
-
-    def _font(self) -> QFont:
-        return self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(self._theme.color("blue"))
-        painter.drawRoundedRect(self.rect(), tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
-        painter.setPen(self._theme.color("on_blue"))
-        painter.setFont(self._font())
-        painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, self.accessibleName())
 
 
 def as_menu(theme: Theme, parent: QWidget, name: str) -> QMenu:

@@ -1,26 +1,30 @@
 """Menus of the top bar: scenarios, window and panels, robots. Filled on opening."""
 
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 
-from PySide6.QtGui import QActionGroup
 from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QLineEdit, QMenu, QVBoxLayout, QWidget
 
 from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.scenario.scenario_model import PanelName
-from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.app_context import THEME_WORDS, AppContext
-from caris_desktop.ui.layout_store import LayoutStore
+from caris_desktop.ui.menu_choices import add_choices, add_switch
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
-from caris_desktop.ui.panel_manager import PanelManager
 from caris_desktop.ui.panel_table import PANELS
-from caris_desktop.ui.sound_menu import SoundMenu
+from caris_desktop.ui.sound_menu import add_sound_menus
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.text_formatting import in_menu
-from caris_desktop.ui.theme import CHOICES, SCALES, Theme, ThemeChoice
+from caris_desktop.ui.theme import CHOICES, SCALES, Theme
 from caris_desktop.ui.top_bar import TopBar, as_menu
 from caris_desktop.ui.window_appearance import scale_words
+
+_LONGEST_TITLE = 80
+_UNDO_AND_REDO = 2
+_SIZES: dict[SizeClass, str] = {
+    "compact": QT_TR_NOOP("For a small screen"),
+    "usual": QT_TR_NOOP("For a medium-sized screen"),
+    "large": QT_TR_NOOP("For a large screen"),
+}
 
 
 class WindowMenus:
@@ -30,9 +34,9 @@ class WindowMenus:
         self._parts = parts
         self._top_bar = top_bar
         self._show_shortcuts = show_shortcuts
-        self._sound = SoundMenu(parts.console)
-        self._layout = LayoutMenu(parts.layout, parts.panels, parts.actions, parts.theme, window)
+        self._window = window
         parts.layout.changed.connect(self._show_layout_state)
+        parts.layout.title_requested.connect(self._ask_title)
         self._scenario_menu = as_menu(parts.theme, window, "scenario_menu")
         self._window_menu = as_menu(parts.theme, window, "window_menu")
         self._robot_menu = as_menu(parts.theme, window, "robot_menu")
@@ -47,18 +51,19 @@ class WindowMenus:
     def _fill_scenario_menu(self) -> None:
         menu, parts = self._scenario_menu, self._parts
         menu.clear()
-        group = QActionGroup(menu)
-        current = parts.console.scenario
-        for choice in parts.scenarios.now():
-            action = menu.addAction(in_menu(choice.title))
-            action.setCheckable(True)
-            action.setChecked(current.path is not None and choice.path.absolute() == current.path.absolute())
-            action.setActionGroup(group)
-            action.triggered.connect(self._scenario_opener(choice.path))
+        path = parts.console.scenario.path
+        current = None if path is None else path.absolute()
+        add_choices(
+            menu,
+            (
+                (in_menu(choice.title), choice.path.absolute() == current, partial(parts.open_scenario, choice.path))
+                for choice in parts.scenarios.now()
+            ),
+        )
         menu.addSeparator()
-        menu.addAction(tr("Edit this scenario…")).triggered.connect(parts.editor.open)
-        menu.addAction(tr("Import a scenario…")).triggered.connect(parts.scenario_files.choose_import)
-        menu.addAction(tr("Export this scenario as one file…")).triggered.connect(parts.scenario_files.choose_share)
+        menu.addAction(tr("Edit this scenario…"), parts.editor.open)
+        menu.addAction(tr("Import a scenario…"), parts.scenario_files.choose_import)
+        menu.addAction(tr("Export this scenario as one file…"), parts.scenario_files.choose_share)
 
     def _on_files_read(self) -> None:
         """Refill open menus after the files on disk were read."""
@@ -78,11 +83,8 @@ class WindowMenus:
         panels = menu.addMenu(tr("Panels"))
         panels.setObjectName("panels_menu")
         for name in parts.panels.possible():
-            action = panels.addAction(tr(PANELS[name].title))
-            action.setCheckable(True)
-            action.setChecked(parts.panels.is_open(name))
-            action.triggered.connect(parts.panels.toggler(name))
-        self._layout.fill(menu.addMenu(self._layout.title()))
+            add_switch(panels, tr(PANELS[name].title), parts.panels.is_open(name), parts.panels.toggler(name))
+        self.fill_layout_menu(menu.addMenu(self.layout_title()))
         if parts.sessions.has_library:
             self._add_sessions(menu)
         menu.addSection(tr("Robot"))
@@ -90,33 +92,22 @@ class WindowMenus:
         robots = tr("Robot: {name}").format(name=in_menu(present)) if present else tr("Choose a robot")
         self._robots_submenu = menu.addMenu(robots)
         parts.robots.fill_menu(self._robots_submenu)
-        self._sound.fill(menu)
-        menu.addSection(tr("Appearance"))
-        group = QActionGroup(menu)
-        # The subject is part of the name: this style draws section titles as bare lines.
-        themes = menu.addMenu(tr("Appearance: {theme}").format(theme=tr(THEME_WORDS[parts.theme.choice])))
-        for choice in CHOICES:
-            action = themes.addAction(tr(THEME_WORDS[choice]))
-            action.setCheckable(True)
-            action.setChecked(choice == parts.theme.choice)
-            action.setActionGroup(group)
-            action.triggered.connect(self._theme_chooser(choice))
-        self._add_sizes(menu)
+        add_sound_menus(parts.console, menu)
+        self._add_appearance(menu)
         self._add_wizards(menu)
         menu.addSeparator()
         if parts.gamepad.offered:
-            menu.addAction(tr("Gamepad…")).triggered.connect(parts.gamepad.open)
-        menu.addAction(tr("Practise on the simulated robot")).triggered.connect(parts.practise)
+            menu.addAction(tr("Gamepad…"), parts.gamepad.open)
+        menu.addAction(tr("Practise on the simulated robot"), parts.practise)
         for sees, text in SEES_WORDS.items():
-            menu.addAction(tr(text)).triggered.connect(parts.observers.opener(sees))
-        set_up = menu.addAction(tr("Set up…"))
+            menu.addAction(tr(text), parts.observers.opener(sees))
+        set_up = menu.addAction(tr("Set up…"), partial(parts.actions.run, "set_up"))
         set_up.setEnabled(parts.actions.available("set_up"))
-        set_up.triggered.connect(lambda: parts.actions.run("set_up"))
-        menu.addAction(tr("All shortcuts")).triggered.connect(self._show_shortcuts)
-        menu.addAction(tr("Help")).triggered.connect(lambda: parts.actions.run("help"))
+        menu.addAction(tr("All shortcuts"), self._show_shortcuts)
+        menu.addAction(tr("Help"), partial(parts.actions.run, "help"))
         menu.addSeparator()
         close = tr("Close the console") if parts.console.state.present.live else tr("Close this window")
-        menu.addAction(close).triggered.connect(parts.close_window)
+        menu.addAction(close, parts.close_window)
         self._top_bar.popup_below(menu, self._top_bar.window_button)
 
     def _show_layout_state(self) -> None:
@@ -129,80 +120,52 @@ class WindowMenus:
     def _add_sessions(self, menu: QMenu) -> None:
         windows = self._parts.sessions
         menu.addSection(tr("Sessions"))
-        menu.addAction(tr("All sessions…")).triggered.connect(windows.open_sessions)
+        menu.addAction(tr("All sessions…"), windows.open_sessions)
         status = self._parts.console.state.recording.value
-        last = menu.addAction(tr("Export the last session…"))
+        last = menu.addAction(tr("Export the last session…"), windows.export_last_session)
         last.setEnabled(status.folder is not None and status.state in ("idle", "failed"))
-        last.triggered.connect(windows.export_last_session)
 
-    def _add_sizes(self, menu: QMenu) -> None:
-        appearance = self._parts.appearance
-        group = QActionGroup(menu)
-        sizes = menu.addMenu(scale_words(appearance.scale))
-        for scale in SCALES:
-            action = sizes.addAction(scale_words(scale))
-            action.setCheckable(True)
-            action.setChecked(scale == appearance.scale)
-            action.setActionGroup(group)
-            action.triggered.connect(self._scale_chooser(scale))
-
-    def _scale_chooser(self, scale: str) -> Callable[[], None]:
-        return lambda: self._parts.appearance.choose_scale(scale)
+    def _add_appearance(self, menu: QMenu) -> None:
+        appearance, current = self._parts.appearance, self._parts.theme.choice
+        menu.addSection(tr("Appearance"))
+        # The subject is part of the name: this style draws section titles as bare lines.
+        add_choices(
+            menu.addMenu(tr("Appearance: {theme}").format(theme=tr(THEME_WORDS[current]))),
+            (
+                (tr(THEME_WORDS[choice]), choice == current, partial(appearance.choose_theme, choice))
+                for choice in CHOICES
+            ),
+        )
+        add_choices(
+            menu.addMenu(scale_words(appearance.scale)),
+            (
+                (scale_words(scale), scale == appearance.scale, partial(appearance.choose_scale, scale))
+                for scale in SCALES
+            ),
+        )
 
     def _add_wizards(self, menu: QMenu) -> None:
         """Add the choice of the wizard."""
         wizards = self._parts.wizards
-        group = QActionGroup(menu)
         current = wizards.current
         names = menu.addMenu(
             tr("Wizard: {name}").format(name=in_menu(current)) if current else tr("Who is the wizard?")
         )
-        for name in (*wizards.names, ""):
-            action = names.addAction(in_menu(name) or tr("Not specified"))
-            action.setCheckable(True)
-            action.setChecked(name == current)
-            action.setActionGroup(group)
-            action.triggered.connect(self._wizard_chooser(name))
+        add_choices(
+            names,
+            (
+                (in_menu(name) or tr("Not specified"), name == current, partial(wizards.choose, name))
+                for name in (*wizards.names, "")
+            ),
+        )
         names.addSeparator()
-        names.addAction(tr("Another wizard…")).triggered.connect(lambda: self._parts.actions.run("choose_wizard"))
+        names.addAction(tr("Another wizard…"), partial(self._parts.actions.run, "choose_wizard"))
 
-    def _wizard_chooser(self, name: str) -> Callable[[], None]:
-        return lambda: self._parts.wizards.choose(name)
+    def layout_title(self) -> str:
+        return tr("Layout (changed, not saved)") if self._parts.layout.is_unsaved else tr("Layout")
 
-    def _scenario_opener(self, path: Path) -> Callable[[], None]:
-        return lambda: self._parts.open_scenario(path)
-
-    def _theme_chooser(self, choice: ThemeChoice) -> Callable[[], None]:
-        return lambda: self._parts.appearance.choose_theme(choice)
-
-
-_LONGEST_TITLE = 80
-_UNDO_AND_REDO = 2
-_SIZES: dict[SizeClass, str] = {
-    "compact": QT_TR_NOOP("For a small screen"),
-    "usual": QT_TR_NOOP("For a medium-sized screen"),
-    "large": QT_TR_NOOP("For a large screen"),
-}
-
-
-class LayoutMenu:
-    """Fills a menu each time it opens."""
-
-    def __init__(
-        self, keeper: LayoutStore, board: PanelManager, actions: Actions, theme: Theme, window: QWidget
-    ) -> None:
-        self._keeper = keeper
-        self._actions = actions
-        self._board = board
-        self._theme = theme
-        self._window = window
-        keeper.title_requested.connect(self._ask_title)
-
-    def title(self) -> str:
-        return tr("Layout (changed, not saved)") if self._keeper.is_unsaved else tr("Layout")
-
-    def fill(self, menu: QMenu) -> None:
-        keeper = self._keeper
+    def fill_layout_menu(self, menu: QMenu) -> None:
+        keeper, board = self._parts.layout, self._parts.panels
         menu.setObjectName("layout_menu")
         # Some styles do not show section titles.
         menu.addAction(tr(_SIZES[keeper.kind])).setEnabled(False)
@@ -210,29 +173,20 @@ class LayoutMenu:
         for number, command in enumerate(keeper.commands()):
             if number == _UNDO_AND_REDO:
                 menu.addSeparator()
-            key = self._actions.key_text(command.action) if command.action else ""
+            key = self._parts.actions.key_text(command.action) if command.action else ""
             action = menu.addAction("\t".join(part for part in (in_menu(command.text), key) if part))
             action.setEnabled(command.possible)
             action.triggered.connect(keeper.soon(command.do))
         menu.addSeparator()
-        focused = self._focused_panel()
+        focused = next((name for name, panel in board.panels.items() if panel.active), None)
         if focused is not None:
-            self._board.fill_panel_menu(menu.addMenu(tr("Focused panel")), focused)
-        locked = menu.addAction(tr("Lock for a study"))
-        locked.setCheckable(True)
-        locked.setChecked(keeper.locked)
-        locked.triggered.connect(keeper.set_locked)
-        adapts = menu.addAction(tr("Adapt to small and large screens"))
-        adapts.setCheckable(True)
-        adapts.setChecked(keeper.adapts)
-        adapts.triggered.connect(keeper.set_adapts)
-
-    def _focused_panel(self) -> PanelName | None:
-        return next((name for name, panel in self._board.panels.items() if panel.active), None)
+            board.fill_panel_menu(menu.addMenu(tr("Focused panel")), focused)
+        add_switch(menu, tr("Lock for a study"), keeper.locked, keeper.set_locked)
+        add_switch(menu, tr("Adapt to small and large screens"), keeper.adapts, keeper.set_adapts)
 
     def _ask_title(self) -> None:
-        dialog = TitleDialog(self._theme, self._window)
-        dialog.accepted.connect(lambda: self._keeper.save_as(dialog.title))
+        dialog = TitleDialog(self._parts.theme, self._window)
+        dialog.accepted.connect(lambda: self._parts.layout.save_as(dialog.title))
         dialog.show()
 
 

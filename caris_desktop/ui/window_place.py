@@ -1,12 +1,13 @@
-"""Window geometry, saved and restored between runs."""
+"""Window geometry, saved and restored between runs; places of the other windows."""
 
 from typing import Any, Protocol
 
-from PySide6.QtCore import QByteArray, QSize
+from PySide6.QtCore import QByteArray, QPoint, QRect, QSize
 from PySide6.QtWidgets import QWidget
 
 WINDOW_FRAME = QSize(16, 48)  # upper bound of the window decoration
 _ROOMY = QSize(1680, 1000)
+_LEAST_HEIGHT_PX, _BELOW_RED_PX = 480, 8
 
 
 class Settings(Protocol):
@@ -55,3 +56,37 @@ class WindowPlace:
     def save(self) -> None:
         if self._settings is not None:
             self._settings.setValue(self._key, self._window.saveGeometry())
+
+
+def _room_next_to(parent: QWidget, room: QRect) -> QRect:
+    """Screen area below that window's red button, unless too small."""
+    red = parent.findChild(QWidget, "emergency_stop")
+    below = QRect(room)
+    below.setTop(room.top() + WINDOW_FRAME.height())
+    if red is not None and red.isVisible():
+        below.setTop(max(below.top(), red.mapToGlobal(red.rect().bottomLeft()).y() + _BELOW_RED_PX))
+        if below.height() - WINDOW_FRAME.height() < _LEAST_HEIGHT_PX:
+            below.setTop(room.top() + WINDOW_FRAME.height())
+    return below
+
+
+def bring_up(window: QWidget) -> None:
+    """Show a window centred on its owner, without covering the red button, and focus it."""
+    parent = window.parentWidget()
+    if parent is not None and not window.isVisible():
+        # Window managers place it in a corner.
+        room = _room_next_to(parent, window.screen().availableGeometry())
+        window.resize(window.size().boundedTo(room.size() - WINDOW_FRAME))
+        place = QRect(QPoint(), window.size() + WINDOW_FRAME)
+        place.moveCenter(parent.frameGeometry().center())
+        place.moveRight(min(place.right(), room.right()))
+        place.moveBottom(min(place.bottom(), room.bottom()))
+        window.move(max(place.left(), room.left()), max(place.top(), room.top()))
+    raise_window(window)
+
+
+def raise_window(window: QWidget) -> None:
+    """Show and focus a window where it is."""
+    window.show()
+    window.raise_()
+    window.activateWindow()

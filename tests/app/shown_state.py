@@ -4,8 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from caris_desktop.domain.streams import BY_NAME, STATE_STREAMS
-from caris_desktop.live.state import LOST_AFTER_S, LiveState
-from caris_desktop.live.status_tap import STATUS_TYPES, content_of
+from caris_desktop.live.state import LOST_AFTER_S, STATUS_TYPES, LiveState, content_of
 
 # Not displayed as robot state: the recorder's own status, and streams that no panel reads live.
 _LEFT_OUT = ("audio", "status", "lens")

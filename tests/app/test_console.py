@@ -73,7 +73,7 @@ def asked(qtbot: QtBot, tmp_path: Path) -> Iterator[Asked]:
     console.shutdown()
 
 
-@pytest.mark.logs(r"live\.bus: ", r"live\.recorder_feed: ")
+@pytest.mark.logs(r"live\.bus: ", r"live\.services\.recording_service: the recorder is gone")
 def test_the_model_gets_no_conversation_of_an_earlier_participant(qtbot: QtBot, asked: Asked) -> None:
     utterance = UtteranceChanged(clock.now_ns(), "u-1", "participant", "I sleep badly.", "heard", "finished")
     asked.console._bus.publish(utterance)
@@ -83,7 +83,7 @@ def test_the_model_gets_no_conversation_of_an_earlier_participant(qtbot: QtBot, 
     assert "I sleep badly." not in asked.ask(qtbot, "What now?")
 
 
-@pytest.mark.logs(r"live\.bus: ", r"live\.recorder_feed: ")
+@pytest.mark.logs(r"live\.bus: ", r"live\.services\.recording_service: the recorder is gone")
 @pytest.mark.parametrize("actor", [WIZARD, "wizard:Ada", SCRIPT, MODEL, CONSOLE])
 def test_no_actor_starts_a_recording_without_the_required_checks(qtbot: QtBot, asked: Asked, actor: Actor) -> None:
     """Requests of the gamepad and the palette are those of this wizard."""

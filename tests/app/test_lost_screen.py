@@ -5,7 +5,7 @@ import logging
 import pytest
 from PySide6.QtCore import QMessageLogContext, QtMsgType
 
-from caris_desktop.app.lost_screen import _on_message
+from caris_desktop.app.qt_application import _on_message
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.app import perceive_again_command
 from caris_desktop.domain.sensing import People
-from caris_desktop.perception.backends.selected_runtime import Chosen
+from caris_desktop.perception.backends.runtime_selection import Chosen
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.perceiver import Perceiver
 from caris_desktop.perception.tracker import PersonTracker
@@ -144,4 +144,7 @@ def test_a_wrong_command_is_reported_and_leaves_nothing(
     status, _, told = perceive_again(capsys, street, "--name", "../other")
     assert status == 2
     assert "--name" in told
+    for name in ("tables", "transcripts"):
+        status, _, told = perceive_again(capsys, street, "--name", name)
+        assert status == 2 and name in told, "the erasure of a person deletes this folder"
     assert not any(path.name.endswith(".unfinished") for path in street.rglob("*"))

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 
+import httpx
 import pytest
 
 from caris_desktop.app import perceive_command
@@ -50,6 +51,8 @@ def test_a_console_finds_the_people_of_its_pictures_there(monkeypatch: pytest.Mo
         first = process.stdout.readline()
         assert "yolov8n_int8.tflite, LiteRT on CPU, 320x320 px is available at ws://127.0.0.1:" in first
         address = first.split(" is available at ")[1].split(";")[0]
+        health = httpx.get(address.replace("ws://", "http://"), headers={"Authorization": f"Bearer {TOKEN}"})
+        assert "yolov8n_int8.tflite" in health.json()["label"]
         monkeypatch.setenv(SERVER_VARIABLE, address)
         detector = RemoteDetector(address, confidence=0.25)
         found = detector.detect(bus_picture())

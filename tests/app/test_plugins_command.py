@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.app import check_command, command_table, plugins_command
+from caris_desktop.domain import plugin_process
 from caris_desktop.scenario.scenario_file import parse_scenario
 from tests.support.plugins import install
 
@@ -25,10 +26,11 @@ def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "slow": "import time\ntime.sleep(3600)",
     }.items():
         install(folder, "trackers", name, source, monkeypatch)
-    monkeypatch.setattr(plugins_command, "LOAD_WITHIN_S", 10.0)
+    monkeypatch.setattr(plugin_process, "LOAD_WITHIN_S", 10.0)
     return folder
 
 
+@pytest.mark.logs("the plug-in broken of lab-broken failed")
 def test_all_are_listed_with_version_and_fault(packages: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command_table.run(["plugins"]) == 1
     printed = capsys.readouterr().out
@@ -42,6 +44,11 @@ def test_all_are_listed_with_version_and_fault(packages: Path, capsys: pytest.Ca
         "FIX  slow                 lab-slow 2.1: it was not loaded within 10 s.",
         "language_models (interface version 1): no plug-ins",
         "detectors (interface version 1): no plug-ins",
+        "exporters (interface version 1): no plug-ins",
+        "measures (interface version 1): no plug-ins",
+        "speech (interface version 1): no plug-ins",
+        "cameras (interface version 1): no plug-ins",
+        "robots (interface version 1): no plug-ins",
     ):
         assert line in printed
     assert "botsort" not in printed
@@ -50,9 +57,11 @@ def test_all_are_listed_with_version_and_fault(packages: Path, capsys: pytest.Ca
 
 def test_without_plug_ins_the_built_in_ones_are_listed_on_request(capsys: pytest.CaptureFixture[str]) -> None:
     assert plugins_command.run(Namespace(all=True)) == 0
-    assert "ok   botsort              caris-desktop" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "ok   botsort              caris-desktop" in printed and "ok   ros2                 caris-desktop" in printed
 
 
+@pytest.mark.logs("the plug-in broken of lab-broken failed")
 def test_the_check_loads_what_the_scenario_names(packages: Path, tmp_path: Path) -> None:
     for name, wrong in {"good": "", "broken": "ModuleNotFoundError"}.items():
         text = f"version: 1\ntitle: Lab\nlayout: {{panel: video}}\nperception: {{tracker: {name}}}\n"

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.app.read_back import read_back
+from caris_desktop.app.rehearse_command import read_back
 from caris_desktop.recording.exporters import html
 from caris_desktop.recording.session import session_reader
 from caris_desktop.recording.session_export import FORMATS

@@ -227,7 +227,7 @@ class Ends:
 
 def test_the_robot_is_stopped_first_and_any_failure_lets_the_rest_end(monkeypatch: pytest.MonkeyPatch) -> None:
     ended: list[str] = []
-    monkeypatch.setattr(console_command, "ClosingWindow", lambda _theme: Ends("closing window", ended))
+    monkeypatch.setattr(console_command, "ClosingWindow", lambda: Ends("closing window", ended))
     run = ConsoleRun.__new__(ConsoleRun)
     run._theme = None  # type: ignore[assignment]
     for name in ("window", "console", "host", "library", "settings"):

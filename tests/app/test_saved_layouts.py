@@ -7,7 +7,7 @@ import pytest
 from PySide6.QtCore import QSettings
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.app import saved_layouts
+from caris_desktop.app import saved_settings
 from caris_desktop.app.console_command import ConsoleRun, default_arguments
 from caris_desktop.domain import intents
 from caris_desktop.domain.shipped import layouts_dir
@@ -47,7 +47,8 @@ def test_a_saved_layout_is_undone_in_the_window_and_in_the_file(run: ConsoleRun,
     run.window.layout_keeper.put_back()
     qtbot.waitUntil(lambda: run.console.scenario.layout == shipped, timeout=20_000)
     assert load_scenario(own).layout == shipped
-    assert set(run.window.panels) == set(panels_in(shipped))
+    # The window follows the console in a later turn of the event loop.
+    qtbot.waitUntil(lambda: set(run.window.panels) == set(panels_in(shipped)), timeout=20_000)
     run.window.layout_keeper.put_back()
     run.close()
     assert load_scenario(own).layout == shipped, "there is nothing more to undo"
@@ -121,5 +122,5 @@ def test_saving_as_another_scenario_leaves_this_one_and_writes_over_nothing(run:
 
 
 def test_the_reason_of_a_failed_save_is_reported_without_a_number() -> None:
-    told = saved_layouts._not_saved(Path("tour.yaml"), PermissionError(13, "Permission denied", "/place/tour.yaml"))
+    told = saved_settings._not_saved(Path("tour.yaml"), PermissionError(13, "Permission denied", "/place/tour.yaml"))
     assert told.meaning == "tour.yaml cannot be written (Permission denied)."

@@ -18,7 +18,7 @@ from PySide6.QtTest import QTest
 from caris_desktop.app.demo_robot import DemoRobot
 from caris_desktop.domain.events import PersonAppeared
 from caris_desktop.live.console import Console
-from caris_desktop.live.simulated_robot import SimulatedRobotProcess
+from caris_desktop.live.robot_connections import SimulatedRobotProcess
 from caris_desktop.people.presence import LEAVE_AFTER_S
 from tests.benchmarks.burners import Burners
 from tests.benchmarks.console_under_load import ConsoleUnderLoad

@@ -37,11 +37,10 @@ from caris_desktop.perception.backends import openvino
 from caris_desktop.perception.backends.load_detector import open_detector
 from caris_desktop.perception.backends.network import NetworkDetector
 from caris_desktop.perception.backends.onnx_export import export_onnx
-from caris_desktop.perception.backends.selected_runtime import Chosen
+from caris_desktop.perception.backends.runtime_selection import Chosen
 from caris_desktop.perception.backends.ultralytics_setup import prepare_ultralytics
 from caris_desktop.perception.detector import Detector, person_classes
-from caris_desktop.perception.inference_messages import DetectionRequest
-from caris_desktop.perception.inference_settings import LEAST_CONFIDENCE, default_threads
+from caris_desktop.perception.inference_messages import LEAST_CONFIDENCE, DetectionRequest, default_threads
 from caris_desktop.perception.perceiver import Perceiver
 from caris_desktop.perception.recorded_video import VideoFile
 from caris_desktop.perception.tracker import PersonTracker

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from caris_desktop.perception.inference_settings import InferenceSettings
+from caris_desktop.perception.inference_messages import InferenceSettings
 from tests.perception.shared_data import MOT_SCORE, TUD_CAMPUS_TRUTH, TUD_CAMPUS_VIDEO
 from tests.perception.video_pipeline import play, score, write_mot
 

@@ -29,12 +29,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.app import process_entry_points
-from caris_desktop.conversation.embedded_messages import EmbeddedReady
+from caris_desktop.conversation.embedded_server import EmbeddedReady
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserReady, RecogniserSettings
 from caris_desktop.conversation.models.chat import stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
 from caris_desktop.conversation.suggestions import prompt
-from caris_desktop.conversation.suggestions.replies import replies_in
+from caris_desktop.conversation.suggestions.prompt import replies_in
 from caris_desktop.conversation.suggestions.suggestion_cycle import Round, SuggestionCycle
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ChatMessage, LlmExchange, SuggestionChanged, UtteranceChanged

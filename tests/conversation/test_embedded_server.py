@@ -12,8 +12,11 @@ import httpx
 import psutil
 import pytest
 
-from caris_desktop.conversation.embedded_messages import REPLIES_SLOT, CloseEmbedded, EmbeddedFailed, EmbeddedReady
 from caris_desktop.conversation.embedded_server import (
+    REPLIES_SLOT,
+    CloseEmbedded,
+    EmbeddedFailed,
+    EmbeddedReady,
     find_embedded_weights,
     missing_for_embedded,
     run_embedded_server,
@@ -23,7 +26,7 @@ from caris_desktop.conversation.models.chat import stream_chat
 from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, resolve_endpoint
 from caris_desktop.conversation.models.listing import model_version
 from caris_desktop.conversation.speech_checks import probe_language_model
-from caris_desktop.conversation.suggestions.replies import LONGEST_REPLY, fit_to_say
+from caris_desktop.conversation.suggestions.prompt import LONGEST_REPLY, fit_to_say
 from caris_desktop.domain.events import ChatMessage
 from tests.support.polling import wait_for
 

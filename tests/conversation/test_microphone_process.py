@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.microphone_messages import (
+from caris_desktop.conversation.microphone_process import (
     CloseMicrophone,
     MicrophoneFailed,
     MicrophoneList,
     MicrophoneOpened,
     OpenMicrophone,
+    run_microphone,
 )
-from caris_desktop.conversation.microphone_process import run_microphone
 from caris_desktop.conversation.synthesis import run_synthesis
 from caris_desktop.conversation.synthesis_messages import Speak, SynthesisReady, SynthesisSettings, UseVoice
 from caris_desktop.domain.events import UtteranceChanged

@@ -2,7 +2,7 @@
 
 import pytest
 
-from caris_desktop.conversation.placeholders import Words, fill_placeholders, gaps, missing
+from caris_desktop.conversation.spoken_text import Words, fill_placeholders, gaps, missing
 
 ADA = Words("Ada", "{p-12}")
 

@@ -6,15 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caris_desktop.conversation.sound.playback_messages import (
+from caris_desktop.conversation.sound.playback_process import (
     BeginPlaying,
     EndPlaying,
+    JitterBuffer,
     PlaybackFailed,
     PlaybackStarted,
     PlayedOut,
     PlayThis,
+    run_playback,
 )
-from caris_desktop.conversation.sound.playback_process import JitterBuffer, run_playback
 from caris_desktop.domain import clock
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
 from tests.conversation.test_microphone_process import Body

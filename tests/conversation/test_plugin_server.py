@@ -14,8 +14,7 @@ import httpx
 import pytest
 
 from caris_desktop.app.plugin_contracts import check_language_model
-from caris_desktop.conversation.embedded_messages import EmbeddedReady
-from caris_desktop.conversation.embedded_server import run_embedded_server
+from caris_desktop.conversation.embedded_server import EmbeddedReady, run_embedded_server
 from caris_desktop.conversation.models.chat import stream_chat
 from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, ModelEndpoint, resolve_endpoint
 from caris_desktop.conversation.models.failure_texts import LanguageModelError

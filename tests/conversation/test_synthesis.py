@@ -1,6 +1,7 @@
 """Speech on this computer end to end: real voice, real sound server, real processes that hang and die."""
 
 import multiprocessing
+import os
 import queue
 import signal
 import subprocess
@@ -38,6 +39,7 @@ from caris_desktop.domain.events import Problem, UtteranceChanged
 from caris_desktop.domain.sound_values import PlayedSound, PlayedSoundEnded
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
 from tests.support.examples import examples
+from tests.support.plugins import install
 from tests.support.polling import wait_for
 
 _CONTEXT = multiprocessing.get_context("spawn")
@@ -501,3 +503,40 @@ def test_a_voice_that_cancels_itself_is_asked_again(tmp_path: Path) -> None:
 )
 def test_only_what_can_be_spoken_is_spoken(text: str, spoken: str) -> None:
     assert speakable(text) == spoken
+
+
+@pytest.mark.logs("the plug-in lab of lab-lab failed")
+def test_a_voice_of_the_program_replaces_a_plug_in_that_fails(
+    start_speech: StartSpeech, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plugin = """
+import numpy as np
+
+class Plugin:
+    caris_interface = 1
+    rate_hz = 16000
+
+    def __init__(self, *, language):
+        pass
+
+    def speak(self, text, *, rate, volume):
+        if "again" in text:
+            raise KeyError("no such word")
+        return np.full(8000, 1000, np.int16)
+"""
+    install(tmp_path / "packages", "speech", "lab", plugin, monkeypatch)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path / "packages"), os.environ.get("PYTHONPATH", ""))))
+    speech = start_speech(None)
+    speech.wait_ready()
+    speech.connection.send(UseVoice(SynthesisSettings("plugin:lab", "en", at_hand=True)))
+    speech.wait(lambda message: isinstance(message, SynthesisReady) and message.voice == "plugin:lab", "the plug-in")
+    speech.say("u1", "Hello.")
+    assert _seconds(speech.wait_state("u1", "started"), speech.wait_state("u1", "finished")) == pytest.approx(0.5, 0.3)
+    speech.say("u2", "And again.")
+    assert "no such word" in speech.wait_state("u2", "failed").detail
+    assert any(problem.what.startswith("The plug-in lab (lab-lab 2.1) was switched off") for problem in speech.problems)
+    speech.say("u3", "And again.")
+    speech.wait_state("u3", "finished")
+    speech.connection.send(UseVoice(SynthesisSettings("plugin:lab", "en", rate=1.1, at_hand=False)))
+    speech.say("u4", "And again.")
+    speech.wait_state("u4", "finished")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from caris_desktop.domain.private_files import SHARE_VARIABLE, narrow
+from caris_desktop.domain.file_replacement import SHARE_VARIABLE, narrow
 from caris_desktop.study.study_folder import open_study_folder
 from tests.recording.told_session import tell
 

@@ -15,9 +15,9 @@ import pytest
 from caris_desktop.domain.events import Gap, LlmExchange
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import array_dtype, from_jsonable, json_schema, to_jsonable
+from caris_desktop.domain.schema_fields import without_alias
 from caris_desktop.domain.sensing import BatteryState, LaserScan, OccupancyGrid, PlannedPath
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.domain.type_hints import without_alias
 
 
 def grid(cells: Any) -> OccupancyGrid:

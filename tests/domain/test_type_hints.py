@@ -13,8 +13,8 @@ from typing_extensions import TypeAliasType
 
 from caris_desktop.domain import schema_fields, schema_validation
 from caris_desktop.domain.schema import array_dtype, from_jsonable, json_schema, require_recordable, to_jsonable
+from caris_desktop.domain.schema_fields import union_members, without_alias
 from caris_desktop.domain.streams import Delivery, StreamSpec
-from caris_desktop.domain.type_hints import union_members, without_alias
 from caris_desktop.recording.tables.catalog import tables_of
 
 Scalar = TypeVar("Scalar", bound=np.generic)

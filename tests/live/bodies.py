@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.microphone_messages import MicrophoneAlive
+from caris_desktop.conversation.microphone_process import MicrophoneAlive
 from caris_desktop.conversation.synthesis_messages import Speak
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Marked, Problem, UtteranceChanged
@@ -18,8 +18,13 @@ from caris_desktop.domain.link_commands import Say
 from caris_desktop.domain.person_values import PersonLooks, PersonPortrait
 from caris_desktop.domain.ports import FrameReader, FrameWriter
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.perception.inference_messages import DetectorAway, FrameSkipped, InferenceReady
-from caris_desktop.perception.inference_settings import DetectorSettings, InferenceSettings
+from caris_desktop.perception.inference_messages import (
+    DetectorAway,
+    DetectorSettings,
+    FrameSkipped,
+    InferenceReady,
+    InferenceSettings,
+)
 
 
 def echo(connection: Connection) -> None:
@@ -78,8 +83,8 @@ def brightness(connection: Connection, frames: FrameReader, marker: str) -> None
 def inference_of_bright_frames(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:
     """The real inference process with a detector double: one person in a bright frame."""
     from caris_desktop.perception import detector_plugins, inference, perceiver, tracker
-    from caris_desktop.perception.backends import selected_runtime
-    from caris_desktop.perception.backends.selected_runtime import Chosen
+    from caris_desktop.perception.backends import runtime_selection
+    from caris_desktop.perception.backends.runtime_selection import Chosen
     from caris_desktop.perception.detector import Detections
 
     class Bright:
@@ -93,7 +98,7 @@ def inference_of_bright_frames(connection: Connection, frames: FrameReader, sett
 
     def open_chosen(own: Path | None, settings: DetectorSettings, **given: Any) -> Chosen:
         plugin = settings.model.source.startswith("plugin:")
-        return selected_runtime.open_chosen(own, settings, **given) if plugin else Chosen(Bright(), (0,), None)
+        return runtime_selection.open_chosen(own, settings, **given) if plugin else Chosen(Bright(), (0,), None)
 
     perceiver.open_chosen = open_chosen  # type: ignore[attr-defined]
     detector_plugins.LOAD_WITHIN_S = 3.0  # type: ignore[attr-defined]

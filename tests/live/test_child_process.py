@@ -43,6 +43,15 @@ def test_messages_pass_in_both_directions_and_the_last_ones_arrive() -> None:
     assert not child.send(Marked(2, "too late"))
 
 
+def test_a_child_starts_without_the_log_that_was_deleted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("CARIS_LOG_FILE", str(tmp_path / "deleted" / "console.log"))
+    child, messages, exits = _start(ProcessSpec("echo", bodies.echo))
+    child.send(Marked(1, "hello"))
+    assert messages.get(timeout=20)[0] == Marked(1, "hello")
+    child.stop(grace_s=10)
+    assert exits.empty()
+
+
 @pytest.mark.logs("ended by itself with exit code")
 def test_a_child_that_dies_is_noticed() -> None:
     child, _messages, exits = _start(ProcessSpec("crash", bodies.crash))

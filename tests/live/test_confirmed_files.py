@@ -206,13 +206,18 @@ def test_nothing_steers_a_terminal_from_a_question(tmp_path: Path) -> None:
 
 
 def test_plug_ins_are_listed_with_their_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for group, name in (("trackers", "steady"), ("detectors", "seeing"), ("language_models", "wise")):
+    names = {"trackers": "steady", "detectors": "seeing", "language_models": "wise"}
+    for group, name in (*names.items(), ("speech", "loud"), ("speech", "ear"), ("cameras", "eye")):
         install(tmp_path / "packages", group, name, "raise SystemError('imported')", monkeypatch)
     text = "perception: {tracker: steady, model: 'plugin:seeing'}\nassistant: {model: 'plugin:wise'}\n"
+    text += "speech: {name: 'plugin:loud'}\nlistening: {model: 'plugin:ear'}\n"
+    text += "cameras: [{source: 'plugin:eye:/dev/lidar0'}]\n"
     question = asked(written(tmp_path / "s.yaml", PLAIN + text))
     assert question is not None
     assert {(one.kind, one.text) for one in question.named} == {
         ("plugin", "steady (lab-steady 2.1)"), ("plugin", "seeing (lab-seeing 2.1)"), ("plugin", "wise (lab-wise 2.1)"),
+        ("plugin", "loud (lab-loud 2.1)"), ("plugin", "ear (lab-ear 2.1)"),
+        ("plugin", "eye (lab-eye 2.1)"), ("path", "/dev/lidar0"),
     }  # fmt: skip
     assert "code of others" in question_words(question)
     assert asked(written(tmp_path / "own.yaml", PLAIN + "perception: {tracker: botsort}\n")) is None

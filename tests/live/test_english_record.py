@@ -9,7 +9,7 @@ import pytest
 
 import caris_desktop
 from caris_desktop.domain import events
-from caris_desktop.live.status_tap import STATUS_TYPES
+from caris_desktop.live.state import STATUS_TYPES
 from tests.support.parsed_sources import parsed
 
 _ROOT = Path(caris_desktop.__file__).parent

@@ -9,9 +9,9 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.events import GamepadChanged
 from caris_desktop.live import gamepad as gamepad_module
-from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.live.gamepad_mapping import (
+from caris_desktop.live.gamepad import (
     GamepadMapping,
+    Gamepads,
     MappingError,
     RawInputs,
     axis_value,

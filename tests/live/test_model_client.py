@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.embedded_messages import REPLIES_SLOT
+from caris_desktop.conversation.embedded_server import REPLIES_SLOT
 from caris_desktop.conversation.models import failures
 from caris_desktop.conversation.models.endpoint import ModelEndpoint
 from caris_desktop.conversation.models.failure_texts import LanguageModelError

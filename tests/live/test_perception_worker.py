@@ -22,7 +22,7 @@ from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.people.portrait_store import Portraits
 from caris_desktop.people.presence import PresenceTracker
-from caris_desktop.perception.inference_settings import DetectorSettings, InferenceSettings
+from caris_desktop.perception.inference_messages import DetectorSettings, InferenceSettings
 from caris_desktop.perception.weights import DetectorChoice
 from tests.live import bodies
 from tests.support.plugins import install

@@ -17,7 +17,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D
 from caris_desktop.domain.sensing import Odometry
-from caris_desktop.live.practice_steps import STEPS, Practice
+from caris_desktop.live.services.practice_service import STEPS, Practice
 
 FORWARD, STILL = Twist2D(0.4, 0.0, 0.0), Twist2D(0.0, 0.0, 0.0)
 

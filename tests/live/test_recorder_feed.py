@@ -7,7 +7,7 @@ from typing import Any
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Marked, UtteranceChanged
 from caris_desktop.domain.sensing import BatteryState, StatusShown
-from caris_desktop.live.recorder_feed import ARRIVED, RecorderFeed
+from caris_desktop.live.services.recording_service import ARRIVED, RecorderFeed
 from tests.support.polling import wait_for
 
 

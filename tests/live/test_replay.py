@@ -23,11 +23,10 @@ from caris_desktop.domain.sensing import FrameRef, LaserScan, People, PeopleInMa
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live import annotation_session
 from caris_desktop.live.child_process import ChildProcess
-from caris_desktop.live.playback_clock import PlaybackClock
 from caris_desktop.live.replay_console import ReplayAdapters, ReplayConsole
+from caris_desktop.live.replay_player import PlaybackClock
 from caris_desktop.live.services.protocol_service import ProtocolRun
-from caris_desktop.live.state import LiveValue
-from caris_desktop.live.status_tap import content_of
+from caris_desktop.live.state import LiveValue, content_of
 from caris_desktop.recording.annotation import annotation_editing
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.annotation_store import load_documents

@@ -8,7 +8,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.live.child_process import ChildProcess
 from caris_desktop.live.service import Restarts, Service
-from caris_desktop.live.services.health_service import HealthService
+from caris_desktop.live.services.load_shedding_service import HealthService
 from caris_desktop.live.state import LiveState
 
 

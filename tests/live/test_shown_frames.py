@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QApplication
 
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
-from caris_desktop.live.shown_frames import DisplayFrames
+from caris_desktop.live.replay_video import DisplayFrames
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.scenario_model import BlurSettings

@@ -14,7 +14,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.schema import from_jsonable, to_jsonable
 from caris_desktop.domain.sensing import StatusShown
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.state import STATUS_TYPES, LiveState, StatusTap, show_status
 from caris_desktop.live.status import (
     ControlStatus,
     DriveStatus,
@@ -24,7 +24,6 @@ from caris_desktop.live.status import (
     RecordingStatus,
     SpeechStatus,
 )
-from caris_desktop.live.status_tap import STATUS_TYPES, StatusTap, show_status
 from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.scenario.scenario_model import Place
 

@@ -1,5 +1,6 @@
 """Jobs over sessions: in processes of this computer, and on a real Dask cluster of two workers."""
 
+import contextlib
 import json
 import os
 import shutil
@@ -102,6 +103,32 @@ def test_cancelling_lets_the_jobs_clean_up(tmp_path: Path) -> None:
         list(run_jobs(wait_in, places, cancel, workers=Workers(2)))
     assert not (tmp_path / "slow" / "partial").exists()
     assert not [child for child in psutil.Process().children() if "spawn_main" in " ".join(child.cmdline())]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_their_command(tmp_path: Path, number: signal.Signals) -> None:
+    places = folders(tmp_path, "slow", "slower")
+    script = tmp_path / "command.py"
+    script.write_text(
+        "from pathlib import Path\n"
+        "from caris_desktop.live.study_jobs import Workers, run_jobs\n"
+        "from tests.live.test_study_jobs import wait_in\n"
+        "if __name__ == '__main__':\n"
+        f"    list(run_jobs(wait_in, [Path(place) for place in {list(map(str, places))}], workers=Workers(2)))\n"
+    )
+    command = subprocess.Popen([sys.executable, script], env={**os.environ, "PYTHONPATH": str(REPOSITORY)})
+    wait_for(lambda: all((place / "partial").exists() for place in places), "both jobs run")
+    workers = psutil.Process(command.pid).children()
+    command.send_signal(number)
+    command.wait()
+    try:
+        wait_for(lambda: not any(worker.is_running() for worker in workers), "the workers have ended")
+    finally:
+        for worker in workers:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                worker.kill()
+    assert not any((place / "partial").exists() for place in places), "they cleaned up"
 
 
 @pytest.mark.parametrize("address", ["tcp://192.0.2.1:8786", "tls://192.0.2.1:8786", "192.0.2.1:8786"])

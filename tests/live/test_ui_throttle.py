@@ -5,7 +5,7 @@ import time
 from PySide6.QtCore import QTimer
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.live.ui_throttle import MOST_REST_S, UNHURRIED_S, UiThrottle, rest_after
+from caris_desktop.live.bus import MOST_REST_S, UNHURRIED_S, UiThrottle, rest_after
 
 
 def test_only_a_slow_pass_is_followed_by_a_rest() -> None:

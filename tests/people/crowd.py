@@ -7,7 +7,7 @@ import numpy as np
 from caris_desktop.domain.events import Event
 from caris_desktop.domain.person_values import LooksKind, PersonLooks
 from caris_desktop.domain.sensing import People, PersonBox
-from caris_desktop.people.gallery import Vectors, unit
+from caris_desktop.people.identities import Vectors, unit
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.people.presence import PresenceTracker, RecognitionSettings

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caris_desktop.people.database import STEPS, PeopleStoreError, Step
-from caris_desktop.people.envelope_encryption import About, unseal
-from caris_desktop.people.gallery import unit
+from caris_desktop.people.database import STEPS, About, PeopleStoreError, Step, unseal
+from caris_desktop.people.identities import unit
 from caris_desktop.people.people_store import MOST_HISTORY_FOUND, PeopleStore, StoredEmbeddings
 
 HOUR_NS = 3600 * 10**9

@@ -12,8 +12,7 @@ from caris_desktop.domain.events import Event, PersonAppeared, PersonLeft, Perso
 from caris_desktop.domain.intents import NamePerson, NoteConsent
 from caris_desktop.domain.person_values import PersonPortrait
 from caris_desktop.domain.sensing import People, PersonBox
-from caris_desktop.people.database import PeopleStoreError
-from caris_desktop.people.envelope_encryption import About
+from caris_desktop.people.database import About, PeopleStoreError
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.people_store import PeopleStore, StoredPerson
 from caris_desktop.people.presence import PortraitsOf, PresenceTracker, RecognitionSettings
@@ -219,6 +218,16 @@ def test_everybody_who_left_had_appeared_and_nobody_appears_twice(frames: list[s
                 here.remove(event.person_id)
         assert {row.person_id for row in presence.persons()} == here
         assert {box.person_id for box in people.boxes} - {""} <= here
+
+
+def test_a_portrait_of_a_track_that_is_no_person_yet_is_stored_with_the_person(store: PeopleStore) -> None:
+    presence = PresenceTracker(KnownPeople(store))
+    _watch(presence, [[1]])
+    presence.add_portrait(PersonPortrait(0, "front", 1, b"jpeg", 0.9))
+    assert not presence.persons()
+    _watch(presence, [[1]] * 3)
+    (person,) = presence.persons()
+    assert person.portrait and store.portrait(person.person_id) == b"jpeg"
 
 
 @pytest.mark.parametrize(("portraits", "kept"), [("everybody", [1, 2]), ("consenting", [1]), ("nobody", [])])

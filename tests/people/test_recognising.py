@@ -8,7 +8,7 @@ import pytest
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import PersonAppeared, PersonIdentified, PersonLeft, PersonSplit, PersonSuggested
-from caris_desktop.people.gallery import Gallery
+from caris_desktop.people.identities import Gallery
 from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.people.presence import RecognitionSettings
 from tests.people.crowd import Room

@@ -104,7 +104,7 @@ def test_a_person_who_returns_elsewhere_keeps_their_number(model: AppearanceMode
     assert [box.track for box in seen({50: BLUE, 400: GREEN}, LOST_S + 5.1)] == [2, 3]
 
 
-def test_a_portrait_is_made_once_a_second_at_most_and_only_of_a_better_view() -> None:
+def test_a_portrait_is_made_once_a_second_at_most_and_only_of_a_better_view_or_later() -> None:
     portraits = PortraitTaker()
     image, _ = picture({50: RED})
 
@@ -117,6 +117,7 @@ def test_a_portrait_is_made_once_a_second_at_most_and_only_of_a_better_view() ->
     assert extract(0.5, 0.9) == []
     assert extract(1.2, 0.9) == [0.9]
     assert extract(2.5, 0.95) == []
+    assert extract(11.3, 0.8) == [0.8]
 
 
 def test_a_portrait_shows_who_it_is_of() -> None:

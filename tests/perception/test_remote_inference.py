@@ -15,8 +15,14 @@ from caris_desktop.domain.sensing import FrameRef, People, ThingBox
 from caris_desktop.perception import inference
 from caris_desktop.perception.backends import remote
 from caris_desktop.perception.inference import run_inference
-from caris_desktop.perception.inference_messages import DetectionRequest, DetectorAway, FrameSkipped, InferenceReady
-from caris_desktop.perception.inference_settings import DetectorSettings, InferenceSettings
+from caris_desktop.perception.inference_messages import (
+    DetectionRequest,
+    DetectorAway,
+    DetectorSettings,
+    FrameSkipped,
+    InferenceReady,
+    InferenceSettings,
+)
 from tests.perception.served import Serving, picture
 
 

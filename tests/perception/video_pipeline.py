@@ -17,10 +17,15 @@ from caris_desktop.domain.sensing import CameraState, FrameRef, People
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.perception.cameras.camera_process import PlayVideo, run_camera
-from caris_desktop.perception.cameras.chosen_camera import parse_camera
+from caris_desktop.perception.cameras.camera_source import parse_camera
 from caris_desktop.perception.inference import run_inference
-from caris_desktop.perception.inference_messages import DetectionRequest, FrameSkipped, InferenceFailed, InferenceReady
-from caris_desktop.perception.inference_settings import InferenceSettings
+from caris_desktop.perception.inference_messages import (
+    DetectionRequest,
+    FrameSkipped,
+    InferenceFailed,
+    InferenceReady,
+    InferenceSettings,
+)
 
 _PATIENCE_S = 60.0
 

@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import pytest
 
@@ -23,6 +23,7 @@ from caris_desktop.robot.profile import load_profile, save_profile
 from caris_desktop.robot.unread import MOST_UNREAD
 from tests.app.test_bad_input import HIDE_OFFLINE_DETECTOR
 from tests.support.console_process import ConsoleProcess
+from tests.support.native_robot import NativeRobot, bridges_below, needs_rclpy, wait_for_bridge
 from tests.support.polling import wait_for
 from tests.support.simulated_robot import RosbridgeClient, SimulatedRobot
 
@@ -44,6 +45,12 @@ class Obeyed:
 
 class Robot(Protocol):
     """Robot of the trials, whose bridge may be stopped and killed."""
+
+    targets: dict[str, str]
+    """Command of the console process for each situation."""
+
+    def begins(self, console_pid: int) -> None:
+        """The console runs."""
 
     @property
     def bridge_pid(self) -> int: ...
@@ -97,17 +104,18 @@ class Rounds:
         environment |= {"CARIS_MODELS_DIR": str(folder / "models"), "YOLO_OFFLINE": "1"}
         self.console = ConsoleProcess(profile, folder / "study", module="tests.robot.stops_child", **environment)
         self.console.wait_until_shown(timeout_s=120.0, link="connected")
+        robot.begins(self.console.pid)
 
     def _pass(self, seconds: float) -> None:
         until_s = time.monotonic() + seconds
         wait_for(lambda: time.monotonic() >= until_s, "a moment")
 
-    def round(self, number: int, situation: str, act: str, targets: dict[str, str]) -> Outcome:
+    def round(self, number: int, situation: str, act: str) -> Outcome:
         self._release()
         self.robot.make_ready()
         wrong = len(self.console.shown["contradictions"])
-        if situation in targets:
-            self.console.send_command(targets[situation])
+        if situation in self.robot.targets:
+            self.console.send_command(self.robot.targets[situation])
         self._pass(self._chance.uniform(0.05, 0.8))
         drove = act == "release" or situation in ("plain", "frozen", "killed") or self._chance.random() < 0.5
         if drove:
@@ -192,18 +200,23 @@ class Rounds:
             estop_ms=None if estop is None else max(0.0, round((estop - from_ns) / MS, 1)),
         )
 
-    def run(self, count: int, targets: dict[str, str]) -> list[Outcome]:
+    def run(self, count: int) -> list[Outcome]:
         situations = [SITUATIONS[number % len(SITUATIONS)] for number in range(count)]
         self._chance.shuffle(situations)
         outcomes = []
         for number, situation in enumerate(situations):
-            outcomes.append(self.round(number, situation, self._chance.choice(ACTS), targets))
+            outcomes.append(self.round(number, situation, self._chance.choice(ACTS)))
             print(outcomes[-1], flush=True)
         return outcomes
 
 
 class Simulated:
     """Simulated robot with the operation queue of its rosbridge version; another client offers a service that hangs."""
+
+    targets: ClassVar = {
+        "goal": "go 3.0 4.0", "refused": "go -50 -50", "never": "use never true", "slow": "use slow true",
+        "say": "speak Hello, and welcome to our laboratory",
+    }  # fmt: skip
 
     def __init__(self, ros: int, folder: Path) -> None:
         self._log = folder / "obeyed.jsonl"
@@ -222,6 +235,8 @@ class Simulated:
             RobotControl("never", "Never", "button", SendActionGoal("/nobody", fibonacci, {"order": 1})),
         )
         save_profile(replace(profile, address=self._robot.address, controls=controls), folder / "robot.yaml")
+
+    def begins(self, console_pid: int) -> None: ...
 
     @property
     def bridge_pid(self) -> int:
@@ -270,17 +285,62 @@ class Simulated:
         self._robot.kill()
 
 
-TARGETS = {
-    "goal": "go 3.0 4.0", "refused": "go -50 -50", "never": "use never true", "slow": "use slow true",
-    "say": "speak Hello, and welcome to our laboratory",
-}  # fmt: skip
+class Native:
+    """Robot on the real rclpy, reached without rosbridge: the bridge is a process of the console's own link."""
+
+    targets: ClassVar = {
+        "goal": "use goal true", "refused": "use refused true", "never": "use never true", "slow": "use slow true",
+        "say": "speak Hello, and welcome to our laboratory",
+    }  # fmt: skip
+
+    def __init__(self, folder: Path) -> None:
+        self._robot = NativeRobot(folder)
+        self._console_pid = self._restarted_ns = 0
+        self._bridges: list[int] = []
+        save_profile(self._robot.profile(), folder / "robot.yaml")
+
+    def begins(self, console_pid: int) -> None:
+        self._console_pid = console_pid
+
+    @property
+    def bridge_pid(self) -> int:
+        return wait_for_bridge(self._console_pid)
+
+    def make_ready(self) -> None:
+        wait_for(lambda: self._robot.goals == 0, "every goal was cancelled")
+        self._bridges = bridges_below(self._console_pid)
+
+    def restart_bridge(self) -> None:
+        """Wait until the link has restarted it: commands of the killed one may arrive after its end."""
+
+        def restarted() -> bool:
+            bridges = bridges_below(self._console_pid)
+            return len(bridges) == len(self._bridges) and bridges != self._bridges
+
+        wait_for(restarted, "another bridge", timeout_s=60.0)
+        self._restarted_ns = time.monotonic_ns()
+
+    def came_back_ns(self, _since_ns: int) -> int | None:
+        return next((each.at_ns for each in self.obeyed() if each.at_ns >= self._restarted_ns), None)
+
+    def obeyed(self) -> list[Obeyed]:
+        lines = [line for line in self._robot.lines() if "velocity" in line or line.get("stop")]
+        return [Obeyed(line["at_ns"], any(line["velocity"]) if "velocity" in line else None) for line in lines]
+
+    def close(self) -> None:
+        self._robot.close()
 
 
 # Both with --long; app/test_stops_and_kills covers the other one in each run.
-@pytest.fixture(params=[pytest.param(1, marks=pytest.mark.long), 2], ids=["ROS 1", "ROS 2"])
+@pytest.fixture(
+    params=[pytest.param(1, marks=pytest.mark.long), 2, pytest.param("native", marks=needs_rclpy)],
+    ids=["ROS 1", "ROS 2", "native ROS 2"],
+)
 def rounds(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Rounds]:
-    robot = Simulated(request.param, tmp_path)
-    rounds = Rounds(robot, tmp_path / "robot.yaml", tmp_path, seed=25 + request.param)
+    robot = Native(tmp_path) if request.param == "native" else Simulated(request.param, tmp_path)
+    rounds = Rounds(
+        robot, tmp_path / "robot.yaml", tmp_path, seed=28 if request.param == "native" else 25 + request.param
+    )
     yield rounds
     rounds.console.close()
     robot.close()
@@ -288,12 +348,12 @@ def rounds(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Rounds]:
 
 def test_a_stop_at_any_moment_is_the_last_word(rounds: Rounds) -> None:
     """Without time limits, which a busy machine may exceed."""
-    outcomes = rounds.run(len(SITUATIONS), TARGETS)
+    outcomes = rounds.run(len(SITUATIONS))
     assert not [outcome for outcome in outcomes if outcome.misses(math.inf, math.inf)]
 
 
 @pytest.mark.long
 @pytest.mark.timeout(3600)
 def test_a_hundred_and_fifty_stops(rounds: Rounds) -> None:
-    outcomes = rounds.run(150, TARGETS)
+    outcomes = rounds.run(150)
     assert not [outcome for outcome in outcomes if outcome.misses(WITHIN_MS, SHOWN_WRONG_MS)]

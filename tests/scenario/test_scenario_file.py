@@ -592,6 +592,9 @@ def test_a_tracker_of_others_is_named_only_where_it_is_installed(
         ("detectors", "perception:\n  model: plugin:steady\n"),
         ("language_models", "assistant:\n  model: plugin:steady\n"),
         ("language_models", "assistant:\n  models: ['plugin:steady']\n"),
+        ("cameras", "cameras:\n- source: plugin:steady\n"),
+        ("speech", "speech:\n  name: plugin:steady\n"),
+        ("speech", "listening:\n  model: plugin:steady\n"),
     ],
 )
 def test_other_plug_ins_are_named_only_where_they_are_installed(
@@ -602,3 +605,6 @@ def test_other_plug_ins_are_named_only_where_they_are_installed(
     install(tmp_path / "packages", group, "steady", "raise SystemError('imported')", monkeypatch)
     parse_scenario(text, path=tmp_path / "s.yaml")
     assert "unknown plug-in 'other'. Allowed: plugin:steady." in refusal(tmp_path, text.replace("steady", "other"))
+    forbidden = f"{text}permissions: {{cloud_models: false}}\n"
+    if group == "speech":
+        assert "may send speech to other computers" in refusal(tmp_path, forbidden)

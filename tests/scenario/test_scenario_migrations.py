@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 
-from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_migrations import MIGRATIONS, migrate
+from caris_desktop.scenario.scenario_file import MIGRATIONS, load_scenario, migrate
 from caris_desktop.scenario.scenario_model import SCENARIO_VERSION
 
 

@@ -8,6 +8,8 @@ from textwrap import dedent
 
 import pytest
 
+from caris_desktop.domain.plugin_process import SWITCHED_OFF
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -23,6 +25,7 @@ def install(folder: Path, group: str, name: str, source: str, monkeypatch: pytes
     (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: lab-{name}\nVersion: 2.1\n", "utf-8")
     (about / "entry_points.txt").write_text(f"[caris_desktop.{group}]\n{name} = {module}:Plugin\n", "utf-8")
     monkeypatch.syspath_prepend(str(folder))
+    SWITCHED_OFF.clear()
 
 
 def built_and_installed(example: Path, folder: Path) -> str:
@@ -45,8 +48,8 @@ def listed(python_path: str) -> str:
     return done.stdout
 
 
-def check_example(name: str, folder: Path, line: str) -> None:
-    """Build, install, list, test by its own test, and remove an example."""
+def check_example(name: str, folder: Path, line: str) -> str:
+    """Build, install, list and test an example by its own test; returns the PYTHONPATH with which it is there."""
     example = ROOT / "examples" / "plugins" / name
     path = built_and_installed(example, folder)
     assert line in listed(path)
@@ -56,3 +59,4 @@ def check_example(name: str, folder: Path, line: str) -> None:
     (module,) = example.glob("caris_*.py")
     assert module.read_text("utf-8").count("\n") <= 60
     assert line not in listed(str(ROOT))
+    return path

@@ -62,7 +62,7 @@ from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.video_encoders import FASTEST
 from caris_desktop.recording.recorder.video_writer import VideoFileWriter
 from caris_desktop.recording.session.manifest import session_files, write_manifest
-from caris_desktop.recording.session.media_names import video_file_name
+from caris_desktop.recording.session.media_files import video_file_name
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_header import FORMAT, FORMAT_VERSION, AudioInfo, VideoInfo
 

@@ -45,7 +45,7 @@ _KEYS = re.compile(
 _UNITS = re.compile(r"(?<=\d)[\s\u00a0\u202f]*(?:ms|s|min|h|Hz|kHz|[kMG]?B(?:/s)?|m/s|m|rad/s|rad|px|dB|fps|V|x)\b")
 _ROLES = (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.ToolTipRole, Qt.ItemDataRole.AccessibleTextRole)
 _ROWS = 60
-_PARTS = ("widgets/", "layout/", "panel.py", "overlay.py", "notice_strip.py")
+_PARTS = ("widgets/", "layout/", "panel.py", "overlay.py")
 """Generic widgets, which are reported with the file of their container."""
 
 

@@ -24,11 +24,11 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from caris_desktop.ui.problems import ProblemCard
+from caris_desktop.ui.notifications import NotificationPopup
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
-from caris_desktop.ui.widgets.floating_card import FloatingCard
+from caris_desktop.ui.widgets.popups import FloatingCard
 
 _SPARE_PX = 1.5
 _OVERLAP = 0.2
@@ -122,7 +122,7 @@ def _in_view(painted: Iterable[tuple[QWidget, list[PaintedText]]], window: QWidg
 
 def _card_of(widget: QWidget) -> QWidget | None:
     parent: QWidget | None = widget
-    while parent is not None and not isinstance(parent, (ProblemCard, FloatingCard)):
+    while parent is not None and not isinstance(parent, (NotificationPopup, FloatingCard)):
         parent = parent.parentWidget()
     return parent
 
@@ -200,10 +200,16 @@ def _scrolled(widget: QWidget) -> bool:
     """True if a scroll area can bring the widget into view."""
     parent: QWidget | None = widget
     while parent is not None:
-        if isinstance(parent, (QAbstractScrollArea, QTabBar)):
+        if isinstance(parent, QTabBar) or (isinstance(parent, QAbstractScrollArea) and not _shows_all(parent)):
             return True
         parent = parent.parentWidget()
     return False
+
+
+def _shows_all(area: QAbstractScrollArea) -> bool:
+    """True of a panel's scroll area without anything to scroll to."""
+    bars = (area.horizontalScrollBar(), area.verticalScrollBar())
+    return area.objectName() == "panel_scroll" and all(bar.maximum() == 0 for bar in bars)
 
 
 def _sticks_out(box: QRectF, widget: QWidget) -> bool:

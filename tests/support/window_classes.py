@@ -10,14 +10,16 @@ from PySide6.QtWidgets import QDialog, QMainWindow, QMenu, QWidget
 
 from caris_desktop import ui
 from caris_desktop.ui.overlay import Overlay
-from caris_desktop.ui.widgets.floating_card import FloatingCard
+from caris_desktop.ui.widgets.popups import FloatingCard
 
 _WINDOWS = (QDialog, QMainWindow, QMenu, Overlay, FloatingCard)
 
 
 @cache
 def window_classes() -> tuple[type[QWidget], ...]:
-    """Subclasses of Qt's windows and of the program's popups, and widgets that set a window's title or type."""
+    """Subclasses of Qt's windows and of the program's popups, and widgets that set a window's title or type; not the
+    base classes.
+    """
     return tuple(filter(_is_window, widget_classes()))
 
 
@@ -38,4 +40,4 @@ def _below(base: type[QWidget]) -> Iterator[type[QWidget]]:
 def _is_window(kind: type[QWidget]) -> bool:
     source = inspect.getsource(kind)
     of_its_own = "self.setWindowTitle(" in source or ("super().__init__(" in source and "Qt.WindowType." in source)
-    return (issubclass(kind, _WINDOWS) and not kind.__subclasses__()) or of_its_own
+    return (issubclass(kind, _WINDOWS) or of_its_own) and not kind.__subclasses__()

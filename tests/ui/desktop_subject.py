@@ -11,7 +11,7 @@ from PySide6.QtCore import QPoint, Qt, QTimer
 from PySide6.QtWidgets import QApplication, QComboBox, QCompleter, QDialog, QLineEdit, QWidget
 
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.ui import drive_input_filter, keyboard_grab
+from caris_desktop.ui.input import drive_input_filter, keyboard_grab
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.layout.layout_tree import groups_in, panels_in, without
 from caris_desktop.ui.main_window import MainWindow

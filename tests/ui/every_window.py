@@ -290,10 +290,9 @@ class EveryWindow:
         console = FakeConsole(self.console.scenario)
         console.state = LiveState(present=PresentClock(live=False))
         samples.fill_console(console)
-        window, replay = MainWindow(console, theme=self.theme), FakeReplay()
+        window, replay = MainWindow(console, theme=self.theme), FakeReplay(coding=sample_coding(120_000))
         self.replayed = console
         replay.overview.set(sample_overview())
-        replay.coding.set(sample_coding(120_000))
         window.use_replay(replay)
         window.show()
         console.state.close()

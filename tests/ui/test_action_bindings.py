@@ -17,12 +17,12 @@ from caris_desktop.scenario.scenario_model import Permissions
 from caris_desktop.ui.action_bindings import actions_for, cap_text, keyed_phrases
 from caris_desktop.ui.action_rows import ACTIONS, QUEUE_GROUP, REPLAY_ACTIONS, TIMELINE_ACTIONS, say_keyed_phrase
 from caris_desktop.ui.action_spec import ActionSpec, gives
-from caris_desktop.ui.alarms.alarm_list import AlarmList
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.key_choices import conflicts, normalized
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.marking import Marking
-from caris_desktop.ui.palette.quick_choices import QuickChoices
+from caris_desktop.ui.notifications import AlarmList
+from caris_desktop.ui.palette.palette_entries import QuickChoices
 from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.replay.replay_bar import ReplayBar
 from caris_desktop.ui.replay.timeline_commands import TimelineCommands

@@ -12,7 +12,7 @@ from caris_desktop.ui.theme import Theme
 
 
 def test_it_says_what_takes_long_and_is_gone_afterwards(qtbot: QtBot, theme: Theme) -> None:
-    closing = ClosingWindow(theme)
+    closing = ClosingWindow()
     qtbot.addWidget(closing)
     go_on, seen = threading.Event(), []
 
@@ -33,7 +33,7 @@ def test_it_says_what_takes_long_and_is_gone_afterwards(qtbot: QtBot, theme: The
 
 
 def test_quick_work_shows_nothing_and_a_failure_is_reported(qtbot: QtBot, theme: Theme) -> None:
-    closing = ClosingWindow(theme)
+    closing = ClosingWindow()
     qtbot.addWidget(closing)
     done: list[int] = []
     closing.during("Voice and models are being ended.", lambda: done.append(1))

@@ -17,9 +17,9 @@ from caris_desktop.live.teleop_command import TeleopCommand, merged
 from caris_desktop.robot.profile import HeadInterface, MotionLimits, RobotProfile
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.action_bindings import cap_text
+from caris_desktop.ui.input.teleop_input import command_of
 from caris_desktop.ui.key_positions import key_code, position_codes, position_of
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.teleop_input import command_of
 from caris_desktop.ui.widgets.buttons import ActionButton
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
@@ -251,7 +251,7 @@ def test_closing_the_window_releases(window: MainWindow, view: QWidget, console:
 @pytest.mark.panels("video", "speak", "drive", "assistant")
 def test_escape_stops_from_anywhere(window: MainWindow, console: FakeConsole, monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = [100.0]
-    monkeypatch.setattr("caris_desktop.ui.drive_input_filter.time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr("caris_desktop.ui.input.drive_input_filter.time.monotonic", lambda: now_s[0])
     for name in ("video_view", "speak_field", "assistant_answer"):
         widget = find(window, name)
         widget.setFocus()
@@ -265,7 +265,7 @@ def test_escape_stops_from_anywhere(window: MainWindow, console: FakeConsole, mo
 def test_escape_twice_latches_the_emergency_stop(
     view: QWidget, console: FakeConsole, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("caris_desktop.ui.drive_input_filter.time.monotonic", lambda: 100.0)
+    monkeypatch.setattr("caris_desktop.ui.input.drive_input_filter.time.monotonic", lambda: 100.0)
     QTest.keyClick(view, Qt.Key.Key_Escape)
     QTest.keyClick(view, Qt.Key.Key_Escape)
     assert [name for name, _ in console.calls] == ["stop", "emergency_stop"]
@@ -273,7 +273,7 @@ def test_escape_twice_latches_the_emergency_stop(
 
 def test_slow_escapes_are_two_stops(view: QWidget, console: FakeConsole, monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = [100.0]
-    monkeypatch.setattr("caris_desktop.ui.drive_input_filter.time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr("caris_desktop.ui.input.drive_input_filter.time.monotonic", lambda: now_s[0])
     QTest.keyClick(view, Qt.Key.Key_Escape)
     now_s[0] += 0.7
     QTest.keyClick(view, Qt.Key.Key_Escape)
@@ -285,7 +285,7 @@ def test_escapes_are_twice_by_when_they_were_pressed_however_late_they_are_seen(
     view: QWidget, console: FakeConsole, monkeypatch: pytest.MonkeyPatch, apart_ms: int, second: str
 ) -> None:
     now_s = [100.0]
-    monkeypatch.setattr("caris_desktop.ui.drive_input_filter.time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr("caris_desktop.ui.input.drive_input_filter.time.monotonic", lambda: now_s[0])
     for pressed_ms in (5000, 5000 + apart_ms):
         press = QKeyEvent(QEvent.Type.KeyPress, Qt.Key.Key_Escape, BARE)
         press.setTimestamp(pressed_ms)

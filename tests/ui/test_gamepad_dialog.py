@@ -8,8 +8,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QSlider, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.live.gamepad_mapping import mappings_from_text
+from caris_desktop.live.gamepad import Gamepads, mappings_from_text
 from caris_desktop.ui.gamepad_dialog import BindingRow, GamepadDialog
 from caris_desktop.ui.main_window import MainWindow
 from tests.support.virtual_gamepad import VirtualGamepad

@@ -15,7 +15,7 @@ from tests.ui.test_panel_table import LATE
 
 def test_everything_that_can_be_opened_is_among_them() -> None:
     dialogs = {f"caris_desktop.{late}" for late in LATE if "replay" not in late and not late.endswith(".")}
-    panels = {f"caris_desktop.ui.panels.{spec.module}_panel" for spec in PANELS.values()}
+    panels = {f"caris_desktop.ui.panels.{spec.name}_panel" for spec in PANELS.values()}
     assert dialogs | panels <= set(MODULES)
     assert all(importlib.util.find_spec(module) for module in MODULES)
 

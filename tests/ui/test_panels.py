@@ -18,7 +18,7 @@ from PySide6.QtCore import (
 )
 from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QAbstractItemView, QApplication, QLabel, QLineEdit, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QApplication, QLabel, QLineEdit, QPlainTextEdit, QPushButton, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.conversation.spoken_text import spoken
@@ -344,7 +344,8 @@ def test_the_speed_has_three_steps(window: MainWindow, console: FakeConsole) -> 
     console.set_speed_fraction(0.6)
     assert steps.accessibleName() == "Top speed: Normal"
     console.calls.clear()
-    QTest.mouseClick(steps, Qt.MouseButton.LeftButton, pos=QPoint(steps.width() - 80, 15))
+    fast = next(step for step in steps.findChildren(QPushButton) if step.text() == "Fast")
+    QTest.mouseClick(fast, Qt.MouseButton.LeftButton)
     assert console.calls == [("set_speed_fraction", 1.0)]
     assert steps.accessibleName() == "Top speed: Fast"
     assert window.panels["drive"].fact[0] == "0.50 m/s at most"

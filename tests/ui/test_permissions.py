@@ -36,7 +36,7 @@ from caris_desktop.ui.observer.observer_window import SEES_WORDS
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.floating_card import FloatingCard
+from caris_desktop.ui.widgets.popups import FloatingCard
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings
 from tests.ui.fake_console import FakeConsole

@@ -5,7 +5,7 @@ from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QApplication
 
-from caris_desktop.ui.physical_keys import PhysicalKeys
+from caris_desktop.ui.input.physical_keys import PhysicalKeys
 
 _ESCAPE_CODE = 9
 

@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QLabel
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import intents
-from caris_desktop.live.practice_steps import STEPS
+from caris_desktop.live.services.practice_service import STEPS
 from caris_desktop.live.status import PracticeStatus, PracticeStepStatus
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.practice.practice_strip import practised

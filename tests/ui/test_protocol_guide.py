@@ -5,8 +5,8 @@ from pathlib import Path
 
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.scenario.scenario_file import parse_scenario
+from caris_desktop.ui.action_rows import ACTIONS, PROTOCOL_GROUP
 from caris_desktop.ui.key_choices import normalized
-from caris_desktop.ui.step_intents import PROTOCOL_ACTIONS
 
 PAGE = (resources_dir() / "guide" / "protocol.md").read_text(encoding="utf-8")
 HEAD = "version: 1\ntitle: T\nlayout: {panel: video}\nplaces:\n  - {name: Robot arm, x_m: 1, y_m: 2}\n"
@@ -27,6 +27,7 @@ def test_its_keys_are_those_that_work() -> None:
     }
     bound = {
         (normalized(spec.keys[0]), normalized(spec.driving_keys[0]) if spec.driving_keys else "")
-        for spec in PROTOCOL_ACTIONS
+        for spec in ACTIONS
+        if spec.group == PROTOCOL_GROUP
     }
     assert told == bound

@@ -20,7 +20,7 @@ from caris_desktop.scenario.protocol_steps import Branch, ProtocolSettings, Prot
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.drive_input_filter import DriveInputFilter
+from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.palette_entries import step_entries

@@ -16,6 +16,7 @@ from caris_desktop.ui.panels.people_panel import PeoplePanel
 from caris_desktop.ui.widgets.check_box import CheckBox
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
+from tests.ui.preflight.test_preflight import CHECKS
 
 pytestmark = pytest.mark.panels("people", "map", "session")
 
@@ -53,6 +54,7 @@ def test_no_alarm_lies_over_the_question(window: MainWindow, console: FakeConsol
 def test_the_next_part_is_recorded_once_everything_was_looked_at(
     window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
+    console.state.preflight.set(())
     console.suggested = replace(P07, trial="3")
     unconfirmed = replace(OFFERED, state="unconfirmed", unconfirmed=("map", "people", "permissions", "consent"))
     console.state.going_on.set(unconfirmed)
@@ -67,8 +69,21 @@ def test_the_next_part_is_recorded_once_everything_was_looked_at(
     assert box.isChecked() and not box.isEnabled() and not start.isEnabled()
     console.state.going_on.set(replace(unconfirmed, unconfirmed=(), state="confirmed"))
     click(qtbot, start)
+    assert window.sessions._start is None, "nothing more is asked"
+    assert len(console.named("start_session")) == 1
+    assert (console.suggested.participant, console.suggested.trial) == ("P07", "2")
+
+
+def test_an_open_check_is_asked_about_in_the_start_dialog(
+    window: MainWindow, console: FakeConsole, qtbot: QtBot
+) -> None:
+    console.state.preflight.set(CHECKS)
+    assert any(check.asks_first for check in CHECKS)
+    console.suggested = replace(P07, trial="3")
+    console.state.going_on.set(replace(OFFERED, state="confirmed"))
+    click(qtbot, find(window, "going_on_start"))
     dialog = window.sessions._start
-    assert dialog is not None
+    assert dialog is not None and console.named("start_session") == []
     assert (dialog.details().participant, dialog.details().trial) == ("P07", "2")
     dialog.reject()
 

@@ -11,10 +11,10 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.status import MicrophoneStatus, SoundStatus
 from caris_desktop.scenario.scenario_model import Permissions, SoundSettings
-from caris_desktop.ui.drive_input_filter import HELD_TO_TALK_MS
 from caris_desktop.ui.icons import icon_names
+from caris_desktop.ui.input.drive_input_filter import HELD_TO_TALK_MS
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.sound_menu import SoundMenu
+from caris_desktop.ui.sound_menu import add_sound_menus
 from caris_desktop.ui.speak.speak_field import SpeakField
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
@@ -194,7 +194,7 @@ def test_microphones_and_loudness_are_chosen_in_the_menu(qtbot: QtBot, console: 
     console.state.sound.set(SoundStatus(hearing=True, volume=0.4))
     menu = QMenu()
     qtbot.addWidget(menu)
-    SoundMenu(console).fill(menu)
+    add_sound_menus(console, menu)
     default = "System’s default microphone"
     assert lines(menu) == {
         "Participant’s microphone": ["No microphone", default, "*Desk", "Headset"],
@@ -212,5 +212,5 @@ def test_microphones_and_loudness_are_chosen_in_the_menu(qtbot: QtBot, console: 
     console.scenario = dataclasses.replace(TALKS, permissions=Permissions(), sound=SoundSettings())
     silent = QMenu()
     qtbot.addWidget(silent)
-    SoundMenu(console).fill(silent)
+    add_sound_menus(console, silent)
     assert silent.actions() == []

@@ -394,7 +394,7 @@ def _said(window: MainWindow, name: PanelName) -> list[tuple[str, ...]]:
     """Readable, audible and clickable content of the panel and its title bar, in front."""
     window.open_panel(name)
     QTest.qWait(0)
-    dock = window.panels[name].parentWidget().parentWidget()
+    dock = window.dock_host.docks[name]
     found = []
     for part in dock.findChildren(QWidget):
         if part.isVisibleTo(dock) and part.objectName() != "panel_fact":  # contains the time

@@ -158,6 +158,18 @@ def test_sound_keeps_its_loudest_moment_at_any_zoom() -> None:
     assert np.isnan(outside).all()
 
 
+def test_the_last_moment_of_sound_and_speed_counts() -> None:
+    peaks = np.zeros((1000, 2), np.float32)
+    peaks[-1] = (-0.9, 0.8)
+    wave = Waveform("audio-microphone.wav", 0, 1000, peaks)
+    for ns_per_px in (100, 1000, 7_300, 100_000):
+        columns = wave_columns(wave, first_ns=0, ns_per_px=ns_per_px, width_px=1_100_000 // ns_per_px)
+        assert np.nanmin(columns[:, 0]) == pytest.approx(-0.9), ns_per_px
+        assert np.nanmax(columns[:, 1]) == pytest.approx(0.8), ns_per_px
+    speed = np.array([[0.0, 0.2, 0.0], [0.1, 0.9, 0.0]], np.float32)
+    assert np.nanmax(speed_columns(speed, TimeScale(0, 0.005), 10)[:, 0]) == pytest.approx(0.9)
+
+
 def test_speed_keeps_its_fastest_moment_and_is_nothing_outside() -> None:
     seconds = np.arange(0, 10, 0.1, dtype=np.float32)
     speed = np.column_stack((seconds, np.where(np.arange(100) == 55, -0.9, 0.2), np.zeros(100))).astype(np.float32)

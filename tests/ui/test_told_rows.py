@@ -11,6 +11,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.ui.conversation.transcript_view import TranscriptView
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.command_palette import CommandPalette
+from caris_desktop.ui.panels.conversation_panel import ConversationPanel
 from caris_desktop.ui.panels.people_panel import PeoplePanel
 from tests.ui import samples
 from tests.ui.conftest import find
@@ -38,13 +39,13 @@ def name(node: QAccessibleInterface) -> str:
     return node.text(QAccessible.Text.Name)
 
 
-def press(node: QAccessibleInterface) -> None:
+def press(node: QAccessibleInterface, act: str = "Press") -> None:
     acts = node.actionInterface()
     assert acts is not None
-    acts.doAction("Press")
+    acts.doAction(act)
 
 
-def test_the_lines_of_the_palette_are_found_with_kind_and_key_and_can_be_pressed(
+def test_the_lines_of_the_palette_are_found_with_kind_and_key_and_can_be_chosen(
     window: MainWindow, console: FakeConsole, qtbot: QtBot
 ) -> None:
     qtbot.keyClick(window, Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
@@ -54,7 +55,7 @@ def test_the_lines_of_the_palette_are_found_with_kind_and_key_and_can_be_pressed
     lines = list[QAccessibleInterface]()
 
     def shown() -> bool:
-        lines[:] = told(palette.list, QAccessible.Role.Button)
+        lines[:] = told(palette.list, QAccessible.Role.ListItem)
         return len(lines) == min(9, len(palette.list.entries))
 
     qtbot.waitUntil(shown)
@@ -63,13 +64,17 @@ def test_the_lines_of_the_palette_are_found_with_kind_and_key_and_can_be_pressed
     assert all(
         entry.kind in name(line) and entry.key in name(line) for line, entry in zip(lines, entries, strict=False)
     )
-    assert [line.text(QAccessible.Text.Description) for line in lines[:2]] == ["Selected: press Enter to run it", ""]
+    assert [bool(line.state().selected) for line in lines[:2]] == [True, False]
     tops = [line.rect().top() for line in lines]
     assert tops == sorted(set(tops)) and all(line.rect().height() == 40 for line in lines)
     photo = next(line for line in lines if name(line).startswith("Photo"))
     assert entries[lines.index(photo)].key in name(photo) and entries[lines.index(photo)].key
-    press(photo)
-    qtbot.waitUntil(lambda: bool(console.named("take_photo")) and palette.isHidden())
+    press(lines[1], "Toggle")
+    assert palette.list.current is entries[1]
+    assert palette.field.accessibleDescription() == entries[1].spoken
+    press(photo, "Toggle")
+    qtbot.keyClick(palette.field, Qt.Key.Key_Return)
+    assert console.named("take_photo") and palette.isHidden()
 
 
 def test_the_rows_of_people_are_complete_and_their_buttons_can_be_pressed(
@@ -100,22 +105,22 @@ def test_the_rows_of_people_are_complete_and_their_buttons_can_be_pressed(
 def test_the_turns_are_found_complete_and_can_be_chosen(window: MainWindow, console: FakeConsole, qtbot: QtBot) -> None:
     window.open_panel("conversation")
     samples.converse(console)
-    transcript = window.findChild(TranscriptView)
-    assert transcript is not None and transcript.rows
+    panel, transcript = window.findChild(ConversationPanel), window.findChild(TranscriptView)
+    assert panel is not None and transcript is not None and transcript.rows
 
     def shown() -> bool:
-        found = {name(one) for one in told(transcript.viewport(), QAccessible.Role.Button)}
+        found = {name(one) for one in told(transcript, QAccessible.Role.ListItem)}
         return {transcript.rows[row].spoken for row in transcript.visible_rows()} <= found
 
     qtbot.waitUntil(shown)
     last = transcript.rows[max(transcript.visible_rows())]
     assert last.time in last.spoken and last.who in last.spoken and last.words in last.spoken
-    turn = next(one for one in told(transcript.viewport()) if name(one) == last.spoken)
-    press(turn)
+    turn = next(one for one in told(transcript) if name(one) == last.spoken)
+    press(turn, "Toggle")
     qtbot.waitUntil(lambda: transcript.current == last.utterance_id)
     # Actions on the current turn are found and pressed in the same way.
-    qtbot.waitUntil(lambda: any(name(one).startswith("Tags (T)") for one in told(transcript.viewport())))
-    press(next(one for one in told(transcript.viewport()) if name(one).startswith("Tags (T)")))
+    qtbot.waitUntil(lambda: any(name(one).startswith("Tags (T)") for one in told(panel)))
+    press(next(one for one in told(panel) if name(one).startswith("Tags (T)")))
     qtbot.waitUntil(lambda: transcript.writing)
 
 

@@ -30,7 +30,7 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.shipped import layouts_dir
-from caris_desktop.live.status import SavedScenario
+from caris_desktop.live.status import SavedScenario, SpeechStatus, SuggestionsStatus
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode
 from caris_desktop.ui.focus_widget import bar_of, focused_widget, window_of
@@ -40,7 +40,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.floating_card import FloatingCard
+from caris_desktop.ui.widgets.popups import FloatingCard
 from tests.support.window_classes import widget_classes, window_classes
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, find, open_window
@@ -463,6 +463,11 @@ def not_recording(console: FakeConsole) -> None:
     console.state.recording.set(dataclasses.replace(console.state.recording.value, state="idle"))
 
 
+def nothing_waits(console: FakeConsole) -> None:
+    console.state.speech.set(SpeechStatus())
+    console.state.suggestions.set(SuggestionsStatus())
+
+
 def without_naming(console: FakeConsole) -> None:
     permitted = dataclasses.replace(console.scenario.permissions, naming_people=False)
     console.scenario = dataclasses.replace(console.scenario, permissions=permitted)
@@ -479,9 +484,9 @@ IN_VAIN = {
     ),
     "note without a recording": (not_recording, Qt.Key.Key_N, CTRL, "No recording is running"),
     "error without a recording": (not_recording, Qt.Key.Key_M, CTRL | SHIFT, "No recording is running"),
-    "edit what is not suggested": (lambda _console: None, Qt.Key.Key_1, CTRL | SHIFT, "suggestion is not available"),
-    "say what is not suggested": (lambda _console: None, Qt.Key.Key_2, CTRL, "suggestion is not available"),
-    "change an empty queue": (lambda _console: None, Qt.Key.Key_L, CTRL | SHIFT, "The speech queue is empty"),
+    "edit what is not suggested": (nothing_waits, Qt.Key.Key_1, CTRL | SHIFT, "suggestion is not available"),
+    "say what is not suggested": (nothing_waits, Qt.Key.Key_2, CTRL, "suggestion is not available"),
+    "change an empty queue": (nothing_waits, Qt.Key.Key_L, CTRL | SHIFT, "The speech queue is empty"),
 }
 
 

@@ -41,10 +41,9 @@ from caris_desktop.ui.action_rows import phrases_on_keys
 from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.palette.palette_item import PaletteItem
-from caris_desktop.ui.palette.palette_search import Finder
+from caris_desktop.ui.notifications import SHOWN_AT_ONCE
+from caris_desktop.ui.palette.palette_search import Finder, PaletteItem
 from caris_desktop.ui.panels.video_panel import VideoPanel
-from caris_desktop.ui.problems import SHOWN_AT_ONCE
 from caris_desktop.ui.status_bar import StatusItem
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton

@@ -15,10 +15,10 @@ from caris_desktop.domain.events import GoalChanged, GoalState, Severity
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.status import Alarm, PreflightCheck, PreflightState, RecordingStatus
 from caris_desktop.people.presence import PersonRow, Suggestion
-from caris_desktop.ui.alarms.alarm_list import AlarmRow
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow, who_spoke
 from caris_desktop.ui.conversation.transcript_view import RowHighlight, RowPainter
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.notifications import AlarmRow
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.panels.people_panel import PeoplePanel
 from caris_desktop.ui.preflight.preflight_list import PreflightRow
@@ -136,7 +136,7 @@ def test_speakers_and_their_certainty(shown_theme: Theme) -> None:
         image = QImage(rect.size(), QImage.Format.Format_RGB32)
         image.fill(shown_theme.color("panel"))
         painter = QPainter(image)
-        painter_of_rows.paint(
+        painter_of_rows.paint_turn(
             painter,
             rect,
             row,
@@ -145,7 +145,6 @@ def test_speakers_and_their_certainty(shown_theme: Theme) -> None:
                 focused=False,
                 ahead=False,
                 words_hidden=False,
-                buttons=(),
                 found=("where",) if name == "found" else (),
             ),
         )

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from caris_desktop.conversation.listening.echo import EchoCanceller
-from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
-from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
+from caris_desktop.conversation.listening.endpointing import SilenceBounds, SilenceOfPeople, TurnTaking
 from caris_desktop.conversation.listening.engine import NoEngineError
 from caris_desktop.conversation.listening.recogniser_messages import (
     EndTurns,
@@ -24,13 +23,13 @@ from caris_desktop.conversation.listening.recogniser_messages import (
 )
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
 from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
-from caris_desktop.conversation.listening.turn_model import TurnModel
-from caris_desktop.conversation.listening.voice_activity import NoVoiceActivity, VoiceActivity
+from caris_desktop.conversation.listening.voice_activity import NoVoiceActivity, TurnModel, VoiceActivity
 from caris_desktop.conversation.listening.words_thread import Recognition, WordsReady, WordsThread
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.model_files import GET_WEIGHTS_ANEW, WrongChecksum
+from caris_desktop.domain.plugins import PluginError, switched_off
 from caris_desktop.domain.process_priority import step_back
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import WIZARD_MICROPHONE, PlayedSound, PlayedSoundEnded
@@ -194,6 +193,8 @@ class _Recogniser:
                     self._connection.send(self._ready)
                 case NoEngineError() as failure:
                     self._fail(failure)
+                case PluginError(plugin=plugin, reason=reason):
+                    self._connection.send(switched_off(clock.now_ns(), plugin.name, plugin.package, reason))
                 case Recognition() as result:
                     self._process_result(result)
 

@@ -2,8 +2,11 @@
 
 import importlib.util
 import traceback
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+from caris_desktop.conversation.speech_plugins import PLUGIN
 from caris_desktop.conversation.voices.espeak import EspeakVoice, system_voices
 from caris_desktop.conversation.voices.installed_voices import (
     ESPEAK,
@@ -17,8 +20,10 @@ from caris_desktop.conversation.voices.installed_voices import (
     voice_folders,
 )
 from caris_desktop.conversation.voices.piper import PiperVoice
+from caris_desktop.conversation.voices.plugin_voice import PluginVoice
 from caris_desktop.conversation.voices.utterance_sound import Voice, words_of
 from caris_desktop.domain.model_files import WrongChecksum
+from caris_desktop.domain.plugins import PluginError
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 
@@ -34,12 +39,22 @@ class VoiceChoice(Value):
     at_hand: bool
 
 
-def open_voice(choice: VoiceChoice, files_folder: Path) -> tuple[Voice, str]:
-    """Open a voice; the text explains a fallback, empty for the requested one.
+def open_voice(
+    choice: VoiceChoice, files_folder: Path, on_plugin_failure: Callable[[PluginError], None]
+) -> tuple[Voice, str]:
+    """Open a voice; the text explains a fallback, empty for the requested one, and for a plug-in that failed.
 
     Loading takes a second or two. Raises if the system has no voice either.
     """
     language, why_not = choice.language, ""
+    if choice.voice.startswith(PLUGIN):
+        try:
+            return PluginVoice(
+                choice.voice, language, rate=choice.rate, volume=choice.volume, on_failure=on_plugin_failure
+            ), ""
+        except PluginError as error:
+            on_plugin_failure(error)
+            choice = replace(choice, voice="")
     if choice.at_hand:
         try:
             files = _piper_files(choice)
@@ -72,7 +87,8 @@ def every_voice(choice: VoiceChoice, used: Voice) -> list[tuple[str, str]]:
     others = used.others if isinstance(used, EspeakVoice) else system_voices()
     system = {ESPEAK + name: language for name, language in others.items()}
     spoken = base_language(choice.language or {**piper, **system}.get(used.name, ""))
-    return [*piper.items(), *(each for each in system.items() if base_language(each[1]) == spoken)]
+    plugin = [(used.name, choice.language)] if isinstance(used, PluginVoice) else []
+    return [*plugin, *piper.items(), *(each for each in system.items() if base_language(each[1]) == spoken)]
 
 
 def _piper_files(choice: VoiceChoice) -> PiperFiles | None:

@@ -4,7 +4,7 @@ only, in visible levels.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from PySide6.QtCore import QObject, Qt, QTimer
 
@@ -251,3 +251,28 @@ class LoadSheddingService(Service):
         self._people.limit_detection_rate(steps[max(number, self._waited_for())].detection_interval_s)
         self._bus.pass_at_most_every(panels_s=step.panels_every_s, picture_s=step.picture_every_s)
         self._state.load.set(LoadStatus(number, step.detail))
+
+
+# Health service: state of the child processes.
+
+_POLL_EVERY_MS = 1000
+
+
+class HealthService(Service):
+    """Maintains ``state.health``."""
+
+    def __init__(self, state: LiveState, services: Callable[[], Iterable[Service]], parent: QObject) -> None:
+        super().__init__(parent)
+        self._state = state
+        self._services = services
+        self._timer = QTimer(self, interval=_POLL_EVERY_MS)
+        self._timer.timeout.connect(self.update)
+
+    def start(self) -> None:
+        self._timer.start()
+
+    def stop(self) -> None:
+        self._timer.stop()
+
+    def update(self) -> None:
+        self._state.health.set({name: how for each in self._services() for name, how in each.health().items()})

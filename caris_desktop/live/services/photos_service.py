@@ -16,10 +16,10 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
+from caris_desktop.live.replay_video import DisplayFrames
 from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.assistant_service import AssistantService
 from caris_desktop.live.services.recording_service import RecordingService
-from caris_desktop.live.shown_frames import DisplayFrames
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.recording.photo_file import (

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from PySide6.QtCore import QObject, QTimer
 
-from caris_desktop.conversation.sound.playback_messages import (
+from caris_desktop.conversation.sound.playback_process import (
     BeginPlaying,
     EndPlaying,
     PlaybackAlive,

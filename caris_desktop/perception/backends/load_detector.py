@@ -7,7 +7,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.backends.network import Network, NetworkDetector, UnknownFormError
 from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
 from caris_desktop.perception.detector import Detector
-from caris_desktop.perception.inference_settings import Device
+from caris_desktop.perception.inference_messages import Device
 from caris_desktop.perception.weights import Weights, WeightsError
 
 log = logging.getLogger(__name__)

@@ -56,11 +56,13 @@ async def serving(
     def admit(connection: ServerConnection, request: Request) -> Response | None:
         given_token = "".join(request.headers.get_all("Authorization")).encode("utf-8", "surrogateescape")
         if token and not hmac.compare_digest(given_token, f"Bearer {token}".encode()):
-            return _refusal(http.HTTPStatus.UNAUTHORIZED)
+            return _response(http.HTTPStatus.UNAUTHORIZED)
         if not token and not is_own_host(request.headers.get_all("Host")):
-            return _refusal(http.HTTPStatus.FORBIDDEN)
+            return _response(http.HTTPStatus.FORBIDDEN)
         listener.admit(connection.remote_address)
-        return _refusal(http.HTTPStatus.SERVICE_UNAVAILABLE) if len(clients) >= _CLIENTS_AT_MOST else None
+        if "Upgrade" not in request.headers:  # a health check, or a person with a browser
+            return _response(http.HTTPStatus.OK, hello.encode())
+        return _response(http.HTTPStatus.SERVICE_UNAVAILABLE) if len(clients) >= _CLIENTS_AT_MOST else None
 
     async def answer(connection: ServerConnection) -> None:
         clients.add(connection)
@@ -106,8 +108,9 @@ def _answer_request(detector: Detector, message: str | bytes) -> str:
         return json.dumps({"error": "The detector failed on this image."})
 
 
-def _refusal(status: http.HTTPStatus) -> Response:
-    return Response(status.value, status.phrase, Headers([("Content-Length", "0"), ("Connection", "close")]), b"")
+def _response(status: http.HTTPStatus, body: bytes = b"") -> Response:
+    headers = Headers([("Content-Length", str(len(body))), ("Connection", "close")])
+    return Response(status.value, status.phrase, headers, body)
 
 
 def _name(connection: ServerConnection) -> str:

@@ -22,10 +22,11 @@ from caris_desktop.perception.cameras.camera_source import (
     SOUND_RATE_HZ,
     CameraError,
     CameraSource,
+    CameraSwitchedOffError,
     CameraWithMicrophone,
+    ChosenCamera,
     Picture,
 )
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 from caris_desktop.perception.cameras.open_camera import open_camera
 
 log = logging.getLogger(__name__)
@@ -116,8 +117,8 @@ class _Running:
                 break
             except CameraError as error:
                 log.warning("camera %s: %s", name, error, exc_info=error.__cause__)
-                if self._chosen.recorded:
-                    self._report_problem(error, "error", QT_TR_NOOP("No images are available from this video."))
+                if self._chosen.recorded or isinstance(error, CameraSwitchedOffError):
+                    self._report_problem(error, "error", QT_TR_NOOP("No images are available from this camera."))
                     self._report_state("ended", str(error), error.advice)
                     break
                 if failures == 0:

@@ -4,16 +4,24 @@ import re
 from pathlib import Path
 
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.perception.cameras.camera_source import DEVICE_FPS, DEVICE_SIZE_PX, CameraError, Picture, picture_of
+from caris_desktop.perception.cameras.camera_source import (
+    DEVICE_FPS,
+    DEVICE_SIZE_PX,
+    CameraError,
+    ChosenCamera,
+    Picture,
+    picture_of,
+)
 from caris_desktop.perception.cameras.oak_camera import oak_devices
 
 
 class DeviceCamera:
-    """Camera through OpenCV. ``target`` is a number or a device path."""
+    """Camera through OpenCV, by a number or a device path."""
 
-    def __init__(self, target: str) -> None:
+    def __init__(self, chosen: ChosenCamera) -> None:
         import cv2
 
+        target = chosen.target
         self._target = target
         self._has_delivered = False
         # A missing device is reported as a Problem; OpenCV would log each retry.

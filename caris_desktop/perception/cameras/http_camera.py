@@ -7,8 +7,7 @@ import select
 from caris_desktop.domain import clock
 from caris_desktop.domain.picture_checks import decode_compressed, picture_size
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.perception.cameras.camera_source import CameraError, Picture
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
+from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera, Picture
 from caris_desktop.perception.cameras.http_request import CameraConnection
 from caris_desktop.perception.cameras.remote_clock import ServedClock
 

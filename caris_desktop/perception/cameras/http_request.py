@@ -17,8 +17,14 @@ from caris_desktop.domain.certificates import (
     why_refused,
 )
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
-from caris_desktop.perception.cameras.camera_source import OPEN_TIMEOUT_S, SILENCE_S, CameraError, cannot_be_reached
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, camera_token
+from caris_desktop.perception.cameras.camera_source import (
+    OPEN_TIMEOUT_S,
+    SILENCE_S,
+    CameraError,
+    ChosenCamera,
+    camera_token,
+    cannot_be_reached,
+)
 
 _LONGEST_ANSWER_BYTES = 1_000_000
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from caris_desktop.domain import clock
 from caris_desktop.domain.picture_checks import PictureError, fitted, jpeg_of
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
+from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, ChosenCamera
 
 _JPEG_QUALITY = 80
 _RETRY_AFTER_S = (1.0, 2.0, 5.0)

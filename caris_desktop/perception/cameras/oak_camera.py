@@ -14,6 +14,7 @@ from caris_desktop.perception.cameras.camera_source import (
     DEVICE_SIZE_PX,
     SILENCE_S,
     CameraError,
+    ChosenCamera,
     Picture,
     picture_of,
 )
@@ -41,7 +42,8 @@ class OakCamera:
     ``device_id`` is its id, name or address; empty: any device.
     """
 
-    def __init__(self, device_id: str = "") -> None:
+    def __init__(self, chosen: ChosenCamera) -> None:
+        device_id = chosen.target
         try:
             import depthai
         except ImportError as error:

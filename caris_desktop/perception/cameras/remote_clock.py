@@ -5,8 +5,7 @@ from collections import deque
 from collections.abc import Callable
 
 from caris_desktop.domain import clock
-from caris_desktop.perception.cameras.camera_source import CameraError
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
+from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera
 from caris_desktop.perception.cameras.http_request import CameraConnection
 
 _log = logging.getLogger(__name__)

@@ -14,10 +14,10 @@ from caris_desktop.perception.cameras.camera_source import (
     OPEN_TIMEOUT_S,
     SILENCE_S,
     CameraError,
+    ChosenCamera,
     Picture,
     cannot_be_reached,
 )
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
 
 # A few broken frames are a network problem; this many mean an unusable file or camera.
 _BROKEN_AT_MOST = 50

@@ -17,8 +17,7 @@ from caris_desktop.domain import clock
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.sound_clock import SoundClock
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.perception.cameras.camera_source import SILENCE_S, SOUND_RATE_HZ, CameraError, Picture
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera
+from caris_desktop.perception.cameras.camera_source import SILENCE_S, SOUND_RATE_HZ, CameraError, ChosenCamera, Picture
 from caris_desktop.perception.cameras.http_camera import CLOCK_HEADER
 from caris_desktop.perception.cameras.http_request import CameraConnection
 from caris_desktop.perception.cameras.remote_clock import ServedClock

@@ -48,10 +48,9 @@ from caris_desktop.recording.annotation.annotation_model import (
     VocabularyEntry,
 )
 from caris_desktop.recording.session.answers import unheard
-from caris_desktop.recording.session.goals import NavigationGoal
 from caris_desktop.recording.session.scenario_text import read_scenario
 from caris_desktop.recording.session.session_data import FOLDED, SessionData, read_data
-from caris_desktop.recording.session.session_driving import commanded
+from caris_desktop.recording.session.session_driving import NavigationGoal, commanded
 from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.session_visits import seen_throughout

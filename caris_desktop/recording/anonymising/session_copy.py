@@ -4,38 +4,40 @@ The copy is a session like any other, with a manifest of its own. What cannot be
 """
 
 import hashlib
+import itertools
 import json
 import logging
+import re
+import unicodedata
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import IO, Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop import __version__
 from caris_desktop.domain.events import ConsentNoted, PhotoTaken, RobotChosen, ScenarioOpened
+from caris_desktop.domain.file_replacement import narrow
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.person_marks import with_names
-from caris_desktop.domain.private_files import narrow
+from caris_desktop.domain.schema_fields import union_members, without_alias
 from caris_desktop.domain.sensing import People, StatusShown
 from caris_desktop.domain.sound_values import ROBOT_VOICE
 from caris_desktop.domain.streams import BY_TYPE, StreamSpec, spec_of_topic
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.type_hints import union_members, without_alias
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.annotation.annotation_store import annotation_files
-from caris_desktop.recording.anonymising.known_names import KnownNames
 from caris_desktop.recording.anonymising.pseudonymous_copy import CODINGS, copy_file, renamed_coding
-from caris_desktop.recording.anonymising.voices import write_sound
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting import media
 from caris_desktop.recording.forgetting.media import Cover, UnreadableMediaError
+from caris_desktop.recording.forgetting.search_terms import PersonNames
 from caris_desktop.recording.forgetting.session_media import sound_span_of
 from caris_desktop.recording.forgetting.text_erasure import changed_metadata, encoding_of, lines_of
 from caris_desktop.recording.photo_file import PhotoFileError, change_texts, texts_of
@@ -47,6 +49,7 @@ from caris_desktop.recording.session.frame_times import INDEX_SUFFIX, FrameTimes
 from caris_desktop.recording.session.manifest import session_files, write_manifest
 from caris_desktop.recording.session.mcap_records import ATTACHMENT
 from caris_desktop.recording.session.mcap_repair import copy_changed
+from caris_desktop.recording.session.media_files import WavLayout, wav_header, wav_layout
 from caris_desktop.recording.session.missing_data import missing_words
 from caris_desktop.recording.session.session_clock import clock_text
 from caris_desktop.recording.session.session_header import (
@@ -58,6 +61,157 @@ from caris_desktop.recording.session.session_header import (
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import spoken
 from caris_desktop.recording.study_file import FILE_NAME as STUDY_FILE
+
+# Known names in texts, replaced by pseudonyms.
+
+_SEVERAL = "[name]"
+"""Pseudonym of a part of a name that several people have."""
+_BETWEEN = re.compile(r"(?:\s|\\[nrt]|%20|&nbsp;|&#160;|[+_.-])+")
+_HOME = re.compile(r"(?:/(?:home|Users)/|\b[A-Za-z]:\\Users\\)[^/\\\s\"':;,]+")
+_HOMES = ("/home/", "/Users/", ":\\Users\\")
+_IN_YAML = str.maketrans("[]{}", "()()")  # a bracket at the start of a value has a meaning there
+_KEY_LINE = re.compile(r"(?:^[ \t-]*|[{,][ \t]*)[\"']?([a-z][a-z0-9_]*)[\"']?[ \t]*:", re.MULTILINE)
+_KEY = re.compile(r"[a-z][a-z0-9_]*")
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
+_LONG = 8
+"""Shorter names such as Max are also words of the program, as in the key ``max``."""
+
+
+class KnownNames:
+    """Names with their pseudonyms. Parts of a name are replaced too, since people are called by them; so are home
+    folders in paths, and ``folders``.
+    """
+
+    def __init__(self, pseudonyms: Mapping[str, str], folders: Collection[str] = ()) -> None:
+        self._folders = tuple(folder for folder in folders if len(folder) > 1)
+        spelt = {way: pseudonym for name, pseudonym in pseudonyms.items() for way in _spellings(name)}
+        spelt |= pseudonyms
+        self._words = PersonNames(tuple(spelt))
+        self._of: dict[str, str] = {}
+        whole = {_plain(name): pseudonym for name, pseudonym in spelt.items()}
+        for name in spelt:
+            pseudonym = whole[_plain(name)]
+            for form in map(_plain, PersonNames((name,)).alternatives):
+                known = self._of.setdefault(form, whole.get(form, pseudonym))
+                if known != pseudonym and form not in whole:
+                    self._of[form] = _SEVERAL
+
+    def named(self, text: str) -> bool:
+        """True if the text contains a known name."""
+        return next(self._words.spans(text), None) is not None
+
+    def replace(self, text: str, *, yaml: bool = False) -> str:
+        """Text with pseudonyms. In YAML, keys that are words of the program stay."""
+        for folder in self._folders:
+            text = text.replace(folder, "~")
+        keys = [match.span(1) for match in _KEY_LINE.finditer(text)] if yaml and self.named(text) else []
+        return self._replace(text, keys, yaml=yaml)
+
+    def replace_key(self, key: str) -> str:
+        """Key of a JSON object with pseudonyms, unless it is a word of the program."""
+        return self._replace(key, [(0, len(key))] if _KEY.fullmatch(key) else [])
+
+    def _replace(self, text: str, keys: Collection[tuple[int, int]], *, yaml: bool = False) -> str:
+        parts, at = [], 0
+        for start, end in self._words.spans(text):
+            if end - start < _LONG and any(begin <= start and end <= until for begin, until in keys):
+                continue
+            pseudonym = self._of.get(_plain(text[start:end]), _SEVERAL)
+            parts += [text[at:start], pseudonym.translate(_IN_YAML) if yaml else pseudonym]
+            at = end
+        changed = "".join([*parts, text[at:]])
+        return _HOME.sub("~", changed) if any(word in changed for word in _HOMES) else changed
+
+
+def _spellings(name: str) -> Iterator[str]:
+    """German names as typed elsewhere, and as a pseudonym file has them in small letters."""
+    yield name.translate(_UMLAUTS)
+    yield name.replace("ss", "ß")
+
+
+def _plain(text: str) -> str:
+    return _BETWEEN.sub(" ", unicodedata.normalize("NFC", text)).strip().casefold()
+
+
+# Change of the pitch of voices in WAV files.
+
+_BLOCK_SAMPLES = 1 << 16
+
+
+def write_sound(source: Path, target: Path, pitch: float = 1.0) -> None:
+    """Rewrite a WAV file as samples alone, with the pitch of all voices multiplied by ``pitch``.
+
+    Length and times do not change. ffmpeg's ``asetrate`` and ``atempo`` do it, since PyAV comes without ``rubberband``.
+    Raises OSError, UnreadableMediaError.
+    """
+    with source.open("rb") as old, target.open("wb") as new:
+        try:
+            wav = wav_layout(old)
+        except ValueError as error:
+            raise UnreadableMediaError(localized(QT_TR_NOOP("{file} contains no audio"), file=source.name)) from error
+        samples = max(0, source.stat().st_size - wav.offset_bytes) // wav.frame_bytes
+        if 0 < wav.data_bytes < samples * wav.frame_bytes:
+            samples = wav.data_bytes // wav.frame_bytes
+        new.write(wav_header(wav.channels, wav.sample_rate_hz, samples))
+        left = samples
+        blocks = _blocks(old, wav, samples)
+        for block in blocks if pitch == 1.0 else _changed(blocks, wav, pitch):
+            part = block[:left]
+            new.write(part.tobytes())
+            left -= len(part)
+        new.write(bytes(left * wav.frame_bytes))
+
+
+def _blocks(file: IO[bytes], wav: WavLayout, samples: int) -> Iterator[NDArray[np.int16]]:
+    file.seek(wav.offset_bytes)
+    while samples > 0:
+        data = file.read(min(samples, _BLOCK_SAMPLES) * wav.frame_bytes)
+        block = np.frombuffer(data[: len(data) // wav.frame_bytes * wav.frame_bytes], "<i2").reshape(-1, wav.channels)
+        if not len(block):
+            return
+        samples -= len(block)
+        yield block
+
+
+def _changed(blocks: Iterator[NDArray[np.int16]], wav: WavLayout, pitch: float) -> Iterator[NDArray[np.int16]]:
+    import av
+
+    rate, layout = wav.sample_rate_hz, "mono" if wav.channels == 1 else "stereo" if wav.channels == 2 else ""
+    if not layout:
+        layout = f"{wav.channels}c"
+    graph = av.filter.Graph()
+    nodes = [
+        graph.add_abuffer(format="s16", sample_rate=rate, layout=layout),
+        graph.add("asetrate", str(round(rate * pitch))),
+        graph.add("aresample", str(rate)),
+        graph.add("atempo", f"{1 / pitch:.6f}"),
+        graph.add("aformat", f"sample_fmts=s16:sample_rates={rate}"),
+        graph.add("abuffersink"),
+    ]
+    for node, following in itertools.pairwise(nodes):
+        node.link_to(following)
+    graph.configure()
+    at = 0
+    for block in blocks:
+        frame = av.AudioFrame.from_ndarray(block.reshape(1, -1), "s16", layout)
+        frame.sample_rate, frame.pts = rate, at
+        at += len(block)
+        graph.push(frame)
+        yield from _pulled(graph, wav.channels)
+    graph.push(None)
+    yield from _pulled(graph, wav.channels)
+
+
+def _pulled(graph: Any, channels: int) -> Iterator[NDArray[np.int16]]:
+    import av
+
+    while True:
+        try:
+            frame = graph.pull()
+        except (av.error.BlockingIOError, av.error.EOFError):
+            return
+        yield frame.to_ndarray().reshape(-1, channels)
+
 
 _log = logging.getLogger(__name__)
 Voice = Literal["keep", "remove", "change"]

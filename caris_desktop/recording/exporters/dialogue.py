@@ -38,7 +38,7 @@ def write_dialogue(session: Session, path: Path) -> int:
         for utterance in facts.utterances:
             if utterance.speaker != "robot":
                 continue
-            at_ns = _decided_ns(utterance)
+            at_ns = utterance.start_ns if utterance.requested_ns is None else utterance.requested_ns
             if at_ns is None:
                 continue
             known = [other for other in spoken if other is not utterance and _known_at(other, at_ns)]
@@ -70,10 +70,6 @@ def write_dialogue(session: Session, path: Path) -> int:
             file.write(_line(line))
             turns, before_ns = turns + 1, at_ns
     return turns
-
-
-def _decided_ns(utterance: SpokenUtterance) -> int | None:
-    return utterance.start_ns if utterance.requested_ns is None else utterance.requested_ns
 
 
 def _known_at(utterance: SpokenUtterance, at_ns: int) -> bool:

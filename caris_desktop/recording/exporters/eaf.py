@@ -27,8 +27,8 @@ from caris_desktop.recording.annotation.session_tiers import session_tiers
 from caris_desktop.recording.annotation.timeline_builder import WavReader, sound_runs
 from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.session.frame_times import moments_words
+from caris_desktop.recording.session.media_files import wav_header
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.wav_files import wav_header
 from caris_desktop.recording.session_export import ExportContext
 
 FREE_TEXT = "free text"

@@ -1,7 +1,7 @@
 """Video frames that recorded values refer to, and a rate limit on them."""
 
 from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoPicture, VideoReader
-from caris_desktop.recording.session.media_names import in_file_names
+from caris_desktop.recording.session.media_files import in_file_names
 
 # Neighbouring frames of the fastest cameras are 4 ms apart; a video rounds its times to 11 µs.
 _SAME_FRAME_NS = 1_500_000

@@ -76,11 +76,6 @@ def write_frames(session: Session, out: Path, context: ExportContext) -> list[Pa
     return [readme, *paths, *driving.paths, turns_path]
 
 
-def write_dataset(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """Fill the empty folder ``out``. Raises OSError, SessionError."""
-    return write_dataset_of_study([session], out, context)
-
-
 def write_dataset_of_study(sessions: Sequence[Session], out: Path, context: ExportContext) -> list[Path]:
     """Fill the empty folder ``out`` with one dataset of all sessions, and their dialogue turns.
 

@@ -16,11 +16,6 @@ from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.study_file import write_citation
 
 
-def write_methods(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """Write the sheet of one session. Raises OSError, SessionError, ExportError."""
-    return write_methods_of_study([session], out, context)
-
-
 def write_methods_of_study(sessions: Sequence[Session], out: Path, context: ExportContext) -> list[Path]:
     """Write one sheet for all ``sessions`` (at least one) into ``out``: ``methods.md`` and ``methods.html``, or the one
     that the researcher's template makes.

@@ -23,7 +23,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.measures.measure_definitions import MEASURES
 from caris_desktop.recording.measures.session_measures import Measures, ModelUse, measure, read_facts
 from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.responses import Response
+from caris_desktop.recording.session.answers import Response
 from caris_desktop.recording.session.robot_clock_mapping import ClockSummary, robot_clock
 from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
 from caris_desktop.recording.session.session_alarms import AlarmRecord

@@ -70,7 +70,9 @@ def _label(column: Column) -> str:
 
 
 def _codes(column: Column) -> dict[str, float]:
-    """Number of each allowed value; true is 1, false is 0."""
+    """Number of each allowed value; true is 1, false is 0. Numbers are their own."""
+    if column.kind in _NUMBERS:
+        return {value: float(value) for value in column.values}
     if column.kind == "true or false":
         return {"false": 0.0, "true": 1.0}
     return {value: float(code) for code, value in enumerate(allowed_values(column), start=1)}

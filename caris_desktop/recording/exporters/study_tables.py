@@ -23,27 +23,22 @@ from caris_desktop.recording.data_dictionary import (
     measure_rows,
 )
 from caris_desktop.recording.exporters import spss
-from caris_desktop.recording.exporters.csv import CsvTables
+from caris_desktop.recording.exporters.csv import csv_of
 from caris_desktop.recording.exporters.templates import write_page
-from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES, THRESHOLDS
+from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES, THRESHOLDS, Measure
+from caris_desktop.recording.measures.measure_plugins import PLUGIN_TABLE, plugin_measures, plugin_values
 from caris_desktop.recording.measures.session_measures import sql
 from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.session.session_reader import Session, SessionError
 from caris_desktop.recording.session_export import ExportContext, attempt
 from caris_desktop.recording.studies.study_index import copies_among
-from caris_desktop.recording.table_files import ParquetTables
-from caris_desktop.recording.tables.build import DERIVED_TABLES, session_batches, sql_types
-from caris_desktop.recording.tables.catalog import Column, Kind, Table, key_columns
-from caris_desktop.recording.tables.units import unit_of
+from caris_desktop.recording.table_files import ParquetTables, copy_tables
+from caris_desktop.recording.tables.build import DERIVED_TABLES, all_tables, table_sql
+from caris_desktop.recording.tables.catalog import Column, Kind, Table, key_columns, plain_text, unit_of
 
 _log = logging.getLogger(__name__)
 _ROWS_AT_ONCE = 5_000
 _FORMAT, _FORMAT_VERSION = "caris-desktop study tables", 1
-
-
-def write_tables(session: Session, out: Path, context: ExportContext) -> list[Path]:
-    """Fill the empty folder ``out``. Raises OSError, SessionError."""
-    return write_tables_of_study([session], out, context)
 
 
 def write_tables_of_study(sessions: Sequence[Session], out: Path, context: ExportContext) -> list[Path]:
@@ -97,6 +92,8 @@ class _StudyTables:
         self._rows: dict[str, int] = {}
         self._writers: dict[str, Any] = {}
         self._open = ExitStack()
+        self._plugins = plugin_measures(context.warn)
+        self._plugin_values: list[tuple[str, str, float]] = []
 
     def __enter__(self) -> "_StudyTables":
         return self
@@ -108,30 +105,32 @@ class _StudyTables:
     def add(self, session: Session, progress: Callable[[float], None]) -> None:
         """Add the rows of a session. Raises SessionError, and then adds none."""
         shutil.rmtree(self._part, ignore_errors=True)
-        for folder in (self._csv, self._parquet):
-            (self._part / folder.name).mkdir(parents=True)
+        self._part.mkdir()
         whose = key_columns(session)
-        with (
-            CsvTables(self._part / "csv", self._context.csv, whose) as of_csv,
-            ParquetTables(self._part / "parquet", self._about, whose) as of_parquet,
-        ):
-            for batch in session_batches(session, progress, self._context.warn):
-                of_csv.write(*batch)
-                of_parquet.write(*batch)
-        for table in of_csv.tables:
-            self._tables.setdefault(table.name, Table(table.name, table.description, (*whose, *table.columns)))
-            _append(self._part / "csv" / f"{table.name}.csv", self._csv / f"{table.name}.csv")
-            self._append_parquet(table.name)
+        for path in copy_tables(session, self._part, progress, self._context.warn):
+            if path.stem != DICTIONARY_TABLE.name:
+                table = all_tables()[path.stem]
+                self._tables.setdefault(table.name, Table(table.name, table.description, (*whose, *table.columns)))
+                self._append(path)
+        name = session.folder.name
 
-    def _append_parquet(self, name: str) -> None:
+        def warn(failure: str) -> None:
+            self._context.warn(localized(QT_TR_NOOP("{session}: {why}"), session=name, why=failure))
+
+        values = plugin_values(self._plugins, session.folder, self._context.pseudonyms, warn)
+        self._plugin_values += [(name, *value) for value in values.items()]
+
+    def _append(self, path: Path) -> None:
+        """Append the rows of a session's table."""
         import pyarrow.parquet as pq
 
-        with pq.ParquetFile(self._part / "parquet" / f"{name}.parquet") as part:
+        name = path.stem
+        with pq.ParquetFile(path) as part:
             if name not in self._writers:
-                path = self._parquet / f"{name}.parquet"
-                self._writers[name] = self._open.enter_context(
-                    pq.ParquetWriter(path, part.schema_arrow, compression="zstd")
-                )
+                about = {**self._about, "description": self._tables[name].description}
+                schema = part.schema_arrow.with_metadata({key: plain_text(value) for key, value in about.items()})
+                writer = pq.ParquetWriter(self._parquet / path.name, schema, compression="zstd")
+                self._writers[name] = self._open.enter_context(writer)
             for rows in part.iter_batches(_ROWS_AT_ONCE):
                 self._writers[name].write_batch(rows)
             self._rows[name] = self._rows.get(name, 0) + part.metadata.num_rows
@@ -140,16 +139,18 @@ class _StudyTables:
         """Write what is computed from all sessions, and the descriptions; return all files."""
         documents = [(session, coding_of(session, on_damaged=_log.info)) for session in sessions]
         coded = [(session, document) for session, document in documents if document.annotations]
-        computed = [_measures(self._parquet), *(() if not coded else (_by_coder(coded), _agreement(coded)))]
-        with CsvTables(self._csv, self._context.csv) as of_csv, ParquetTables(self._parquet, self._about) as of_parquet:
+        measures = [*MEASURES, *(one.definition for one in self._plugins)]
+        computed: list[_Computed] = [_measures(self._parquet, measures, self._plugin_values)]
+        computed += [_by_coder(coded), _agreement(coded)] if coded else []
+        with ParquetTables(self._parquet, self._about) as of_parquet:
             for table, rows in computed:
-                columns = [list(cells) for cells in zip(*rows, strict=True)] or [[] for _ in table.columns]
-                of_csv.write(table, columns)
-                of_parquet.write(table, columns)
+                of_parquet.write(
+                    table, [list(cells) for cells in zip(*rows, strict=True)] or [[] for _ in table.columns]
+                )
                 self._tables[table.name], self._rows[table.name] = table, len(rows)
-            dictionary = dictionary_columns([*self._tables.values(), DICTIONARY_TABLE])
-            of_csv.write(DICTIONARY_TABLE, dictionary)
-            of_parquet.write(DICTIONARY_TABLE, dictionary)
+            of_parquet.write(DICTIONARY_TABLE, dictionary_columns([*self._tables.values(), DICTIONARY_TABLE]))
+        for path in self._parquet.iterdir():
+            csv_of(path, self._csv, self._context.csv)
         of_events = [
             table
             for table in self._tables.values()
@@ -167,7 +168,8 @@ class _StudyTables:
     def _codebook(self, sessions: Sequence[Session], in_spss: bool) -> dict[str, Any]:
         described = list(zip(*dictionary_columns(self._tables.values()), strict=True))
         names = [column.name for column in DICTIONARY_TABLE.columns]
-        of_measures = {row["column"]: row for row in measure_rows() if row["table"] == MEASURES_TABLE}
+        described_measures = measure_rows(one.definition for one in self._plugins)
+        of_measures = {row["column"]: row for row in described_measures if row["table"] == MEASURES_TABLE}
         tables: list[dict[str, Any]] = []
         for table in self._tables.values():
             columns = []
@@ -211,15 +213,6 @@ class _StudyTables:
 _DERIVED = frozenset(table.name for table in DERIVED_TABLES)
 
 
-def _append(part: Path, whole: Path) -> None:
-    """Append the rows of a CSV file, or all of it if it is the first."""
-    first = not whole.exists()
-    with part.open("rb") as source, whole.open("ab") as target:
-        if not first:
-            source.readline()
-        shutil.copyfileobj(source, target)
-
-
 # Tables that are computed from all sessions
 
 Coded = Sequence[tuple[Session, AnnotationDocument]]
@@ -234,31 +227,31 @@ def _keys_of(session: Session) -> tuple[str, ...]:
     return tuple(column.read(None, None) for column in key_columns(session))  # type: ignore[arg-type] # constants
 
 
-def _measures(parquet: Path) -> _Computed:
+def _measures(parquet: Path, measures: Sequence[Measure], plugin_values: Sequence[tuple[str, str, float]]) -> _Computed:
     import duckdb
 
     with duckdb.connect(":memory:") as database:
         for name, columns in TABLES.items():
             path = parquet / f"{name}.parquet"
-            if path.exists():
-                database.read_parquet(str(path)).create_view(name)
-            else:
-                empty = [f'NULL::{kind} AS "{one}"' for one, kind in sql_types(name, columns).items()]
-                database.execute(f"CREATE VIEW {name} AS SELECT {', '.join(empty)} LIMIT 0")
-        database.execute(sql())
-        names = [f'"{column.name}"' for column in (*_ABOUT_SESSION, *MEASURES)]
+            database.execute(table_sql(name, columns, str(path) if path.exists() else ""))
+        database.execute(f"CREATE TABLE {PLUGIN_TABLE} (session VARCHAR, measure VARCHAR, value DOUBLE)")
+        if plugin_values:
+            database.executemany(f"INSERT INTO {PLUGIN_TABLE} VALUES (?, ?, ?)", plugin_values)  # noqa: S608 - ours
+        database.execute(sql([one.name for one in measures[len(MEASURES) :]]))
+        names = [f'"{name}"' for name in (*(one.name for one in _ABOUT_SESSION), *(one.name for one in measures))]
         rows = database.execute(f"SELECT {', '.join(names)} FROM measures ORDER BY session").fetchall()  # noqa: S608
-    described = {row["column"]: row for row in measure_rows()}
+    described = {row["column"]: row for row in measure_rows(measures[len(MEASURES) :])}
     of_measures = [
         Column(
             one.name,
             one.unit,
-            "number" if one.unit else "integer",
+            "number" if one.unit or one not in MEASURES else "integer",
             one.description,
             lambda row, _: row,
+            values=one.values,
             empty=described[one.name]["empty"],
         )
-        for one in MEASURES
+        for one in measures
     ]
     table = Table(
         MEASURES_TABLE,

@@ -1,4 +1,4 @@
-"""Distributions of values: summary statistics, quantiles, shares and rates."""
+"""Distributions of values: summary statistics and quantiles."""
 
 import statistics
 from collections.abc import Sequence
@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.session.responses import AT_ONCE_S
 
 
 class SummaryStats(Value):
@@ -37,13 +36,3 @@ class SummaryStats(Value):
 def quantile(values: Sequence[float], share: float) -> float | None:
     """Quantile; None for no values."""
     return float(np.quantile(values, share)) if values else None
-
-
-def share_at_once(gaps_s: Sequence[float]) -> float | None:
-    """Share of gaps shorter than ``AT_ONCE_S``; None for none."""
-    return sum(gap_s < AT_ONCE_S for gap_s in gaps_s) / len(gaps_s) if gaps_s else None
-
-
-def per_10_min(count: float, seconds: float) -> float | None:
-    """Rate per 10 minutes; None for zero time."""
-    return count * 600.0 / seconds if seconds > 0.0 else None

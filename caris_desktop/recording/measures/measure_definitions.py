@@ -4,17 +4,17 @@ import re
 
 from caris_desktop.domain.events import LATE_FROM_S, RESPONSE_LIMIT_S
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.session.responses import AT_ONCE_S
+from caris_desktop.recording.session.answers import AT_ONCE_S
 from caris_desktop.recording.session.session_driving import COMMAND_HOLDS_S
 from caris_desktop.recording.session.utterances import HEARD_FROM_NS, PRESENT_SHARE
-from caris_desktop.recording.tables.units import unit_of
+from caris_desktop.recording.tables.catalog import unit_of
 
 
 class Measure(Value):
     """Measure of a session: a column of ``measures`` in the SQL, NULL if it was not recorded.
 
-    ``formula`` in words, where the description does not say it; ``reference``: where the field defines it. ``empty``:
-    meaning of NULL, if it can be.
+    ``formula`` in words, where the description does not say it; ``reference``: where the field defines it, or the
+    package of the plug-in that computes it. ``empty``: meaning of NULL, if it can be. ``values``: all that are allowed.
     """
 
     name: str
@@ -22,6 +22,7 @@ class Measure(Value):
     formula: str = ""
     reference: str = ""
     empty: str = ""
+    values: tuple[str, ...] = ()
 
     @property
     def unit(self) -> str:

@@ -1,6 +1,6 @@
 """Measures of one session, computed by the SQL from its tables in memory."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from caris_desktop.domain.events import (
@@ -20,7 +20,8 @@ from caris_desktop.domain.sensing import Odometry, RobotPose
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.measures.measure_definitions import TABLES, THRESHOLDS
-from caris_desktop.recording.session.responses import Response
+from caris_desktop.recording.measures.measure_plugins import added_columns
+from caris_desktop.recording.session.answers import Response
 from caris_desktop.recording.session.session_alarms import AlarmRecord
 from caris_desktop.recording.session.session_data import FOLDED, SessionData, read_data
 from caris_desktop.recording.session.session_protocol import StepRecord
@@ -167,8 +168,8 @@ def _intervals(rows: list[tuple[Any, ...]]) -> tuple[Interval, ...]:
     return tuple(Interval(*row) for row in rows)
 
 
-def sql() -> str:
-    """The queries, and before them the thresholds; both need the tables."""
+def sql(added: Sequence[str] = ()) -> str:
+    """The queries, and before them the thresholds; both need the tables. ``added``: measures of plug-ins."""
     thresholds = [f"SET VARIABLE {one.name} = {one.value}::DOUBLE;  -- {one.description}" for one in THRESHOLDS]
     text = (resources_dir() / "queries" / "statistics.sql").read_text(encoding="utf-8")
-    return "\n".join(["-- The thresholds.", *thresholds, "", f"{text.rstrip()}\n"])
+    return "\n".join(["-- The thresholds.", *thresholds, "", f"{text.rstrip()}\n", added_columns(added)])

@@ -16,9 +16,8 @@ from caris_desktop.domain.sensing import AudioBlock, AudioChunk
 from caris_desktop.domain.translation import localized
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import gap_messages
-from caris_desktop.recording.session.media_names import audio_file_name
+from caris_desktop.recording.session.media_files import HEADER_BYTES, audio_file_name, wav_header
 from caris_desktop.recording.session.session_header import AudioInfo
-from caris_desktop.recording.session.wav_files import HEADER_BYTES, wav_header
 
 _LARGEST_DATA_BYTES = 2**32 - 2**20
 # Silence up to this is written; longer silence becomes a hole that uses no disk space.

@@ -26,7 +26,7 @@ from caris_desktop.recording.recorder.recorder_messages import TakePhoto
 from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders
 from caris_desktop.recording.recorder.video_writer import VideoFileWriter
 from caris_desktop.recording.session import gap_messages
-from caris_desktop.recording.session.media_names import video_file_name
+from caris_desktop.recording.session.media_files import video_file_name
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_header import VideoInfo
 

@@ -57,8 +57,7 @@ from caris_desktop.recording.recorder.recorder_messages import BlurDemand, Recor
 from caris_desktop.recording.recorder.video_encoders import Encoders
 from caris_desktop.recording.session import gap_messages
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, hold
-from caris_desktop.recording.session.manifest import HashingStopped, write_manifest
-from caris_desktop.recording.session.progress_counts import forget_counts, store_counts
+from caris_desktop.recording.session.manifest import HashingStopped, forget_counts, store_counts, write_manifest
 from caris_desktop.recording.session.session_header import HEADER_NAME, TRIAL_METADATA, RecordedPause, recorded_files
 
 _REMEMBER_S = 30.0

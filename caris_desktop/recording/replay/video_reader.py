@@ -18,7 +18,7 @@ from caris_desktop.recording.session.frame_times import (
     index_path,
     read_frame_times,
 )
-from caris_desktop.recording.session.media_names import camera_of_video, video_file_name
+from caris_desktop.recording.session.media_files import camera_of_video, video_file_name
 from caris_desktop.recording.session.media_repair import content_of
 from caris_desktop.recording.session.session_header import inside
 from caris_desktop.recording.session.session_reader import Session

@@ -1,12 +1,82 @@
 """Use of a language model's texts in a session. Those that were never audible count as unused."""
 
+from bisect import bisect_right
 from collections.abc import Iterable, Sequence
-from typing import Literal
+from dataclasses import replace
+from typing import Literal, get_args
 
-from caris_desktop.domain.events import AnswerUsed, LlmExchange
+from caris_desktop.domain.actor import Actor
+from caris_desktop.domain.events import (
+    RESPONSE_LIMIT_S,
+    AnswerUsed,
+    LlmExchange,
+    ReplyMeans,
+    ResponseTimed,
+    SuggestionChanged,
+)
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.session.session_suggestions import Fate, ShownReply
 from caris_desktop.recording.session.utterances import SpokenUtterance
+
+# Outcome of each suggested reply that was displayed in a session: exactly one, even for interrupted sessions.
+
+Fate = Literal["taken", "edited", "dismissed", "superseded", "expired"]
+
+
+class ShownReply(Value):
+    """Displayed suggestion. ``told`` is False if the session ended or paused before its outcome; it has then expired,
+    as it could no longer be used.
+    """
+
+    suggestion_id: str
+    turn_id: str
+    revision: int
+    rank: int
+    text: str
+    model: str
+    shown_ns: int
+    latency_ms: float | None
+    fate: Fate
+    ended_ns: int
+    told: bool
+    edit_distance: int | None = None
+    utterance_id: str = ""
+    actor: Actor = ""
+
+    @property
+    def was_said(self) -> bool:
+        return self.fate in ("taken", "edited")
+
+
+def replies_of(changes: Iterable[SuggestionChanged], *, ends_ns: Sequence[int]) -> tuple[ShownReply, ...]:
+    """Outcomes from ``changes``. ``ends_ns`` are the pauses and the end of the recording. The first outcome counts;
+    outcomes of suggestions whose display was not recorded are ignored.
+    """
+    replies: dict[str, ShownReply] = {}
+    for change in changes:
+        known = replies.get(change.suggestion_id)
+        if change.state == "displayed":
+            if known is None:
+                replies[change.suggestion_id] = _unended(change, ends_ns)
+        elif known is not None and not known.told:
+            replies[change.suggestion_id] = replace(
+                known,
+                fate=change.state,
+                ended_ns=change.stamp_ns,
+                told=True,
+                edit_distance=change.edit_distance,
+                utterance_id=change.utterance_id,
+                actor=change.actor,
+            )
+    return tuple(replies.values())
+
+
+def _unended(suggestion: SuggestionChanged, ends_ns: Sequence[int]) -> ShownReply:
+    ended_ns = min((end_ns for end_ns in ends_ns if end_ns >= suggestion.stamp_ns), default=suggestion.stamp_ns)
+    return ShownReply(
+        suggestion.suggestion_id, suggestion.turn_id, suggestion.revision, suggestion.rank, suggestion.text,
+        suggestion.model, suggestion.stamp_ns, suggestion.latency_ms, "expired", ended_ns, told=False,
+    )  # fmt: skip
+
 
 LlmUse = Literal["", "said", "edited", "dismissed", "superseded", "expired", "unused"]
 _USE_OF_FATE: dict[Fate, LlmUse] = {
@@ -118,3 +188,70 @@ def _utterance_of(use: AnswerUsed, utterances: Iterable[SpokenUtterance]) -> Spo
     ]
     nearest = min(apart_ns, key=lambda pair: pair[0], default=None)
     return nearest[1] if nearest is not None and nearest[0] <= _SAID_WITHIN_NS else None
+
+
+# Response times: the gap between each participant turn and its answer, and the means of the answer.
+
+AT_ONCE_S = 1.0
+"""Answers that come sooner are counted: from here on a pause is noticed."""
+_MEANS: tuple[ReplyMeans, ...] = get_args(ReplyMeans)
+
+
+class Response(Value):
+    """One answer. ``gap_s`` is from the end of the participant's voice to the first sound, negative for overlaps.
+    ``first``: no filler or other answer came before it. Values that older recordings lack are None.
+    """
+
+    turn_id: str
+    reply_id: str
+    means: ReplyMeans
+    voice_ended_ns: int
+    first_sound_ns: int
+    first: bool
+    asked_ns: int | None = None
+    text_ns: int | None = None
+    suggested_ns: int | None = None
+    person_id: str = ""
+
+    @property
+    def gap_s(self) -> float:
+        return (self.first_sound_ns - self.voice_ended_ns) / 1e9
+
+
+def responses_of(
+    utterances: Iterable[SpokenUtterance], timed: Iterable[ResponseTimed] = (), pauses: Sequence[tuple[int, int]] = ()
+) -> tuple[Response, ...]:
+    """Responses from corrected utterances: turns of speakers found not to be participants have none. ``timed`` adds
+    details that utterances lack. A turn is answered by the first filler after it and by the first other reply.
+
+    Excludes replies after ``RESPONSE_LIMIT_S``, and after a pause of the recording.
+    """
+    ordered = sorted((item for item in utterances if item.said), key=lambda item: item.start_ns or 0)
+    turns = [item for item in ordered if item.speaker == "participant"]
+    starts_ns = [turn.start_ns or 0 for turn in turns]
+    by_reply = {(event.turn_id, event.reply_id): event for event in timed}
+    found: list[Response] = []
+    answered: set[tuple[str, bool]] = set()
+    for reply in ordered:
+        number = bisect_right(starts_ns, reply.start_ns or 0) - 1
+        if number < 0 or reply.speaker == "participant" or reply.origin not in _MEANS:
+            continue
+        turn, filler = turns[number], reply.origin == "filler"
+        ended_ns, reply_ns = turn.end_ns or turn.start_ns or 0, reply.start_ns or 0
+        paused = any(start_ns < reply_ns and end_ns > ended_ns for start_ns, end_ns in pauses)
+        late = reply_ns - ended_ns > RESPONSE_LIMIT_S * 1e9
+        if paused or late or (turn.utterance_id, False) in answered or (turn.utterance_id, filler) in answered:
+            continue
+        first = (turn.utterance_id, not filler) not in answered
+        answered.add((turn.utterance_id, filler))
+        response = Response(
+            turn.utterance_id, reply.utterance_id, reply.origin, ended_ns, reply_ns, first, reply.requested_ns,
+            person_id=turn.person_id,
+        )  # fmt: skip
+        event = by_reply.get((turn.utterance_id, reply.utterance_id))
+        if event is not None:
+            response = replace(
+                response, means=event.means, text_ns=event.text_ns, suggested_ns=event.suggested_ns
+            )  # fmt: skip
+        found.append(response)
+    return tuple(found)

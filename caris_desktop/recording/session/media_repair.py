@@ -16,8 +16,8 @@ from caris_desktop.recording.session.frame_times import (
     index_path,
     read_frame_times,
 )
+from caris_desktop.recording.session.media_files import wav_layout
 from caris_desktop.recording.session.session_clock import SessionClock
-from caris_desktop.recording.session.wav_files import wav_layout
 
 _log = logging.getLogger(__name__)
 _LARGEST_WAV = 2**32 - 1

@@ -24,12 +24,11 @@ from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session import mcap_chunks, media_repair
 from caris_desktop.recording.session.folder_lock import FolderHeldError, hold
 from caris_desktop.recording.session.frame_times import index_path, read_frame_times
-from caris_desktop.recording.session.manifest import MANIFEST_NAME, write_manifest
+from caris_desktop.recording.session.manifest import MANIFEST_NAME, forget_counts, progress_counts, write_manifest
 from caris_desktop.recording.session.mcap_chunks import BlockIndex
 from caris_desktop.recording.session.mcap_records import MAGIC
 from caris_desktop.recording.session.mcap_repair import AddedMessage, rewrite
-from caris_desktop.recording.session.media_names import camera_of_video, free_name
-from caris_desktop.recording.session.progress_counts import forget_counts, progress_counts
+from caris_desktop.recording.session.media_files import camera_of_video, free_name
 from caris_desktop.recording.session.repair_messages import (
     lost_values_words,
     new_index_words,

@@ -1,8 +1,10 @@
 """Session time: conversion of session clock nanoseconds to session seconds, UTC and local time."""
 
+from collections.abc import Iterable
 from datetime import UTC, datetime
 
 from caris_desktop.domain.clock import ClockAnchor
+from caris_desktop.domain.events import RecordingPaused
 from caris_desktop.domain.value_class import Value
 
 
@@ -39,3 +41,21 @@ def clock_text(seconds: float) -> str:
     total_s = round(abs(seconds))
     hours, rest = divmod(total_s, 3600)
     return f"{sign}{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{sign}{rest // 60}:{rest % 60:02d}"
+
+
+# Pauses of a recording, from its events.
+
+
+def pauses_of(events: Iterable[RecordingPaused], *, ended_ns: int) -> list[tuple[int, int]]:
+    """Start and end of each pause in recording order; an unfinished one ends with the session."""
+    pauses: list[tuple[int, int]] = []
+    began_ns: int | None = None
+    for event in events:
+        if event.paused and began_ns is None:
+            began_ns = event.stamp_ns
+        elif not event.paused and began_ns is not None:
+            pauses.append((began_ns, event.stamp_ns))
+            began_ns = None
+    if began_ns is not None and began_ns < ended_ns:
+        pauses.append((began_ns, ended_ns))
+    return pauses

@@ -20,12 +20,18 @@ from caris_desktop.domain.events import (
     UtteranceCorrected,
 )
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.recording.session.answers import LlmAnswer, answers_of, reply_answers_of
-from caris_desktop.recording.session.goals import NavigationGoal, navigation_goals
-from caris_desktop.recording.session.pauses import pauses_of
-from caris_desktop.recording.session.responses import Response, responses_of
+from caris_desktop.recording.session.answers import (
+    LlmAnswer,
+    Response,
+    ShownReply,
+    answers_of,
+    replies_of,
+    reply_answers_of,
+    responses_of,
+)
 from caris_desktop.recording.session.session_alarms import AlarmRecord, alarms_of
-from caris_desktop.recording.session.session_driving import Drive, drives_of
+from caris_desktop.recording.session.session_clock import pauses_of
+from caris_desktop.recording.session.session_driving import Drive, NavigationGoal, drives_of, navigation_goals
 from caris_desktop.recording.session.session_marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.session_protocol import (
     PROTOCOL_EVENTS,
@@ -36,7 +42,6 @@ from caris_desktop.recording.session.session_protocol import (
     steps_of,
 )
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.session_suggestions import ShownReply, replies_of
 from caris_desktop.recording.session.session_visits import VISIT_EVENTS, Visit, seen_throughout, visits_of
 from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_utterances
 

@@ -223,6 +223,7 @@ def recorded_files(folder: Path) -> tuple[RecordedFile, ...]:
 
 
 _OUTSIDE_THE_FILE = ("invalid_videos", "as_read")
+_KINDS = {name: kind for name, kind in get_type_hints(SessionHeader).items() if name not in _OUTSIDE_THE_FILE}
 
 
 def _fields(header: SessionHeader) -> dict[str, Any]:
@@ -234,8 +235,8 @@ def header_of(data: Mapping[str, Any], path: Path) -> SessionHeader:
     """Header from the content of ``path``. Raises SessionError if the start time is missing."""
     values: dict[str, Any] = {}
     invalid: list[str] = []
-    for name, kind in get_type_hints(SessionHeader).items():
-        if name in data and name not in _OUTSIDE_THE_FILE:
+    for name, kind in _KINDS.items():
+        if name in data:
             with suppress(ValueError):
                 values[name] = _leniently(name, kind, data[name], invalid)
     try:

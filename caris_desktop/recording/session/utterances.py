@@ -15,7 +15,7 @@ from caris_desktop.domain.events import (
     UtteranceState,
 )
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.session.pauses import pauses_of
+from caris_desktop.recording.session.session_clock import pauses_of
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.session_visits import VISIT_STREAMS, Visit, VisitEvent, seen_throughout, visits_of
 

@@ -18,6 +18,12 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.data_dictionary import measure_rows
 from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLES
+from caris_desktop.recording.measures.measure_plugins import (
+    PLUGIN_TABLE,
+    PluginMeasure,
+    plugin_measures,
+    plugin_values,
+)
 from caris_desktop.recording.measures.session_measures import sql
 from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonyms_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
@@ -35,12 +41,13 @@ from caris_desktop.recording.studies.study_index import (
     session_folders,
     sessions_dir_of,
 )
-from caris_desktop.recording.tables.build import sql_types
+from caris_desktop.recording.tables.build import quoted, table_sql
 
 _log = logging.getLogger(__name__)
 _FORMAT, _FORMAT_VERSION = "caris-desktop statistics", 9
 _MARKER = "statistics.json"
 _MAX_MARKER_BYTES = 64 * 1024 * 1024
+Plugins = tuple[PluginMeasure, ...]
 _OTHER_VIEWS = {
     "labels": "labels", "codes": "codes", "models": "models", "model_functions": "model_functions",
     "gaps": "gaps_by_means", "steps": "steps", "alarms": "alarm_causes",
@@ -117,18 +124,20 @@ def study_statistics(
         raise StatisticsError(f"{study} cannot be read: {error.strerror or error}.") from error
     if not folders:
         raise StatisticsError(f"{study} contains no sessions: nothing to compute.")
+    failures: list[str] = []
+    plugins = plugin_measures(failures.append)
     try:
-        known = _prepare(out)
+        known = _prepare(out, plugins)
         folders, notices = _counting(folders)
-        exported, problems = _export(folders, out, known, progress, run)
+        exported, problems = _export(folders, out, known, plugins, progress, run)
         progress(0.95, "computing")
-        summary, measures = _compute(out, csv)
+        summary, measures = _compute(out, csv, plugins)
     except OSError as error:
         raise StatisticsError(f"The statistics in {out} failed: {error.strerror or error}.") from error
     if not measures:
         raise StatisticsError(f"No session of {study} could be read. {' '.join(problems)}")
     progress(1.0, "done")
-    return StudyStatistics(out, len(measures), exported, summary, measures, tuple(problems), tuple(notices))
+    return StudyStatistics(out, len(measures), exported, summary, measures, (*failures, *problems), tuple(notices))
 
 
 # The tables
@@ -152,8 +161,8 @@ def _counting(folders: list[Path]) -> tuple[list[Path], list[str]]:
     return [folder for folder in folders if folder.name not in copies], notices
 
 
-def _prepare(out: Path) -> dict[str, str]:
-    """Signatures of the sessions that ``out`` has tables of."""
+def _prepare(out: Path, plugins: Plugins) -> dict[str, str]:
+    """Signatures of the sessions that ``out`` has tables of, with the measures of these plug-ins."""
     if any((folder / "session.json").exists() for folder in (out.absolute(), *out.absolute().parents)):
         raise StatisticsError(f"{out} is inside a recorded session. Nothing was written; choose another folder.")
     if not out.exists():
@@ -164,7 +173,7 @@ def _prepare(out: Path) -> dict[str, str]:
     if not marker.exists():
         if any(out.iterdir()):
             raise StatisticsError(f"{out} contains other files. Nothing was written; choose another folder.")
-        _save(out, {})
+        _save(out, {}, plugins)
         return {}
     try:
         with marker.open("rb") as file:
@@ -176,20 +185,25 @@ def _prepare(out: Path) -> dict[str, str]:
         ours = False
     if not ours:
         raise StatisticsError(f"{marker} is damaged. Nothing was written; choose another folder, or delete this one.")
-    if data.get("format_version") != _FORMAT_VERSION or data.get("program_version") != __version__:
+    if {name: data.get(name) for name in ("format_version", "program_version", "plugins")} != _made_by(plugins):
         # Another version may produce other columns.
         return dict.fromkeys(known, "")
     return known
 
 
-def _save(out: Path, known: dict[str, str]) -> None:
-    head = {"format": _FORMAT, "format_version": _FORMAT_VERSION, "program_version": __version__}
+def _made_by(plugins: Plugins) -> dict[str, Any]:
+    packages = {one.plugin.name: one.plugin.package for one in plugins}
+    return {"format_version": _FORMAT_VERSION, "program_version": __version__, "plugins": packages}
+
+
+def _save(out: Path, known: dict[str, str], plugins: Plugins) -> None:
+    head = {"format": _FORMAT, **_made_by(plugins)}
     text = json.dumps({**head, "sessions": dict(sorted(known.items()))}, indent=1) + "\n"
     replace_file(out / _MARKER, text.encode(), durable=False)
 
 
-def _export(
-    folders: list[Path], out: Path, known: dict[str, str], progress: Progress, run: Runner
+def _export(  # noqa: PLR0917 - all of one run
+    folders: list[Path], out: Path, known: dict[str, str], plugins: Plugins, progress: Progress, run: Runner
 ) -> tuple[int, list[str]]:
     """Update ``out/tables`` and ``known``; return the number of exports, and problems."""
     tables = out / "tables"
@@ -206,20 +220,28 @@ def _export(
     for folder in changed:
         known.pop(folder.name, None)
     # Before anything can interrupt.
-    _save(out, known)
-    problems = {}
-    job = partial(_export_tables, tables, pseudonyms_of(folders))
-    for folder, signature in run(job, changed, lambda fraction, what: progress(0.95 * fraction, what)):
-        if isinstance(signature, Exception):
-            problems[folder] = f"{folder.name}: {signature}"
+    _save(out, known, plugins)
+    unreadable, problems = 0, dict[Path, list[str]]()
+    job = partial(_export_tables, tables, pseudonyms_of(folders), plugins)
+    for folder, result in run(job, changed, lambda fraction, what: progress(0.95 * fraction, what)):
+        if isinstance(result, Exception):
+            unreadable += 1
+            problems[folder] = [f"{folder.name}: {result}"]
         else:
-            known[folder.name] = signature
-            _save(out, known)
-    return len(changed) - len(problems), [problems[folder] for folder in folders if folder in problems]
+            signature, failures = result
+            problems[folder] = [f"{folder.name}: {failure}" for failure in failures]
+            # What a plug-in has failed to measure is tried again by the next run.
+            known[folder.name] = "" if failures else signature
+            _save(out, known, plugins)
+    return len(changed) - unreadable, [one for folder in folders for one in problems.get(folder, ())]
 
 
-def _export_tables(tables: Path, pseudonyms: Pseudonyms, folder: Path, progress: Progress) -> str | ExportError:
-    """Write the tables of one session; return its signature, since opening may have repaired it."""
+def _export_tables(
+    tables: Path, pseudonyms: Pseudonyms, plugins: Plugins, folder: Path, progress: Progress
+) -> tuple[str, list[str]] | ExportError:
+    """Write the tables of one session; return its signature, since opening may have repaired it, and what plug-ins
+    failed to measure.
+    """
     progress(0.0, what := f"{folder.name} to tables")
     _remove(tables / folder.name)
     context = ExportContext(lambda fraction: progress(fraction, what), pseudonyms=pseudonyms, tables=TABLES)
@@ -227,7 +249,20 @@ def _export_tables(tables: Path, pseudonyms: Pseudonyms, folder: Path, progress:
         export_session(folder, "parquet", tables / folder.name, context)
     except ExportError as error:
         return error
-    return content_signature(folder)
+    failures: list[str] = []
+    values = plugin_values(plugins, folder, pseudonyms, failures.append)
+    if plugins:
+        _write_values(tables / folder.name / f"{PLUGIN_TABLE}.parquet", folder.name, values)
+    return content_signature(folder), failures
+
+
+def _write_values(path: Path, session: str, values: dict[str, float]) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    kinds = pa.schema({"session": pa.string(), "measure": pa.string(), "value": pa.float64()})
+    rows = {"session": [session] * len(values), "measure": list(values), "value": list(values.values())}
+    pq.write_table(pa.table(rows, kinds), path)
 
 
 def _remove(folder: Path) -> None:
@@ -238,42 +273,44 @@ def _remove(folder: Path) -> None:
 # The queries
 
 
-def queries(out: Path, *, tables: str = "tables") -> str:
-    """SQL text: views of the tables, then the queries. ``tables`` is the path of their folder in it."""
+def queries(out: Path, plugins: Plugins = (), *, tables: str = "tables") -> str:
+    """SQL text: the tables, then the queries. ``tables`` is the path of their folder in it."""
     lines = ["-- The tables. Those that no session has are empty."]
     for name, columns in TABLES.items():
-        if any((out / "tables").glob(f"*/{name}.parquet")):
-            source = f"FROM read_parquet({_quoted(f'{tables}/*/{name}.parquet')}, union_by_name = true)"
-        else:
-            kinds = sql_types(name, columns)
-            source = f"SELECT {', '.join(f'NULL::{kind} AS {_named(one)}' for one, kind in kinds.items())} LIMIT 0"
-        lines.append(f"CREATE VIEW {name} AS {source};")
-    return "\n".join([*lines, "", sql()])
+        files = f"{tables}/*/{name}.parquet" if any((out / "tables").glob(f"*/{name}.parquet")) else ""
+        lines.append(table_sql(name, columns, files))
+    added = []
+    if any((out / "tables").glob(f"*/{PLUGIN_TABLE}.parquet")):
+        files = quoted(f"{tables}/*/{PLUGIN_TABLE}.parquet")
+        lines.append(f"CREATE TABLE {PLUGIN_TABLE} AS FROM read_parquet({files});")
+        added = [one.plugin.name for one in plugins]
+    return "\n".join([*lines, "", sql(added)])
 
 
-def _compute(out: Path, style: CsvStyle) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], ...]]:
+def _compute(out: Path, style: CsvStyle, plugins: Plugins) -> tuple[tuple[SummaryRow, ...], tuple[dict[str, Any], ...]]:
     import duckdb
 
     try:
         with duckdb.connect(":memory:") as database:
             # Restrict DuckDB to the tables, whatever a query says.
             tables = (out / "tables").resolve()
-            database.execute(f"SET allowed_directories = [{_quoted(f'{tables}/')}]")
+            database.execute(f"SET allowed_directories = [{quoted(f'{tables}/')}]")
             database.execute("SET enable_external_access = false")
             database.execute("SET lock_configuration = true")
-            database.execute(queries(out, tables=str(tables)))
+            database.execute(queries(out, plugins, tables=str(tables)))
             measures = _rows(database, "SELECT * FROM measures ORDER BY session")
             rows = _rows(database, "SELECT * FROM summary")
             others = {name: _rows(database, f"SELECT * FROM {view}") for name, view in _OTHER_VIEWS.items()}  # noqa: S608
     except duckdb.Error as error:
         _log.exception("the statistics of %s", out)
         raise StatisticsError(f"Computing with the tables in {out} failed: {error}") from error
+    units = _UNITS | {one.plugin.name: (one.definition.unit, one.definition.description) for one in plugins}
     summary = tuple(
         SummaryRow(
             condition=None if row["of"] == "study" else str(row["condition"] or ""),
             measure=row["measure"],
-            unit=_UNITS[row["measure"]][0],
-            description=_UNITS[row["measure"]][1],
+            unit=units[row["measure"]][0],
+            description=units[row["measure"]][1],
             n=row["n"],
             mean=row["mean"],
             sd=row["sd"],
@@ -283,12 +320,12 @@ def _compute(out: Path, style: CsvStyle) -> tuple[tuple[SummaryRow, ...], tuple[
         )
         for row in rows
     )
-    order = {name: number for number, name in enumerate(_UNITS)}
+    order = {name: number for number, name in enumerate(units)}
     summary = tuple(
         sorted(summary, key=lambda row: (row.condition is not None, row.condition or "", order[row.measure]))
     )
     _write_csv(out / "measures.csv", measures, style)
-    _write_csv(out / "codebook.csv", measure_rows(), style)
+    _write_csv(out / "codebook.csv", measure_rows(one.definition for one in plugins), style)
     for name, found in others.items():
         _write_csv(out / f"{name}.csv", found, style)
     _write_csv(
@@ -311,7 +348,7 @@ def _compute(out: Path, style: CsvStyle) -> tuple[tuple[SummaryRow, ...], tuple[
         ],
         style,
     )
-    replace_file(out / "queries.sql", queries(out).encode(), durable=False)
+    replace_file(out / "queries.sql", queries(out, plugins).encode(), durable=False)
     return summary, tuple(measures)
 
 
@@ -328,11 +365,3 @@ def _write_csv(path: Path, rows: list[dict[str, Any]], style: CsvStyle) -> None:
         writer.writerow(rows[0])
         writer.writerows(row.values() for row in rows)
     replace_file(path, text.getvalue().encode(style.encoding), durable=False)
-
-
-def _quoted(text: str) -> str:
-    return "'" + text.replace("'", "''") + "'"
-
-
-def _named(name: str) -> str:
-    return '"' + name.replace('"', '""') + '"'

@@ -1,6 +1,7 @@
 """Arrow arrays of the columns of tables."""
 
 import logging
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -8,8 +9,6 @@ import numpy as np
 from caris_desktop.recording.tables.catalog import Column, Kind, json_text, plain_text, scalar_text
 
 _log = logging.getLogger(__name__)
-# Values that Arrow takes as they are.
-_PLAIN: tuple[Kind, ...] = ("integer", "number", "true or false", "integers")
 
 
 def array(table: str, column: Column, values: list[Any]) -> Any:
@@ -17,8 +16,8 @@ def array(table: str, column: Column, values: list[Any]) -> Any:
     import pyarrow as pa
 
     kind = arrow_type(column.kind)
-    if column.kind not in _PLAIN:
-        values = [None if value is None else _ready(column.kind, value) for value in values]
+    if ready := _READY.get(column.kind):
+        values = [None if value is None else ready(value) for value in values]
     try:
         return pa.array(values, kind)
     except (pa.ArrowException, OverflowError, TypeError, ValueError):
@@ -56,24 +55,17 @@ def arrow_type(kind: Kind) -> Any:
             return pa.string()
 
 
-def _ready(kind: Kind, value: Any) -> Any:
-    """Value converted for the column's type."""
-    match kind:
-        case "text":
-            return scalar_text(value)
-        case "json":
-            return json_text(value)
-        case "utc":
-            return value // 1000
-        case "numbers":
-            return np.asarray(value, dtype=np.float32).ravel()
-        case "points":
-            return [point.tolist() for point in value]
-        case "cells" | "depths":
-            return value.ravel()
-        case "texts":
-            return [plain_text(str(item)) for item in value]
-    return value
+_READY: dict[Kind, Callable[[Any], Any]] = {
+    "text": scalar_text,
+    "json": json_text,
+    "utc": lambda value: value // 1000,
+    "numbers": lambda value: np.asarray(value, dtype=np.float32).ravel(),
+    "points": lambda value: [point.tolist() for point in value],
+    "cells": np.ravel,
+    "depths": np.ravel,
+    "texts": lambda value: [plain_text(str(item)) for item in value],
+}
+"""Conversion for the column's type, of values that Arrow does not take as they are."""
 
 
 def _fitting(value: Any, kind: Any) -> Any:

@@ -1,6 +1,7 @@
 """Tables of a session, in batches of rows from one pass over the recording."""
 
 import dataclasses
+import functools
 import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -124,13 +125,43 @@ def session_batches(
             yield Batch(table, table.cells(rows, times))
 
 
+@functools.cache
+def all_tables() -> dict[str, Table]:
+    """Every table that a session may have, by name, except the dictionary."""
+    of_streams = (table for spec in STREAMS for table in tables_of(spec))
+    return {table.name: table for table in (*of_streams, *DERIVED_TABLES)}
+
+
+def rows(session: Session, table: str, progress: Callable[[float], None] = lambda _: None) -> Iterator[dict[str, Any]]:
+    """Rows of a table by column name, without the key columns. Raises SessionError, OSError."""
+    for found, columns in session_batches(session, progress, only=(table,)):
+        names = [column.name for column in found.columns]
+        yield from (dict(zip(names, cells, strict=True)) for cells in zip(*columns, strict=True))
+
+
 def sql_types(name: str, columns: Iterable[str]) -> dict[str, str]:
     """SQL types of the key columns and these columns of a table."""
-    found = next((table for table in DERIVED_TABLES if table.name == name), None)
-    table = found or tables_of(next(spec for spec in STREAMS if spec.name.replace("/", "_") == name))[0]
-    kinds = {column.name: _SQL_TYPES.get(column.kind, "VARCHAR") for column in table.columns}
+    kinds = {column.name: _SQL_TYPES.get(column.kind, "VARCHAR") for column in all_tables()[name].columns}
     keys = dict.fromkeys(("session", "participant", "condition", "trial"), "VARCHAR")
     return keys | {column: kinds[column] for column in columns}
+
+
+def table_sql(name: str, columns: Iterable[str], files: str = "") -> str:
+    """SQL that creates a table with its key columns and these columns from the Parquet ``files``, or an empty one.
+
+    A table rather than a view, so that the files of 200 sessions are opened once and not by each query.
+    """
+    kinds = sql_types(name, columns)
+    if not files:
+        empty = ", ".join(f'NULL::{kind} AS "{one}"' for one, kind in kinds.items())
+        return f"CREATE TABLE {name} AS SELECT {empty} LIMIT 0;"
+    chosen, source = ", ".join(f'"{one}"' for one in kinds), f"read_parquet({quoted(files)}, union_by_name = true)"
+    return f"CREATE TABLE {name} AS SELECT {chosen} FROM {source};"  # noqa: S608 - ours
+
+
+def quoted(text: str) -> str:
+    """Text in SQL."""
+    return "'" + text.replace("'", "''") + "'"
 
 
 def data_tables(data: SessionData, wanted: Mapping[str, Sequence[str]]) -> dict[str, Any]:

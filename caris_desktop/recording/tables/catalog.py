@@ -4,6 +4,7 @@ Long because it holds the whole mapping from types to columns.
 """
 
 import dataclasses
+import functools
 import json
 import math
 import re
@@ -16,14 +17,49 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin
 import numpy as np
 
 from caris_desktop.domain.schema import array_dtype, to_jsonable
+from caris_desktop.domain.schema_fields import union_members, without_alias
 from caris_desktop.domain.streams import StreamSpec
-from caris_desktop.domain.type_hints import union_members, without_alias
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.robot_clock_mapping import Measured, RobotClock
 from caris_desktop.recording.session.session_clock import SessionClock
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.tables.meanings import Meaning, meaning_of, split_docstring
-from caris_desktop.recording.tables.units import unit_of
+
+# Units of columns and measures, from the ends of their names.
+
+_UNITS = {
+    "ns": "ns",
+    "ms": "ms",
+    "s": "s",
+    "m": "m",
+    "mm": "mm",
+    "mps": "m/s",
+    "rad": "rad",
+    "radps": "rad/s",
+    "px": "px",
+    "hz": "Hz",
+    "bytes": "bytes",
+    "fraction": "0-1",
+    "confidence": "0-1",
+}
+_WHOLE_NAMES = {"confidence": "0-1", "fps": "1/s", "minutes": "min", "runner_up": "0-1", "turn_over": "0-1"}
+
+
+def unit_of(name: str) -> str:
+    """SI symbol, ``0-1`` for shares and probabilities; empty for counts, texts and names without a unit."""
+    if name in _WHOLE_NAMES:
+        return _WHOLE_NAMES[name]
+    match name.split("_"):
+        case [*_, "per", "10", "min"]:
+            return "1/10 min"
+        case [*_, "edit", "distance"]:
+            return "characters"
+        case [*_, amount, "per", "s"]:
+            return f"{_UNITS[amount]}/s"
+        case [_, *_, last]:
+            return _UNITS.get(last, "")
+    return ""
+
 
 Kind = Literal[
     "integer",
@@ -70,10 +106,16 @@ class RowTimes(Value):
     robot: RobotClock
 
     def session_s(self, stamp_ns: int | None) -> float | None:
-        return None if stamp_ns is None else round(self.clock.session_s(stamp_ns), 6)
+        return None if stamp_ns is None else round((stamp_ns - self.clock.started_ns) / 1e9, 6)
 
     def measured(self, value: Any) -> Measured | None:
-        return self.robot.measured(value.robot_stamp_ns, arrival_ns=value.stamp_ns)
+        return _measured(self.robot, value.robot_stamp_ns, value.stamp_ns)
+
+
+@functools.lru_cache(maxsize=5_000)
+def _measured(robot: RobotClock, robot_stamp_ns: int | None, arrival_ns: int) -> Measured | None:
+    """Remembered for a batch of rows: two columns show it."""
+    return robot.measured(robot_stamp_ns, arrival_ns=arrival_ns)
 
 
 class Moment(NamedTuple):
@@ -486,6 +528,8 @@ def _doc(value_type: type[Any]) -> tuple[str, dict[str, str]]:
 
 def scalar_text(value: Any) -> str:
     """Number, true or false, or text, in spellings that stay distinguishable."""
+    if type(value) is str:
+        return plain_text(value)
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float) and math.isfinite(value) and value == int(value) and abs(value) < 1e15:

@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QRectF, Qt, QTimer
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QAbstractButton, QLabel, QSizePolicy, QWidget
+from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QWidget
 
 from caris_desktop.conversation.suggestions.suggestion_cycle import MOST_REPLIES
 from caris_desktop.domain.translation import tr
@@ -13,6 +13,7 @@ from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
+from caris_desktop.ui.widgets.labels import label, restyle
 
 _ROW_PX, _LOW_ROW_PX = 40, 28
 LOW_BELOW_PX = 300
@@ -31,8 +32,7 @@ class SuggestionCards(QWidget):
         self._context = context
         self._state = context.console.state
         self.cards = [_Card(context, rank) for rank in range(1, MOST_REPLIES + 1)]
-        self._from = QLabel()
-        self._from.setObjectName("suggestions_from")
+        self._from = label("", "small", objectName="suggestions_from")
         self._from.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._dismiss = ActionButton(
             context.theme, tr("Dismiss all"), role="ghost", height_px=24, text_px=tokens.STATUS_PX
@@ -52,7 +52,6 @@ class SuggestionCards(QWidget):
         self._state.suggestions.changed.connect(self._refresh)
         self._state.levels.changed.connect(self._refresh)
         context.actions.keys_changed.connect(self._refresh)
-        context.theme.changed.connect(self._refresh)
         self._refresh()
 
     def fit(self, panel_px: int) -> None:
@@ -69,7 +68,6 @@ class SuggestionCards(QWidget):
         for card in self.cards:
             card.setVisible(replies)
             card.show_reply(by_rank.get(card.rank), self._shown(by_rank.get(card.rank)))
-        self._from.setFont(self._context.theme.font(tokens.STATUS_PX))
         self._count()
         counts = self._state.present.live and (status.says_ns is not None or status.filler_ns is not None)
         if counts and not self._counting.isActive():
@@ -92,7 +90,7 @@ class SuggestionCards(QWidget):
         text = late or self._made_from(status)
         self._from.setText(text)
         self._from.setToolTip(text)
-        self._context.theme.color_text(self._from, "amber" if late or status.state == "failed" else "dim")
+        restyle(self._from, tone="amber" if late or status.state == "failed" else "dim")
         self._from.setVisible(bool(text) and (not self._low or bool(late) or status.state == "failed"))
         dismissable = bool(status.cards) or (bool(late) and self._state.levels.value.fillers == "act")
         self._dismiss.setVisible(dismissable and not self._low)

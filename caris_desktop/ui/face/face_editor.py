@@ -6,17 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent
-from PySide6.QtWidgets import (
-    QDialog,
-    QFormLayout,
-    QHBoxLayout,
-    QLabel,
-    QLineEdit,
-    QScrollArea,
-    QSlider,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QFormLayout, QLineEdit, QSlider, QWidget
 
 from caris_desktop.conversation.face.drawing import drawing_of
 from caris_desktop.conversation.face.face_file import (
@@ -35,12 +25,14 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.schema_fields import Key, keys_of
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import tokens
+from caris_desktop.ui import layouts
 from caris_desktop.ui.face.face_view import FaceView
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui.form_dialog import FormDialog
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.scroll_areas import list_area
 
 _STEPS = 200
 _DRAW_EVERY_MS = 40
@@ -57,13 +49,11 @@ _COLOURS = {
 }
 
 
-class FaceEditor(VisualTabOrderMixin, QDialog):
-    """Non-modal: the robot can be driven and stopped meanwhile. The face in use changes only on saving."""
+class FaceEditor(FormDialog):
+    """The face in use changes only on saving."""
 
     def __init__(self, theme: Theme, console: WizardConsole, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setObjectName("face_editor")
-        self.setWindowTitle(tr("Edit the face"))
+        super().__init__(theme, parent, "face_editor", tr("Edit the face"))
         self._console = console
         status = console.state.face.value
         self._face = _loaded(status.face)
@@ -80,51 +70,36 @@ class FaceEditor(VisualTabOrderMixin, QDialog):
         rows = QWidget()
         form = self._form = QFormLayout(rows)
         form.setRowWrapPolicy(QFormLayout.RowWrapPolicy.WrapLongRows)
-        form.addRow(_heading(theme, tr("Expression")), self._choice)
+        form.addRow(label(tr("Expression"), "title"), self._choice)
         self._add_sliders("expression", Expression, tr("Expression"))
-        form.addRow(_heading(theme, tr("Eyes")), QWidget())
+        form.addRow(label(tr("Eyes"), "title"), QWidget())
         self._add_sliders("eyes", Eyes, tr("Eyes"))
-        form.addRow(_heading(theme, tr("Mouth")), QWidget())
+        form.addRow(label(tr("Mouth"), "title"), QWidget())
         self._add_sliders("mouth", Mouth, tr("Mouth"))
-        form.addRow(_heading(theme, tr("Colours")), QWidget())
+        form.addRow(label(tr("Colours"), "title"), QWidget())
         for key, words in _COLOURS.items():
             field = QLineEdit(getattr(self._face, key), maxLength=7)
             field.setObjectName(f"face_{key}")
             field.setAccessibleName(tr(words))
             field.textEdited.connect(self._colour_setter(key))
             form.addRow(tr(words), field)
-        scroll = QScrollArea(widgetResizable=True)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        scroll.setWidget(rows)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self._speak = ActionButton(theme, tr("Speak"), icon="chat-text", height_px=32)
-        self._speak.setCheckable(True)
-        self._speak.setObjectName("face_speak")
-        self._speak.toggled.connect(self._on_speak)
-        self._keep = ActionButton(theme, tr("Save as"), icon="check", height_px=32, role="primary")
-        self._keep.setObjectName("face_keep")
-        self._keep.clicked.connect(self._on_store)
-        self._note = QLabel(wordWrap=True)
-        self._note.setObjectName("face_note")
-        buttons = QHBoxLayout()
-        buttons.addWidget(self._speak)
-        buttons.addStretch(1)
-        buttons.addWidget(self._keep)
-        buttons.addWidget(self._name)
-        left = QVBoxLayout()
-        left.addWidget(self._preview, 1)
-        left.addWidget(self._note)
-        left.addLayout(buttons)
-        layout = QHBoxLayout(self)
-        layout.addLayout(left, 3)
-        layout.addWidget(scroll, 2)
+        self._speak = ActionButton(
+            theme, tr("Speak"), icon="chat-text", height_px=32, objectName="face_speak", checkable=True,
+            toggled=self._on_speak,
+        )  # fmt: skip
+        keep = ActionButton(
+            theme, tr("Save as"), icon="check", height_px=32, role="primary", objectName="face_keep",
+            clicked=self._on_store,
+        )  # fmt: skip
+        note = tr("Your own face replaces a built-in face of the same name.")
+        self._note = label(note, tone="dim", wraps=True, objectName="face_note")
+        buttons = layouts.hbox(None, self._speak, 1, keep, self._name)
+        layouts.hbox(self, (layouts.vbox(None, (self._preview, 1), self._note, buttons), 3), (list_area(rows), 2))
         self.resize(900, 560)
         self._drawing = QTimer(self, interval=_DRAW_EVERY_MS)
         self._drawing.timeout.connect(self._draw)
         self._drawing.start()
         self._on_expression_chosen(0)
-        theme.color_text(self._note, "dim")
-        self._note.setText(tr("Your own face replaces a built-in face of the same name."))
 
     def _add_sliders(self, part: str, group: Any, heading: str) -> None:
         for key in keys_of(group):
@@ -220,9 +195,3 @@ def _loaded(name: str) -> Face:
         return load_face(name)
     except FaceError:
         return load_face(DEFAULT_FACE)
-
-
-def _heading(theme: Theme, text: str) -> QLabel:
-    label = QLabel(text)
-    label.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-    return label

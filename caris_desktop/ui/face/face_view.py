@@ -1,13 +1,15 @@
 """Face widget, scaled to the space available."""
 
-from typing import assert_never
+from typing import Any, assert_never
 
+import numpy as np
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QAccessible, QColor, QFont, QImage, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.conversation.face.drawing import Box, Drawing, Lips, Words
 from caris_desktop.domain.translation import tr
+from caris_desktop.ui.widgets.foreign_picture import image_of
 
 
 class FaceView(QWidget):
@@ -92,3 +94,15 @@ def draw_shape(painter: QPainter, shape: Box | Lips | Words, unit: float) -> Non
 def _through(y: float, middle: float) -> float:
     """Control point of a curve whose midpoint is ``middle``."""
     return 2 * middle - y
+
+
+def show_on(view: FaceView, contents: Any) -> None:
+    """Show a drawing, an image array or JPEG data, or nothing."""
+    if isinstance(contents, bytes):
+        view.show_picture(image_of(contents))
+    elif isinstance(contents, np.ndarray):
+        height, width = contents.shape[:2]
+        # The array may be freed before the widget paints.
+        view.show_picture(QImage(contents.data, width, height, 3 * width, QImage.Format.Format_BGR888).copy())
+    else:
+        view.show_drawing(contents if isinstance(contents, Drawing) else None)

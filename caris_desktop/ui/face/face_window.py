@@ -9,8 +9,7 @@ from PySide6.QtWidgets import QWidget
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.ui import layouts
-from caris_desktop.ui.face.face_view import FaceView
-from caris_desktop.ui.face.shown_face import show_on
+from caris_desktop.ui.face.face_view import FaceView, show_on
 
 
 class FaceWindow(QWidget):

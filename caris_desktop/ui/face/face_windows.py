@@ -9,6 +9,7 @@ from caris_desktop.domain import intents
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_place import raise_window
 
 if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.face.face_editor import FaceEditor
@@ -39,9 +40,7 @@ class FaceWindows(QObject):
         if self._editor is None:
             self._editor = FaceEditor(self._theme, self._console, self._window)
             self._editor.finished.connect(self._on_edited)
-        self._editor.show()
-        self._editor.raise_()
-        self._editor.activateWindow()
+        raise_window(self._editor)
 
     def close(self) -> None:
         for window in (self._face, self._editor):

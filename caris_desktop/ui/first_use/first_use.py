@@ -3,9 +3,9 @@
 import math
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, QRectF, QTimer, Signal
-from PySide6.QtGui import QAccessible, QPaintEvent
-from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtGui import QAccessible
+from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.geometry import Pose2D
@@ -17,10 +17,11 @@ from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.focus_widget import Bar
-from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.icon_label import IconLabel
+from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.window_place import Settings
 
 if TYPE_CHECKING:  # imported at first use
@@ -112,26 +113,26 @@ class DriveHint(Bar, QWidget):
     def __init__(self, theme: Theme, console: WizardConsole, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("drive_hint")
-        self._theme = theme
         self._console = console
         self._actions = actions
         self._from: Pose2D | None = None
         self._driven_m = 0.0
         self._waits = False
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self._text = QLabel(wordWrap=True)
-        self._practise = ActionButton(theme, tr("Practise the rest"), icon="student", height_px=28)
-        self._practise.setObjectName("drive_hint_practise")
-        self._practise.clicked.connect(self._on_practise)
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self._icon = IconLabel(theme)
+        self._text = label("", wraps=True)
+        self._practise = ActionButton(
+            theme, tr("Practise the rest"), icon="student", height_px=28, objectName="drive_hint_practise",
+            clicked=self._on_practise,
+        )  # fmt: skip
         self._practise.hide()
-        close = ActionButton(theme, "", icon="x", role="ghost", height_px=28)
-        close.setObjectName("drive_hint_close")
-        close.setAccessibleName(tr("Close this hint"))
-        close.clicked.connect(self.end)
-        row = layouts.hbox(self, margins_px=(48, 5, 10, 5))
-        row.addWidget(self._text, 1)
-        row.addWidget(self._practise)
-        row.addWidget(close)
+        close = ActionButton(
+            theme, icon="x", role="ghost", height_px=28, objectName="drive_hint_close",
+            accessibleName=tr("Close this hint"), clicked=self.end,
+        )  # fmt: skip
+        parts = self._icon, (self._text, 1), self._practise, close
+        layouts.hbox(self, *parts, margins_px=(20, 5, 10, 5), spacing_px=10)
         self._leave = QTimer(self, singleShot=True, interval=_PRAISED_MS)
         self._leave.timeout.connect(self.hide)
         state = console.state
@@ -141,7 +142,6 @@ class DriveHint(Bar, QWidget):
         state.practice.changed.connect(self._on_practice)
         state.scenario.changed.connect(self._on_scenario)
         actions.keys_changed.connect(self._show)
-        theme.changed.connect(self._show)
         self.hide()
 
     @property
@@ -195,7 +195,6 @@ class DriveHint(Bar, QWidget):
         self.practise_requested.emit()
 
     def _show(self, _changed: object = None) -> None:
-        self._theme.color_text(self._text, "text")
         keys = {name: self._actions.key_text(name) for name in ("drive_forward", "turn_left", "turn_right", "stop")}
         if self._leave.isActive():
             text = tr("You have driven the first metre.")
@@ -207,10 +206,4 @@ class DriveHint(Bar, QWidget):
         if text != self._text.text():
             self._text.setText(text)
             self.setAccessibleName(text)
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        theme = self._theme
-        painter = theme.paint_box(self, ground="blue_soft", line="blue", radius_px=8, inset_px=(8.5, 3.5))
-        icon = "check-circle" if self._leave.isActive() else "game-controller"
-        draw_icon(painter, QRectF(20, self.height() / 2 - 9, 18, 18), icon, theme.color("blue"))
+        self._icon.show_icon("check-circle" if self._leave.isActive() else "game-controller", "blue")

@@ -1,34 +1,26 @@
 """Set-up page of the first start: try the program, or connect everything. Not a dialog: the red button stays usable."""
 
-from collections.abc import Callable
+from typing import Any
 
-from PySide6.QtCore import QRect, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QFontMetrics, QMouseEvent, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import (
-    QAbstractButton,
-    QBoxLayout,
-    QButtonGroup,
-    QHBoxLayout,
-    QLabel,
-    QSizePolicy,
-    QStackedWidget,
-    QWidget,
-)
+from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtGui import QMouseEvent
+from PySide6.QtWidgets import QBoxLayout, QButtonGroup, QLabel, QPushButton, QSizePolicy, QStackedWidget, QWidget
 
 from caris_desktop.domain.events import PreflightState
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.first_use.step_pages import StepPage, page_maker
-from caris_desktop.ui.first_use.steps import SetUpStep, StepName, steps_for
-from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui import layouts
+from caris_desktop.ui.first_use.step_pages import SetUpStep, StepName, StepPage, page_maker, steps_for
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.preflight.preflight_words import ICONS, ROLES, STATES, worst
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.text_formatting import ESC_CLOSES
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.elided_label import ElidedLabel
+from caris_desktop.ui.widgets.icon_label import IconLabel
+from caris_desktop.ui.widgets.labels import label, restyle
 from caris_desktop.ui.widgets.scroll_areas import Scrolled
 
 _WIDTH_PX, _WELCOME_PX, _HEIGHT_PX, _STEPS_PX = 880, 430, 600, 220
@@ -95,49 +87,31 @@ class SetUpPage(Overlay):
     def _make_welcome(self) -> QWidget:
         theme = self._theme
         page = QWidget()
-        heading = QLabel(tr("Welcome"))
-        heading.setFont(theme.font(24, tokens.WEIGHT_SEMIBOLD))
-        about = QLabel(tr("Drive a robot, see what it sees and speak through it. How would you like to start?"))
-        about.setWordWrap(True)
         self._simulated = ChoiceButton(
             theme, tr("Try it with the simulated robot"),
             tr("A robot, rooms and people on this computer. Nothing can break, and you can drive within seconds."),
-            "rocket-launch", primary=True,
+            "rocket-launch", tone="blue", objectName="first_use_simulated", clicked=self._on_simulated,
         )  # fmt: skip
-        self._simulated.setObjectName("first_use_simulated")
-        self._simulated.clicked.connect(self._on_simulated)
         robot_button = ChoiceButton(
             theme, tr("Connect my robot"),
             tr("Set up robot, camera, sound and language model step by step. Each step is tested, and you can "
                 "do it later."),
-            "robot",
+            "robot", objectName="first_use_own", clicked=self._on_own,
         )  # fmt: skip
-        robot_button.setObjectName("first_use_own")
-        robot_button.clicked.connect(self._on_own)
-        later = ActionButton(theme, tr("Not now"), key="Esc", role="ghost")
-        later.setToolTip(tr(ESC_CLOSES))
-        later.setObjectName("first_use_later")
-        later.clicked.connect(self.close_overlay)
-        again = QLabel(tr("You can find this again in the Window menu: Set up."), wordWrap=True)
-        again.setFont(theme.font(tokens.STATUS_PX))
+        later = ActionButton(
+            theme, tr("Not now"), key="Esc", role="ghost", toolTip=tr(ESC_CLOSES), objectName="first_use_later",
+            clicked=self.close_overlay,
+        )  # fmt: skip
+        again = label(tr("You can find this again in the Window menu: Set up."), "small", wraps=True)
         self._choices = choices = QBoxLayout(QBoxLayout.Direction.LeftToRight)
         choices.setSpacing(16)
-        choices.addWidget(self._simulated)
-        choices.addWidget(robot_button)
         self._choice_buttons = (self._simulated, robot_button)
-        foot = QHBoxLayout()
-        foot.addWidget(again, 1)
-        foot.addWidget(later)
-        column = layouts.vbox(page, margins_px=0, spacing_px=12)
+        layouts.fill(choices, *self._choice_buttons)
+        about = tr("Drive a robot, see what it sees and speak through it. How would you like to start?")
         content = QWidget()
-        upper = layouts.vbox(content, margins_px=0, spacing_px=12)
-        upper.addWidget(heading)
-        upper.addWidget(about)
-        upper.addStretch(1)
-        upper.addLayout(choices)
-        upper.addStretch(2)
-        column.addWidget(Scrolled(content), 1)
-        column.addLayout(foot)
+        heading = label(tr("Welcome"), "heading", objectName="welcome")
+        layouts.vbox(content, heading, label(about, wraps=True), 1, choices, 2, margins_px=0, spacing_px=12)
+        layouts.vbox(page, (Scrolled(content), 1), layouts.hbox(None, (again, 1), later), margins_px=0, spacing_px=12)
         return page
 
     def _on_simulated(self) -> None:
@@ -165,44 +139,29 @@ class SetUpPage(Overlay):
         for step in self._steps:
             button = self._step_buttons[step.name] = StepButton(theme, tr(step.title))
             button.setObjectName(f"first_use_to_{step.name}")
-            button.clicked.connect(self._shower(step.name))
+            button.clicked.connect(lambda _on=False, name=step.name: self.show_step(name))
             group.addButton(button)
             side.addWidget(button)
             self._stack.addWidget(self._make_page[step.name](step))
         side.addStretch(1)
-        self._back = ActionButton(theme, tr("Back"), icon="caret-left", role="ghost")
-        self._back.setObjectName("first_use_back")
-        self._back.clicked.connect(self._on_back)
-        self._next = ActionButton(theme, tr("Next"), role="primary")
-        self._next.setObjectName("first_use_next")
-        self._next.clicked.connect(self._on_next)
-        foot = QHBoxLayout()
-        foot.addWidget(self._back)
-        foot.addStretch(1)
-        close = ActionButton(theme, tr("Close"), key="Esc", role="ghost")
-        close.setToolTip(tr(ESC_CLOSES))
-        close.setObjectName("first_use_close")
-        close.clicked.connect(self.close_overlay)
-        foot.addWidget(close)
-        foot.addWidget(self._next)
+        self._back = ActionButton(
+            theme, tr("Back"), icon="caret-left", role="ghost", objectName="first_use_back", clicked=self._on_back
+        )
+        self._next = ActionButton(theme, tr("Next"), role="primary", objectName="first_use_next", clicked=self._on_next)
+        close = ActionButton(
+            theme, tr("Close"), key="Esc", role="ghost", toolTip=tr(ESC_CLOSES), objectName="first_use_close",
+            clicked=self.close_overlay,
+        )  # fmt: skip
         rail = self._rail = QWidget()
         rail.setLayout(side)
         rail.setFixedWidth(_STEPS_PX)
         side.setContentsMargins(0, 0, 0, 0)
-        upper = layouts.hbox(spacing_px=28)
-        upper.addWidget(rail)
-        upper.addWidget(self._stack, 1)
-        column = layouts.vbox(page, margins_px=0)
         content = QWidget()
-        content.setLayout(upper)
-        upper.setContentsMargins(0, 0, 8, 0)
-        column.addWidget(Scrolled(content), 1)
-        column.addLayout(foot)
+        layouts.hbox(content, rail, (self._stack, 1), margins_px=(0, 0, 8, 0), spacing_px=28)
+        foot = layouts.hbox(None, self._back, 1, close, self._next)
+        layouts.vbox(page, (Scrolled(content), 1), foot, margins_px=0)
         self._step_page = page
         self._pages.addWidget(page)
-
-    def _shower(self, name: StepName) -> Callable[[], None]:
-        return lambda: self.show_step(name)
 
     def show_step(self, name: StepName) -> None:
         place = [step.name for step in self._steps].index(name)
@@ -246,125 +205,78 @@ class SetUpPage(Overlay):
             self._next.set_label(tr("Next") if passed else tr("Skip for now"), role="primary" if passed else "plain")
 
 
-_PAD_PX, _ICON_PX, _CHOICE_PX = 20, 40, 230
-_WRAPPED = int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop | Qt.TextFlag.TextWordWrap)
+_PAD_PX, _LOW_PAD_PX, _CHOICE_PX = 20, 12, 230
 
 
-class ChoiceButton(QAbstractButton):
+class ChoiceButton(QPushButton):
     """Large button with icon, title and explanation."""
 
-    def __init__(self, theme: Theme, title: str, about: str, icon: str, *, primary: bool = False) -> None:
-        super().__init__()
-        self._theme = theme
-        self._about = about
-        self._icon = icon
-        self._primary = primary
-        self._low = False
-        self.setText(title)
+    def __init__(self, theme: Theme, title: str, about: str, icon: str, *, tone: str = "", **qt: Any) -> None:
+        super().__init__(**qt)
         self.setAccessibleName(title)
         self.setAccessibleDescription(about)
+        self.setProperty("role", "choice")
+        self.setProperty("tone", tone)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setCursor(Qt.CursorShape.PointingHandCursor)
-        self.setAttribute(Qt.WidgetAttribute.WA_Hover)
         policy = QSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Minimum)
         policy.setHeightForWidth(True)
         self.setSizePolicy(policy)
-        theme.changed.connect(self.update)
+        self._icon = IconLabel(theme, icon, tone or "dim", size_px=40)
+        words = layouts.vbox(
+            None, label(title, "heading", wraps=True), label(about, tone="dim", wraps=True), spacing_px=8
+        )
+        self._box = QBoxLayout(QBoxLayout.Direction.TopToBottom, self)
+        self._box.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
+        self._box.addLayout(words, 1)
+        words.addStretch(1)
+        for part in self.findChildren(QLabel):
+            part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.set_low(False)
 
     def set_low(self, low: bool) -> None:
         """Switch to a compact layout with the icon on the left."""
-        if low != self._low:
-            self._low = low
-            self.updateGeometry()
+        self._low = low
+        above = _LOW_PAD_PX if low else _PAD_PX
+        self._box.setContentsMargins(_PAD_PX, above, _PAD_PX, above)
+        self._box.setSpacing(_PAD_PX if low else 14)
+        self._box.setDirection(QBoxLayout.Direction.LeftToRight if low else QBoxLayout.Direction.TopToBottom)
 
     def sizeHint(self) -> QSize:
-        least_px = self.minimumSizeHint().height() if self._low else _CHOICE_PX
-        return QSize(340, max(least_px, self.heightForWidth(340)))
+        return QSize(340, max(64 if self._low else _CHOICE_PX, self.heightForWidth(340)))
 
     def minimumSizeHint(self) -> QSize:
         return QSize(240, 64 if self._low else 120)
 
     def heightForWidth(self, width: int) -> int:
-        return self._rects(width)[1].bottom() + (12 if self._low else _PAD_PX)
-
-    def _rects(self, width: int) -> tuple[QRect, QRect]:
-        """Rectangles of title and explanation."""
-        left, top = (2 * _PAD_PX + _ICON_PX, 12) if self._low else (_PAD_PX, _PAD_PX + _ICON_PX + 14)
-        room = width - left - _PAD_PX
-        title = self._metrics(tokens.SPEECH_PX).boundingRect(QRect(left, top, room, 2000), _WRAPPED, self.text())
-        below = title.bottom() + 8
-        about = self._metrics(tokens.BODY_PX).boundingRect(QRect(left, below, room, 2000), _WRAPPED, self._about)
-        return QRect(left, top, room, title.height()), QRect(left, below, room, about.height())
-
-    def _metrics(self, size_px: int) -> QFontMetrics:
-        weight = tokens.WEIGHT_SEMIBOLD if size_px == tokens.SPEECH_PX else tokens.WEIGHT_NORMAL
-        return QFontMetrics(self._theme.font(size_px, weight))
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter, theme = QPainter(self), self._theme
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        over = self.underMouse() or self.isDown()
-        ground = "blue_soft" if self._primary else "raised"
-        painter.setBrush(theme.color("raised_hover" if over and not self._primary else ground))
-        strong = self.hasFocus() or self._primary or over
-        painter.setPen(QPen(theme.color("blue" if strong else "line"), 2.5 if self.hasFocus() else 1.2))
-        painter.drawRoundedRect(QRectF(self.rect()).adjusted(1.5, 1.5, -1.5, -1.5), 10, 10)
-        place = QRectF(_PAD_PX, _PAD_PX, _ICON_PX, _ICON_PX)
-        draw_icon(painter, place, self._icon, theme.color("blue" if self._primary else "dim"))
-        title, about = self._rects(self.width())
-        painter.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        painter.setPen(theme.color("text"))
-        painter.drawText(title, _WRAPPED, self.text())
-        painter.setFont(theme.font(tokens.BODY_PX))
-        painter.setPen(theme.color("dim"))
-        painter.drawText(about, _WRAPPED, self._about)
+        return self._box.heightForWidth(width)
 
 
-class StepButton(QAbstractButton):
+class StepButton(QPushButton):
     """Step with its state as shape and word."""
 
     def __init__(self, theme: Theme, title: str) -> None:
         super().__init__()
-        self._theme = theme
-        self._state: PreflightState = "not checked"
-        self.setText(title)
         self.setCheckable(True)
+        self._title = title
+        self.setProperty("role", "step")
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setCursor(Qt.CursorShape.PointingHandCursor)
-        self.setAttribute(Qt.WidgetAttribute.WA_Hover)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        theme.changed.connect(self.update)
-        self._name()
+        self._icon, self._heading, self._words = IconLabel(theme, size_px=22), ElidedLabel(), label("", "small")
+        self._heading.setText(title)
+        words = layouts.vbox(None, self._heading, self._words, spacing_px=1)
+        self._row = layouts.hbox(self, self._icon, (words, 1), margins_px=(12, 9, 8, 9), spacing_px=10)
+        for part in self.findChildren(QLabel):
+            part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.toggled.connect(lambda on: restyle(self._heading, role="title" if on else ""))
+        self.show_state("not checked")
 
     def show_state(self, state: PreflightState) -> None:
-        if state != self._state:
-            self._state = state
-            self._name()
-            self.update()
-
-    def _name(self) -> None:
-        self.setAccessibleName(tr("{step}: {state}").format(step=self.text(), state=tr(STATES[self._state])))
+        self._icon.show_icon(ICONS[state], ROLES[state])
+        self._words.setText(tr(STATES[state]))
+        restyle(self._words, tone=ROLES[state])
+        self.setAccessibleName(tr("{step}: {state}").format(step=self._title, state=tr(STATES[state])))
 
     def sizeHint(self) -> QSize:
-        lines = QFontMetrics(self._theme.font()).height() + QFontMetrics(self._theme.font(tokens.STATUS_PX)).height()
-        return QSize(180, lines + 18)
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter, theme = QPainter(self), self._theme
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        if self.isChecked() or self.underMouse() or self.hasFocus():
-            painter.setBrush(theme.color("raised" if self.isChecked() or self.underMouse() else "panel"))
-            painter.setPen(QPen(theme.color("blue"), 2) if self.hasFocus() else Qt.PenStyle.NoPen)
-            painter.drawRoundedRect(QRectF(self.rect()).adjusted(1, 1, -1, -1), 8, 8)
-        middle = self.height() / 2
-        draw_icon(painter, QRectF(12, middle - 11, 22, 22), ICONS[self._state], theme.color(ROLES[self._state]))
-        painter.setFont(theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD if self.isChecked() else 400))
-        painter.setPen(theme.color("text"))
-        room = self.width() - 52
-        upper = QRectF(44, 0, room, middle + 1)
-        text = painter.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, room)
-        painter.drawText(upper, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignBottom), text)
-        painter.setFont(theme.font(tokens.STATUS_PX))
-        painter.setPen(theme.color(ROLES[self._state]))
-        lower = QRectF(44, middle + 1, room, middle - 1)
-        painter.drawText(lower, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop), tr(STATES[self._state]))
+        return QSize(180, self._row.sizeHint().height())

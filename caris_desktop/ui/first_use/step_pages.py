@@ -1,20 +1,21 @@
-"""Pages of the set-up steps: make a choice and test it at once."""
+"""Set-up steps, each backed by preflight checks, and their pages: make a choice and test it at once."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Literal
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer
 from PySide6.QtGui import QAccessible, QImage, QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel, QProgressBar, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.translation import tr
+from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.domain.value_class import Value
 from caris_desktop.live.remote_microphone import participant_microphone
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.first_use.steps import SetUpStep, StepName
 from caris_desktop.ui.preflight.preflight_list import PreflightRow
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.speak.voice_choices import voice_choices
@@ -23,10 +24,59 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import shrunk
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.labels import label
 
 _PICTURE_EVERY_MS = 200
-_CHOICE_PX, _SHORT_WORDS = 240, 30
+_CHOICE_PX = 240
 _PICTURE_PX = QSize(480, 270)
+
+
+StepName = Literal["robot", "camera", "sound", "model"]
+
+
+class SetUpStep(Value):
+    """A set-up step. ``checks``: ids of its checks; if the scenario has none of them, the step is skipped."""
+
+    name: StepName
+    title: str
+    about: str
+    checks: tuple[str, ...]
+
+    def of(self, checks: Sequence[PreflightCheck]) -> tuple[PreflightCheck, ...]:
+        return tuple(check for check in checks if check.id in self.checks)
+
+
+STEPS: tuple[SetUpStep, ...] = (
+    SetUpStep(
+        "robot",
+        QT_TR_NOOP("Robot"),
+        QT_TR_NOOP("Choose the robot. It must run rosbridge and be on the same network as this computer."),
+        ("robot",),
+    ),
+    SetUpStep(
+        "camera",
+        QT_TR_NOOP("Camera"),
+        QT_TR_NOOP("This is what the robot sees now. The scenario determines which cameras are used."),
+        ("video",),
+    ),
+    SetUpStep(
+        "sound",
+        QT_TR_NOOP("Sound"),
+        QT_TR_NOOP("Check that the robot speaks and that the microphone picks up sound."),
+        ("voice", "microphone"),
+    ),
+    SetUpStep(
+        "model",
+        QT_TR_NOOP("Language model"),
+        QT_TR_NOOP("It suggests what to say. Everything else works without it."),
+        ("model",),
+    ),
+)
+
+
+def steps_for(checks: Sequence[PreflightCheck]) -> tuple[SetUpStep, ...]:
+    """Steps that the scenario needs."""
+    return tuple(step for step in STEPS if step.of(checks))
 
 
 class StepPage(QWidget):
@@ -37,17 +87,12 @@ class StepPage(QWidget):
         self.setObjectName(f"first_use_step_{step.name}")
         self.theme, self.console, self.step = theme, console, step
         self._rows: dict[str, PreflightRow] = {}
-        self._title = self.label(tr(step.title), tokens.SPEECH_PX)
-        self._about = self.label(tr(step.about))
-        self.column = layouts.vbox(self, margins_px=0, spacing_px=10)
-        self.column.addWidget(self._title)
-        self.column.addWidget(self._about)
+        title, about = label(tr(step.title), "heading"), label(tr(step.about), tone="dim", wraps=True)
+        self.column = layouts.vbox(self, title, about, margins_px=0, spacing_px=10)
         self.build()
         self.column.addStretch(1)
         console.state.preflight.changed.connect(self._show_checks)
-        theme.changed.connect(self._style)
         self._show_checks(console.state.preflight.value)
-        self._style()
 
     def build(self) -> None:
         """Add the widgets of this step."""
@@ -64,25 +109,13 @@ class StepPage(QWidget):
         """Add a drop-down with its title; in ``holder`` if it can be hidden."""
         choice.setMinimumWidth(_CHOICE_PX)
         row_widget = holder or QWidget()
-        row = layouts.hbox(row_widget, margins_px=0, spacing_px=tokens.GRID_PX)
-        for widget in (self.label(title), choice, *beside):
-            row.addWidget(widget)
-        row.addStretch(1)
+        layouts.hbox(row_widget, QLabel(title), choice, *beside, 1, margins_px=0, spacing_px=tokens.GRID_PX)
         self.column.addWidget(row_widget)
-
-    def label(self, text: str, size_px: int = tokens.BODY_PX) -> QLabel:
-        label = QLabel(text, wordWrap=len(text) > _SHORT_WORDS)
-        weight = tokens.WEIGHT_SEMIBOLD if size_px == tokens.SPEECH_PX else tokens.WEIGHT_NORMAL
-        label.setFont(self.theme.font(size_px, weight))
-        return label
 
     def _show_checks(self, checks: tuple[PreflightCheck, ...]) -> None:
         for check in self.step.of(checks):
             if check.id in self._rows:
                 self._rows[check.id].show_check(check, in_full=True)
-
-    def _style(self) -> None:
-        self.theme.color_text(self._about, "dim")
 
 
 class RobotPage(StepPage):
@@ -276,8 +309,7 @@ class ModelPage(StepPage):
         ask.setObjectName("first_use_ask")
         ask.clicked.connect(self._on_ask)
         self.add_choice(tr("Model"), self._models, ask)
-        self._answer = self.label("")
-        self._answer.setObjectName("first_use_answer")
+        self._answer = label("", objectName="first_use_answer")
         self.column.addWidget(self._answer)
         self._asked = False
         state.assistant_setup.changed.connect(self._show_models)

@@ -1,20 +1,12 @@
-"""Dock widget: a panel with its title bar, which can be dragged, closed, floated and enlarged."""
+"""Dock widget: a panel with its title bar, which can be dragged, closed and floated."""
 
-from PySide6.QtCore import QEvent, QPoint, QRect, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QSize, Qt, Signal
 from PySide6.QtGui import QCloseEvent, QContextMenuEvent, QEnterEvent, QHideEvent, QMouseEvent, QResizeEvent, QShowEvent
-from PySide6.QtWidgets import (
-    QAbstractButton,
-    QAbstractScrollArea,
-    QAbstractSlider,
-    QApplication,
-    QLabel,
-    QLineEdit,
-    QWidget,
-)
+from PySide6.QtWidgets import QApplication, QFrame, QScrollArea, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.scenario_model import PanelName
-from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui import layouts
 from caris_desktop.ui.focus_widget import KeyPlace
 from caris_desktop.ui.layout.dock_geometry import TITLE_PX, Room
 from caris_desktop.ui.panel import Panel, show_part
@@ -22,7 +14,49 @@ from caris_desktop.ui.panel_title_bar import PanelTitleBar
 from caris_desktop.ui.widgets.buttons import ActionButton
 
 _BUTTON_PX = 26
-_MOST_NAMED = 4
+
+
+class DockRequests(QObject):
+    """What the wizard requests at a panel's title, menu or tab, and the drag of a panel by one of them."""
+
+    tab_chosen = Signal(object)  # PanelName
+    tab_clicked = Signal(object)  # focus its panel too
+    close_requested = Signal(object)
+    float_requested = Signal(object)  # float or dock
+    menu_requested = Signal(object, object)  # PanelName, QPoint on the desktop
+    drag_moved = Signal(object, object)
+    drag_dropped = Signal(object, object)
+
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
+        self._pressed: PanelName | None = None
+        self._pressed_at = QPoint()
+        self._least_px = 0
+        self._dragging = False
+
+    def press(self, name: PanelName, event: QMouseEvent, *, times_start_distance: int = 1) -> None:
+        """The panel is dragged once the pointer is this far from the press."""
+        self._pressed, self._pressed_at = name, event.globalPosition().toPoint()
+        self._least_px = times_start_distance * QApplication.startDragDistance()
+
+    def move(self, event: QMouseEvent) -> None:
+        at = event.globalPosition().toPoint()
+        if self._pressed is not None and self._is_drag(at):
+            self._dragging = True
+            self.drag_moved.emit(self._pressed, at)
+
+    def release(self, event: QMouseEvent) -> bool:
+        """Drop a dragged panel; returns whether the press was a click."""
+        at = event.globalPosition().toPoint()
+        # A quick release can precede the first move event.
+        pressed, dragged = self._pressed, self._is_drag(at)
+        self._pressed, self._dragging = None, False
+        if pressed is not None and dragged:
+            self.drag_dropped.emit(pressed, at)  # the tab bar of the press may be deleted by it
+        return pressed is not None and not dragged
+
+    def _is_drag(self, at: QPoint) -> bool:
+        return self._dragging or (at - self._pressed_at).manhattanLength() >= self._least_px
 
 
 class _Handle(ActionButton):
@@ -33,39 +67,24 @@ class _Handle(ActionButton):
 
 
 class Dock(KeyPlace):
-    """Title bar and panel. In a dock that is too small the panel keeps its minimum size, and a button in the title bar
-    lists what is cut off.
-    """
+    """Title bar and panel. In a dock that is too small the panel keeps its minimum size and scrolls."""
 
-    drag_moved = Signal(object, object)  # PanelName, QPoint on the desktop
-    drag_dropped = Signal(object, object)
-    close_requested = Signal(object)
-    float_requested = Signal(object)  # float or dock
-    menu_requested = Signal(object, object)
-    drawer_requested = Signal(object)
-
-    def __init__(self, name: PanelName, panel: Panel, parent: QWidget) -> None:
+    def __init__(self, name: PanelName, panel: Panel, requests: DockRequests, parent: QWidget) -> None:
         super().__init__(parent)
         self.name = name
         self.setObjectName(f"dock_{name}")
         self._panel = panel
-        self._pressed_at: QPoint | None = None
-        self._dragging = False
-        self._floating = self._drawer = False
-        self._content = QWidget(self)
-        panel.setParent(self._content)
+        self._requests = requests
+        self._floating = False
+        self._scroll = QScrollArea(self)
+        self._scroll.setObjectName("panel_scroll")
+        self._scroll.setFrameShape(QFrame.Shape.NoFrame)
+        self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        panel.setParent(self._scroll.viewport())
+        self._scroll.setWidget(panel)
+        for part in (panel, self._scroll.viewport()):  # a panel paints its card
+            part.setAutoFillBackground(False)
         panel.show()
-        self._more = ActionButton(
-            panel.theme,
-            icon="caret-double-down",
-            role="amber",
-            height_px=_BUTTON_PX,
-            text_px=tokens.STATUS_PX,
-            may_lose_words=True,
-        )
-        self._more.setObjectName("drawer_button")
-        self._more.clicked.connect(lambda: self.drawer_requested.emit(self.name))
-        self._more.hide()
         picture = panel.picture()
         self._title_px = TITLE_PX if picture is None else 0
         self._handle = _Handle(panel.theme, icon="dots-six-vertical", height_px=_BUTTON_PX)
@@ -81,8 +100,8 @@ class Dock(KeyPlace):
         )
         self._float.setObjectName("float_button")
         self._float.set_quiet(True)
-        self._float.clicked.connect(lambda: self.float_requested.emit(self.name))
-        parts = (self._more, self._float) if picture is None else (self._more, self._float, self._handle)
+        self._float.clicked.connect(lambda: requests.float_requested.emit(name))
+        parts = (self._float,) if picture is None else (self._float, self._handle)
         self._title_bar = PanelTitleBar(panel, parts, picture=picture)
         if picture is None:
             self._title_bar.setParent(self)
@@ -117,11 +136,6 @@ class Dock(KeyPlace):
         self._handle.setAccessibleName(tr("{panel}: move and menu").format(panel=self._panel.shown_title))
         self._float.setToolTip(words)
 
-    def set_drawer(self, is_drawer: bool) -> None:
-        """Set whether it is the drawer, enlarged over its neighbours."""
-        self._drawer = is_drawer
-        self.fit()
-
     def set_shown(self, visible: bool) -> None:
         """Show the dock, or hide it behind another tab or entirely."""
         self.setVisible(visible)
@@ -137,65 +151,22 @@ class Dock(KeyPlace):
         hint, least = self._panel.minimumSizeHint(), self._panel.minimumSize()
         return QSize(least.width() or hint.width(), least.height() or hint.height())
 
-    # ---- cut-off content
-
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self.fit()
 
     def fit(self) -> None:
         """Lay out title bar and panel."""
-        below = max(0, self.height() - self._title_px)
         if self._title_px:
             self._title_bar.setGeometry(0, 0, self.width(), TITLE_PX)
-        self._content.setGeometry(0, self._title_px, self.width(), below)
-        need = self._panel_need()
-        self._panel.setGeometry(0, 0, max(self.width(), need.width()), max(below, need.height()))
-        cut = self.width() < need.width() or below < need.height()
-        self._more.setVisible(cut or self._drawer)
-        if self._drawer:
-            self._more.set_label(tr("Less"), icon="caret-double-up")
-            self._more.setAccessibleName(tr("Close the drawer"))
-            self._more.setToolTip(tr("Close the drawer"))
-        elif cut:
-            names = self.cut_off()
-            words = tr("Too small: open as a drawer")
-            hidden = tr("Cut off: {parts}").format(parts=", ".join(names)) if names else ""
-            self._more.set_label(tr("More"), icon="caret-double-down")
-            self._more.setAccessibleName(". ".join(part for part in (words, hidden) if part))
-            self._more.setToolTip("\n".join(part for part in (words, hidden) if part))
-
-    @property
-    def is_cut(self) -> bool:
-        return not self._more.isHidden() and not self._drawer
-
-    def cut_off(self) -> list[str]:
-        """Names of some widgets cut off because the dock is too small; scrollable ones do not count."""
-        visible_rect = self._content.rect()
-        names = []
-        layout = self._panel.layout()
-        if layout is not None:
-            layout.activate()
-        for part in self._panel.findChildren(QWidget):
-            if not isinstance(part, QAbstractButton | QLineEdit | QAbstractSlider | QLabel) or not part.isVisibleTo(
-                self._panel
-            ):
-                continue
-            if self._scrolls(part):
-                continue
-            name = part.accessibleName() or (part.text() if isinstance(part, QAbstractButton | QLabel) else "")
-            place = part.rect().translated(part.mapTo(self._content, QPoint(0, 0)))
-            if name and not visible_rect.contains(place) and name not in names:
-                names.append(name)
-        return names[:_MOST_NAMED]
-
-    def _scrolls(self, part: QWidget) -> bool:
-        above = part.parentWidget()
-        while above is not None and above is not self._panel:
-            if isinstance(above, QAbstractScrollArea):
-                return True
-            above = above.parentWidget()
-        return False
+        self._scroll.setGeometry(0, self._title_px, self.width(), max(0, self.height() - self._title_px))
+        room, need = self._scroll.maximumViewportSize(), self._panel_need()
+        # Beside a scroll bar across the other direction.
+        if need.height() > room.height():
+            room.setWidth(room.width() - self._scroll.verticalScrollBar().sizeHint().width())
+        if need.width() > room.width():
+            room.setHeight(room.height() - self._scroll.horizontalScrollBar().sizeHint().height())
+        self._panel.resize(room.expandedTo(need))
 
     # ---- controls that appear under the pointer
 
@@ -217,7 +188,7 @@ class Dock(KeyPlace):
         return self._handle.isVisible() and self._handle.rect().contains(self._handle.mapFromGlobal(at))
 
     def _open_menu(self, _checked: bool = False) -> None:
-        self.menu_requested.emit(self.name, self._handle.mapToGlobal(self._handle.rect().bottomLeft()))
+        self._requests.menu_requested.emit(self.name, self._handle.mapToGlobal(self._handle.rect().bottomLeft()))
 
     # ---- dragging
 
@@ -228,43 +199,28 @@ class Dock(KeyPlace):
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if event.button() == Qt.MouseButton.LeftButton and event.position().y() < self._title_bottom:
-            self._pressed_at = event.globalPosition().toPoint()
+            self._requests.press(self.name, event)
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        at = event.globalPosition().toPoint()
-        if self._pressed_at is None:
-            return
-        if self._dragging or self._is_far(at):
-            self._dragging = True
-            self.drag_moved.emit(self.name, at)
-
-    def _is_far(self, at: QPoint) -> bool:
-        pressed_at = self._pressed_at
-        return pressed_at is not None and (at - pressed_at).manhattanLength() >= QApplication.startDragDistance()
+        self._requests.move(event)
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        at = event.globalPosition().toPoint()
-        # A quick release can precede the first move event.
-        dragging, pressed_at = self._dragging or self._is_far(at), self._pressed_at
-        self._dragging, self._pressed_at = False, None
-        if dragging:
-            self.drag_dropped.emit(self.name, at)
-        elif pressed_at is not None and self._is_handle(pressed_at):
+        if self._requests.release(event) and self._is_handle(event.globalPosition().toPoint()):
             self._open_menu()
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         if event.position().y() < self._title_bottom:
-            self.float_requested.emit(self.name)
+            self._requests.float_requested.emit(self.name)
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
         if event.y() < self._title_bottom:
-            self.menu_requested.emit(self.name, event.globalPos())
+            self._requests.menu_requested.emit(self.name, event.globalPos())
 
     # ---- Qt events
 
     def closeEvent(self, event: QCloseEvent) -> None:
         event.ignore()
-        self.close_requested.emit(self.name)
+        self._requests.close_requested.emit(self.name)
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

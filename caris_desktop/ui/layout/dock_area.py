@@ -5,43 +5,39 @@ from typing import TypeVar
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt, Signal
 from PySide6.QtGui import QContextMenuEvent, QMouseEvent, QResizeEvent
-from PySide6.QtWidgets import QApplication, QMenu, QPushButton, QTabBar, QWidget
+from PySide6.QtWidgets import QMenu, QPushButton, QTabBar, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName
 from caris_desktop.ui.focus_widget import Bar
-from caris_desktop.ui.layout.dock import Dock
+from caris_desktop.ui.layout.dock import Dock, DockRequests
 from caris_desktop.ui.layout.dock_geometry import DockGeometry, GroupPlace, Handle, dragged, place
-from caris_desktop.ui.layout.fitting import COMFORT
 from caris_desktop.ui.layout.layout_rect import Rect
 
 _Part = TypeVar("_Part", bound=QWidget)
 _LEAST = QSize(320, 200)
 _MORE_PX = 34
-_DRAG_PX_FACTOR = 2  # a click on a tab that slips is not a drag
+_TAB_DRAG_FACTOR = 2  # a click on a tab that slips is not a drag
 
 
 class DockArea(QWidget):
     """Lays out ``docks``; reports the wizard's edits to the owner of the whole layout."""
 
     laid_out = Signal()
-    tab_chosen = Signal(object)  # PanelName
-    tab_clicked = Signal(object)  # PanelName, clicked: focus it too
-    tab_drag_moved = Signal(object, object)  # PanelName, QPoint on the desktop
-    tab_drag_dropped = Signal(object, object)
-    tab_menu_requested = Signal(object, object)
     resized_by_hand = Signal(object, object, bool)  # path, weights, whether the handle was released
 
-    def __init__(self, docks: Mapping[PanelName, Dock], parent: QWidget | None = None) -> None:
+    def __init__(
+        self, docks: Mapping[PanelName, Dock], requests: DockRequests | None, parent: QWidget | None = None
+    ) -> None:
         super().__init__(parent)
         self.docks = docks
+        self.requests = requests if requests is not None else DockRequests(self)
         self.whole_tree: LayoutNode | None = None
         self.locked = False
         self._visible: frozenset[PanelName] = frozenset()
         self.placing = DockGeometry()
         self._bars: list[PanelTabs] = []
         self._handles: list[SplitHandle] = []
-        self._drawer: PanelName | None = None
 
     def minimumSizeHint(self) -> QSize:
         return _LEAST
@@ -53,7 +49,6 @@ class DockArea(QWidget):
             if dock.parentWidget() is not self:
                 self._adopt(dock)
         self.whole_tree, self._visible = tree, visible
-        self._drawer = None
         self.lay_out()
 
     def _adopt(self, dock: Dock) -> None:
@@ -77,9 +72,8 @@ class DockArea(QWidget):
                 dock = self.docks[name]
                 dock.titleBarWidget().set_tabbed(group.tabbed)
                 if name == group.current:
-                    body = self._drawer_rect(group) if name == self._drawer else group.body
-                    dock.setGeometry(qrect(body))
-                    dock.set_drawer(name == self._drawer)
+                    dock.setGeometry(qrect(group.body))
+                    dock.fit()  # its minimum may have changed
                 dock.set_shown(name == group.current)
         self.laid_out.emit()
 
@@ -87,7 +81,7 @@ class DockArea(QWidget):
         """Like :meth:`show_tree` for a reduced tree, but deferred to the next layout: nothing moves yet, and only the
         tabs of removed panels disappear.
         """
-        self.whole_tree, self._visible, self._drawer = tree, visible, None
+        self.whole_tree, self._visible = tree, visible
         for bar in [bar for bar in self._bars if not visible.issuperset(bar.panels)]:
             self._bars.remove(bar)
             bar.hide()
@@ -105,40 +99,10 @@ class DockArea(QWidget):
         for bar in self._bars:
             bar.show_titles([self.docks[name].windowTitle() for name in bar.panels])
 
-    # ---- drawer
-
-    @property
-    def drawer(self) -> PanelName | None:
-        """The panel enlarged over the others."""
-        return self._drawer
-
-    def open_drawer(self, name: PanelName | None) -> None:
-        """Enlarge the panel over the others; None puts it back."""
-        if name == self._drawer:
-            name = None
-        self._drawer = name
-        self.lay_out()
-        if name is not None:
-            self.docks[name].raise_()
-
-    def _drawer_rect(self, group: GroupPlace) -> Rect:
-        comfort, least = COMFORT.get(group.current, (320, 260)), self._least(group.current)
-        body = group.body
-        width = min(self.width(), max(body.width, comfort[0], least[0]))
-        height = min(self.height(), max(body.height, round(1.2 * comfort[1]), least[1]))
-        left = max(0, min(body.left, self.width() - width))
-        top = max(0, min(body.top, self.height() - height))
-        return Rect(left, top, width, height)
-
     # ---- tabs and split handles
 
     def _new_bar(self) -> "PanelTabs":
-        bar = PanelTabs(self)
-        bar.chosen.connect(self.tab_chosen)
-        bar.clicked.connect(self.tab_clicked)
-        bar.drag_moved.connect(self.tab_drag_moved)
-        bar.drag_dropped.connect(self.tab_drag_dropped)
-        bar.menu_requested.connect(self.tab_menu_requested)
+        bar = PanelTabs(self.requests, self)
         bar.show()
         bar.lower()
         return bar
@@ -176,14 +140,9 @@ def qrect(rect: Rect) -> QRect:
 class PanelTabs(Bar, QTabBar):
     """Tab bar of a group. Dragging a tab moves that panel only."""
 
-    chosen = Signal(object)  # PanelName
-    clicked = Signal(object)
-    drag_moved = Signal(object, object)
-    drag_dropped = Signal(object, object)
-    menu_requested = Signal(object, object)
-
-    def __init__(self, parent: QWidget) -> None:
+    def __init__(self, requests: DockRequests, parent: QWidget) -> None:
         super().__init__(parent)
+        self._requests = requests
         self.panels: tuple[PanelName, ...] = ()
         self.setExpanding(False)
         self.setDrawBase(False)
@@ -196,9 +155,6 @@ class PanelTabs(Bar, QTabBar):
         self._more.clicked.connect(self._open_more)
         self._more.hide()
         self.setAccessibleName(tr("Panels in tabs"))
-        self._pressed: PanelName | None = None
-        self._pressed_at = QPoint()
-        self._dragging = False
         self.currentChanged.connect(self._on_current_changed)
 
     def show_group(self, group: GroupPlace, titles: Sequence[str]) -> None:
@@ -241,12 +197,11 @@ class PanelTabs(Bar, QTabBar):
         menu.setObjectName("more_tabs_menu")
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         for index in self._in_list():
-            menu.addAction(self.tabText(index)).triggered.connect(self._chooser(self.panels[index]))
+            # By name: this bar may show other panels once the menu has closed.
+            menu.addAction(self.tabText(index)).triggered.connect(
+                lambda _checked, name=self.panels[index]: self._requests.tab_clicked.emit(name)
+            )
         menu.popup(self._more.mapToGlobal(self._more.rect().bottomLeft()))
-
-    def _chooser(self, panel: PanelName) -> Callable[[], None]:
-        # Deferred until the menu has closed: this bar may be reused then.
-        return lambda: self.clicked.emit(panel)
 
     def minimumTabSizeHint(self, index: int) -> QSize:
         return self.tabSizeHint(index)
@@ -263,38 +218,27 @@ class PanelTabs(Bar, QTabBar):
 
     def _on_current_changed(self, index: int) -> None:
         if 0 <= index < len(self.panels):
-            self.chosen.emit(self.panels[index])
+            self._requests.tab_chosen.emit(self.panels[index])
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         index = self.tabAt(event.position().toPoint())
-        if event.button() == Qt.MouseButton.LeftButton and index >= 0:
-            self._pressed, self._pressed_at = self.panels[index], event.globalPosition().toPoint()
+        pressed = self.panels[index] if event.button() == Qt.MouseButton.LeftButton and index >= 0 else None
         super().mousePressEvent(event)
-        if self._pressed is not None:
-            self.clicked.emit(self._pressed)
+        if pressed is not None:
+            self._requests.press(pressed, event, times_start_distance=_TAB_DRAG_FACTOR)
+            self._requests.tab_clicked.emit(pressed)
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        at = event.globalPosition().toPoint()
-        if self._pressed is not None and (self._dragging or self._is_far(at)):
-            self._dragging = True
-            self.drag_moved.emit(self._pressed, at)
-
-    def _is_far(self, at: QPoint) -> bool:
-        return (at - self._pressed_at).manhattanLength() >= _DRAG_PX_FACTOR * QApplication.startDragDistance()
+        self._requests.move(event)
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         super().mouseReleaseEvent(event)
-        at = event.globalPosition().toPoint()
-        # A quick release can precede the first move event.
-        pressed, dragging = self._pressed, self._dragging or self._is_far(at)
-        self._pressed, self._dragging = None, False
-        if dragging and pressed is not None:
-            self.drag_dropped.emit(pressed, at)  # this bar may be deleted by it
+        self._requests.release(event)
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
         index = self.tabAt(event.pos())
         if index >= 0:
-            self.menu_requested.emit(self.panels[index], event.globalPos())
+            self._requests.menu_requested.emit(self.panels[index], event.globalPos())
 
 
 class SplitHandle(QWidget):

@@ -90,7 +90,7 @@ def arrangement_of(tree: LayoutNode) -> DockLayout:
 
 def select(arrangement: DockLayout, panel: PanelName) -> DockLayout:
     """Raise the panel's tab."""
-    index = _window_of(arrangement, panel)
+    index = window_of(arrangement, panel)
     if index is None:
         return replace(arrangement, tree=with_current(arrangement.tree, panel))
     return _with_window(arrangement, index, lambda tree: with_current(tree, panel))
@@ -103,7 +103,7 @@ def move(arrangement: DockLayout, panel: PanelName, beside: PanelName, side: Sid
     """
     if panel == beside:
         return arrangement
-    index = _window_of(arrangement, beside)
+    index = window_of(arrangement, beside)
     loose = _out_of_windows(arrangement, panel)
     hidden = arrangement.hidden - {panel}
     if index is None:
@@ -112,7 +112,7 @@ def move(arrangement: DockLayout, panel: PanelName, beside: PanelName, side: Sid
             return arrangement
         return replace(loose, tree=place_next_to(rest, beside, panel, side, at), hidden=hidden)
     # Its place in the main window is stored for docking it again.
-    index = _window_of(loose, beside)
+    index = window_of(loose, beside)
     if index is None:
         return arrangement
     moved = _with_window(loose, index, lambda tree: place_next_to(tree, beside, panel, side, at))
@@ -198,7 +198,7 @@ def clamped(arrangement: DockLayout, screens: Sequence[Rect]) -> DockLayout:
     return replace(arrangement, floating=windows)
 
 
-def _window_of(arrangement: DockLayout, panel: PanelName) -> int | None:
+def window_of(arrangement: DockLayout, panel: PanelName) -> int | None:
     """Index of the floating window with the panel; None if docked."""
     return next((i for i, window in enumerate(arrangement.floating) if panel in panels_in(window.tree)), None)
 

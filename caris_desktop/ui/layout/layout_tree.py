@@ -1,6 +1,6 @@
 """Layout trees: remove, insert and resize panels; each function returns a new tree."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import Literal
 
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
@@ -25,6 +25,14 @@ def groups_in(node: LayoutNode) -> Iterator[PanelLeaf | TabNode]:
             yield from groups_in(child)
     else:
         yield node
+
+
+def with_group(node: LayoutNode, panel: PanelName, change: Callable[[PanelLeaf | TabNode], LayoutNode]) -> LayoutNode:
+    """The tree with the group of ``panel`` changed."""
+    if isinstance(node, SplitNode):
+        children = tuple(with_group(child, panel, change) for child in node.children)
+        return SplitNode(node.split, children, node.weights)
+    return change(node) if panel in panels_in(node) else node
 
 
 def front_of(group: PanelLeaf | TabNode) -> PanelName:
@@ -110,14 +118,13 @@ def with_the_panels_of(tree: LayoutNode, arranged: LayoutNode) -> LayoutNode:
 
 def with_tab(node: LayoutNode, beside: PanelName, panel: PanelName, at: int | None = None) -> LayoutNode:
     """The tree with ``panel`` as the current tab in the group of ``beside``, at index ``at`` or last."""
-    if isinstance(node, SplitNode):
-        children = tuple(with_tab(child, beside, panel, at) for child in node.children)
-        return SplitNode(node.split, children, node.weights)
-    tabs = panels_in(node)
-    if beside not in tabs:
-        return node
-    index = len(tabs) if at is None else max(0, min(at, len(tabs)))
-    return TabNode((*tabs[:index], panel, *tabs[index:]), panel)
+
+    def inserted(group: PanelLeaf | TabNode) -> TabNode:
+        tabs = panels_in(group)
+        index = len(tabs) if at is None else max(0, min(at, len(tabs)))
+        return TabNode((*tabs[:index], panel, *tabs[index:]), panel)
+
+    return with_group(node, beside, inserted)
 
 
 def place_next_to(
@@ -126,15 +133,7 @@ def place_next_to(
     """Canonical tree with the new ``panel`` at ``side`` of the group of ``beside``, with half of its space."""
     if side == "tab":
         return tidy(with_tab(node, beside, panel, at))
-    return tidy(_split_group(node, beside, panel, side))
-
-
-def _split_group(node: LayoutNode, beside: PanelName, panel: PanelName, side: Side) -> LayoutNode:
-    if isinstance(node, SplitNode):
-        return SplitNode(
-            node.split, tuple(_split_group(child, beside, panel, side) for child in node.children), node.weights
-        )
-    return _pair(node, PanelLeaf(panel), side, 0.5) if beside in panels_in(node) else node
+    return tidy(with_group(node, beside, lambda group: _pair(group, PanelLeaf(panel), side, 0.5)))
 
 
 def put_at_edge(node: LayoutNode, panel: PanelName, side: Side, share: float = 0.25) -> LayoutNode:
@@ -151,9 +150,7 @@ def _pair(node: LayoutNode, new: LayoutNode, side: Side, share: float) -> SplitN
 
 def with_current(node: LayoutNode, panel: PanelName) -> LayoutNode:
     """The tree with the panel as its group's current tab."""
-    if isinstance(node, SplitNode):
-        return SplitNode(node.split, tuple(with_current(child, panel) for child in node.children), node.weights)
-    return TabNode(node.tabs, panel) if isinstance(node, TabNode) and panel in node.tabs else node
+    return with_group(node, panel, lambda group: TabNode(group.tabs, panel) if isinstance(group, TabNode) else group)
 
 
 def with_weights(node: LayoutNode, path: tuple[int, ...], weights: tuple[float, ...]) -> LayoutNode:

@@ -17,7 +17,7 @@ from caris_desktop.ui import text_formatting
 from caris_desktop.ui.map.map_state import Tool
 from caris_desktop.ui.map.map_view import MapView
 from caris_desktop.ui.panel import Panel
-from caris_desktop.ui.widgets.floating_card import ChoiceCard, NameCard
+from caris_desktop.ui.widgets.popups import ChoiceCard, NameCard
 
 _TOLD_SHOWN_S = 8.0
 _NO_PLACE_SHOWN_S = 5.0

@@ -7,7 +7,7 @@ from itertools import zip_longest
 from typing import Any, Literal, cast
 
 from PySide6.QtCore import QByteArray, Qt, QTimer, Signal
-from PySide6.QtGui import QAccessible, QCloseEvent, QGuiApplication, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QAccessible, QCloseEvent, QGuiApplication, QResizeEvent
 from PySide6.QtWidgets import QSplitter, QVBoxLayout, QWidget
 
 from caris_desktop.domain.intents import Intent
@@ -16,7 +16,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import PanelName, Scenario
 from caris_desktop.ui import layouts
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.drive_input_filter import DriveInputFilter
+from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 from caris_desktop.ui.panel_title_bar import PanelTitleBar
@@ -56,7 +56,6 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
         self.setWindowTitle(tr("Observer · CARIS Desktop"))
         self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self._theme = theme
         self.sees: Sees = sees
         view_console = watched(console, discreet=sees == "no_names")
         actions = Actions(self, view_console, self)
@@ -76,7 +75,6 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
         self._missing: deque[tuple[QSplitter, PanelName]] = deque()
         self._turn = QTimer(self, singleShot=True, interval=PAUSE_MS)
         self._turn.timeout.connect(self._make_next)
-        theme.changed.connect(self.update)
         self.resize(*_SIZE_PX)
         self._place(beside)
         self.show_scenario()
@@ -157,9 +155,6 @@ class ObserverWindow(VisualTabOrderMixin, QWidget):
     def closeEvent(self, event: QCloseEvent) -> None:
         super().closeEvent(event)
         self.closed.emit()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        QPainter(self).fillRect(self.rect(), self._theme.color("window"))
 
 
 class ObserverWindows:

@@ -3,25 +3,22 @@
 import sys
 from collections.abc import Callable, Sequence
 
-from PySide6.QtCore import QRect, QRectF, Qt
-from PySide6.QtGui import QFocusEvent, QKeyEvent, QMouseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QLineEdit, QWidget
+from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QRectF, QSize, QStringListModel, Qt
+from PySide6.QtGui import QFocusEvent, QKeyEvent, QPainter
+from PySide6.QtWidgets import QLabel, QLineEdit, QListView, QStyledItemDelegate, QStyleOptionViewItem, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.key_positions import key_code, position_of
 from caris_desktop.ui.overlay import Overlay
-from caris_desktop.ui.palette.palette_item import PaletteItem
-from caris_desktop.ui.palette.palette_memory import PaletteMemory
-from caris_desktop.ui.palette.palette_search import Finder, says_what_to_do
+from caris_desktop.ui.palette.palette_search import Finder, PaletteItem, PaletteMemory, says_what_to_do
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.accessible_regions import AccessibleRegion, AccessibleRegions
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 
 _ROW_PX = 40
 _ROWS = 9
-_NONE = -1
+Index = QModelIndex | QPersistentModelIndex
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
@@ -41,10 +38,13 @@ class CommandPalette(Overlay):
         self.field.setObjectName("palette_field")
         self.field.setMinimumHeight(46)
         self.field.textChanged.connect(self._on_text_changed)
-        self.list = _EntryList(theme, self)
+        self.list = _ItemList(theme, self)
+        self._nothing = QLabel(tr("No matching entries."), alignment=Qt.AlignmentFlag.AlignCenter)
+        self._nothing.setEnabled(False)
         layout = layouts.vbox(self.card, margins_px=12, spacing_px=8)
         layout.addWidget(self.field)
         layout.addWidget(self.list, 1)
+        layout.addWidget(self._nothing, 1)
 
     def card_height_px(self) -> int:
         return 46 + 32 + _ROWS * _ROW_PX
@@ -112,6 +112,8 @@ class CommandPalette(Overlay):
             found.append(self._new(typed))
         breaks = () if typed else self._finder.breaks
         selected = bool(typed) and bool(found) and says_what_to_do(found[0], typed)
+        self.list.setVisible(bool(found))
+        self._nothing.setHidden(bool(found))
         self.list.show_entries(found, breaks=breaks, selected=selected, by_digit=bool(self._by_digit) and not typed)
 
 
@@ -153,136 +155,116 @@ def _digit_of(event: QKeyEvent) -> str:
     return digit if digit in tuple("123456789") else ""
 
 
-class _EntryList(QWidget):
+class _ItemList(QListView):
+    """Results. The field keeps the focus and moves the current row."""
+
     def __init__(self, theme: Theme, owner: CommandPalette) -> None:
         super().__init__()
-        self._theme = theme
         self._owner = owner
-        self._entries: list[PaletteItem] = []
-        self._index = _NONE
-        self._double_click = False
-        self._breaks: Sequence[int] = ()
+        self.entries: tuple[PaletteItem, ...] = ()
+        self.breaks: Sequence[int] = ()
         self.pending_entry: PaletteItem | None = None
+        self._double_click = False
+        self._spoken = QStringListModel(self)
+        self.setModel(self._spoken)
+        self.setItemDelegate(_ItemDelegate(theme, self))
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setEditTriggers(QListView.EditTrigger.NoEditTriggers)
+        self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setUniformItemSizes(True)
         self.setMouseTracking(True)
-        self._regions = AccessibleRegions(self, self, self._spots, self._on_accessible_press)
-
-    @property
-    def entries(self) -> tuple[PaletteItem, ...]:
-        """Results in order."""
-        return tuple(self._entries)
+        self.entered.connect(self._choose_row)
+        self.selectionModel().selectionChanged.connect(self._on_selected)
+        # One command, however often the button is pressed.
+        self.pressed.connect(lambda: self._set_double_click(False))
+        self.doubleClicked.connect(lambda: self._set_double_click(True))
+        self.clicked.connect(self._on_clicked)
 
     @property
     def current(self) -> PaletteItem | None:
         """Item that Enter runs; None if none is selected."""
-        return self._entries[self._index] if 0 <= self._index < len(self._entries) else None
+        row = self.currentIndex().row()
+        return self.entries[row] if row >= 0 else None
 
     def show_entries(
-        self, entries: list[PaletteItem], *, breaks: Sequence[int], selected: bool, by_digit: bool
+        self, entries: Sequence[PaletteItem], *, breaks: Sequence[int], selected: bool, by_digit: bool
     ) -> None:
         """Show results. ``breaks``: indices of divider lines. ``selected``: the query names what the first item does.
 
         ``by_digit``: while nothing is typed, digits select and Enter selects nothing.
         """
-        self._entries = entries
-        self._breaks = breaks
+        self.entries, self.breaks = tuple(entries), breaks
+        self._spoken.setStringList([entry.spoken for entry in entries])
         # A dangerous item is never preselected, so that a quick Enter runs neither it nor another one; an item that
         # speaks or moves the robot is preselected only if the query names it.
         can_be_chosen = bool(entries) and not entries[0].deliberate and (selected or not (entries[0].acts or by_digit))
-        self._choose_row(0 if can_be_chosen else _NONE)
+        self._choose_row(self._spoken.index(0) if can_be_chosen else QModelIndex())
 
     def ask_again(self, entry: PaletteItem) -> None:
         """Ask for confirmation: choosing the same item again runs it."""
         self.pending_entry = entry
-        self.update()
+        self._spoken.setData(self.currentIndex(), entry.again)
 
     def move_by(self, step: int) -> None:
-        if self._entries:
-            before = self._index if self._index != _NONE else (_NONE if step > 0 else 0)
-            self._choose_row((before + step) % len(self._entries))
+        if self.entries:
+            row = self.currentIndex().row()
+            before = row if row >= 0 or step > 0 else 0
+            self._choose_row(self._spoken.index((before + step) % len(self.entries)))
 
-    def _choose_row(self, row: int) -> None:
-        self._index = row
-        if self.current is not self.pending_entry:
+    def _choose_row(self, index: QModelIndex) -> None:
+        self.setCurrentIndex(index)
+        if self.pending_entry is not None and self.current is not self.pending_entry:
+            if self.pending_entry in self.entries:
+                row = self.entries.index(self.pending_entry)
+                self._spoken.setData(self._spoken.index(row), self.pending_entry.spoken)
             self.pending_entry = None
         self._owner.report_current()
-        self.update()
 
-    def _first(self) -> int:
-        fits = max(1, self.height() // _ROW_PX)
-        return max(0, self._index - fits + 1)
+    def _on_selected(self) -> None:
+        """Follow a selection by a screen reader."""
+        for index in self.selectedIndexes():
+            if index != self.currentIndex():
+                self._choose_row(index)
 
-    def _row_at(self, event: QMouseEvent) -> int:
-        row = self._first() + int(event.position().y()) // _ROW_PX
-        return row if 0 <= row < len(self._entries) else _NONE
+    def _set_double_click(self, double_click: bool) -> None:
+        self._double_click = double_click
 
-    def _spots(self) -> list[AccessibleRegion]:
-        first = self._first()
-        visible_entries = self._entries[first : first + self.height() // _ROW_PX]
-        return [
-            AccessibleRegion(
-                (str(first + line), entry.text),
-                entry.again if entry == self.pending_entry else entry.spoken,
-                QRect(0, line * _ROW_PX, self.width(), _ROW_PX),
-                tr("Selected: press Enter to run it") if first + line == self._index else "",
-            )
-            for line, entry in enumerate(visible_entries)
-        ]
+    def _on_clicked(self, index: QModelIndex) -> None:
+        if not self._double_click:
+            self._choose_row(index)
+            self._owner.choose(self.current)
 
-    def _on_accessible_press(self, key: tuple[str, ...]) -> None:
-        row = int(key[0])
-        # The list may have changed since the region was reported.
-        if row < len(self._entries) and self._entries[row].text == key[1]:
-            self._choose_row(row)
-            self._owner.choose(self._entries[row])
 
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        row = self._row_at(event)
-        if row not in (_NONE, self._index):
-            self._choose_row(row)
+class _ItemDelegate(QStyledItemDelegate):
+    def __init__(self, theme: Theme, items: _ItemList) -> None:
+        super().__init__(items)
+        self._theme = theme
+        self._items = items
 
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        self._double_click = False
-        event.accept()
+    def sizeHint(self, _option: QStyleOptionViewItem, _index: Index) -> QSize:
+        return QSize(0, _ROW_PX)
 
-    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
-        self._double_click = True  # one command, however often the button is pressed
-        event.accept()
-
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        row = self._row_at(event)
-        if row != _NONE and not self._double_click:
-            self._choose_row(row)
-            self._owner.choose(self._entries[row])
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        theme = self._theme
-        painter = QPainter(self)
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
+        theme, entry, rect = self._theme, self._items.entries[index.row()], QRectF(option.rect)
+        again = entry == self._items.pending_entry
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        if not self._entries:
-            painter.setPen(theme.color("dim"))
-            painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, tr("No matching entries."))
-            return
-        first = self._first()
-        for line, entry in enumerate(self._entries[first : first + self.height() // _ROW_PX]):
-            rect = QRectF(0, line * _ROW_PX, self.width(), _ROW_PX)
-            again = entry == self.pending_entry
-            if line and first + line in self._breaks:
-                painter.setPen(theme.color("line"))
-                painter.drawLine(rect.topLeft(), rect.topRight())
-            if first + line == self._index:
-                painter.setPen(Qt.PenStyle.NoPen)
-                painter.setBrush(theme.color("amber_soft" if again else "blue_soft"))
-                painter.drawRoundedRect(rect, 8, 8)
-            draw_icon(painter, QRectF(12, rect.center().y() - 9, 18, 18), entry.icon, theme.color("dim"))
-            cap = key_cap_width(theme, entry.key)
-            draw_key_cap(painter, theme, entry.key, self.width() - cap - 12, rect.center().y())
-            painter.setFont(theme.font(tokens.STATUS_PX))
-            painter.setPen(theme.color("dim"))
-            kind_rect = rect.adjusted(0, 0, -cap - 24, 0)
-            painter.drawText(kind_rect, int(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter), entry.kind)
-            painter.setFont(theme.font(tokens.BODY_PX))
-            painter.setPen(theme.color("text"))
-            room = int(rect.width() - cap - 160)
-            words = entry.again if again else entry.text
-            text = painter.fontMetrics().elidedText(words, Qt.TextElideMode.ElideRight, room)
-            painter.drawText(rect.adjusted(42, 0, 0, 0), int(Qt.AlignmentFlag.AlignVCenter), text)
+        if index.row() and index.row() in self._items.breaks:
+            painter.setPen(theme.color("line"))
+            painter.drawLine(rect.topLeft(), rect.topRight())
+        if index == self._items.currentIndex():
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(theme.color("amber_soft" if again else "blue_soft"))
+            painter.drawRoundedRect(rect, 8, 8)
+        draw_icon(painter, QRectF(12, rect.center().y() - 9, 18, 18), entry.icon, theme.color("dim"))
+        cap = key_cap_width(theme, entry.key)
+        draw_key_cap(painter, theme, entry.key, rect.width() - cap - 12, rect.center().y())
+        painter.setFont(theme.font(tokens.STATUS_PX))
+        painter.setPen(theme.color("dim"))
+        kind_rect = rect.adjusted(0, 0, -cap - 24, 0)
+        painter.drawText(kind_rect, int(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter), entry.kind)
+        painter.setFont(theme.font(tokens.BODY_PX))
+        painter.setPen(theme.color("text"))
+        words = entry.again if again else entry.text
+        room = int(rect.width() - cap - 160)
+        text = painter.fontMetrics().elidedText(words, Qt.TextElideMode.ElideRight, room)
+        painter.drawText(rect.adjusted(42, 0, 0, 0), int(Qt.AlignmentFlag.AlignVCenter), text)

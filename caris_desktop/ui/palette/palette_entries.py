@@ -1,6 +1,8 @@
-"""Items of the command palette, from the current state."""
+"""Items of the command palette, from the current state; quick choices by a digit."""
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from datetime import datetime
 from functools import partial
 from typing import Any
@@ -19,42 +21,35 @@ from caris_desktop.scenario.phrases import phrase_groups
 from caris_desktop.scenario.scenario_model import levels_up_to
 from caris_desktop.ui import event_messages, text_formatting
 from caris_desktop.ui.action_rows import (
+    PEOPLE_GROUP,
+    PLACES_GROUP,
     SAFETY_GROUP,
+    SCENARIO_GROUP,
     SPEAKING_GROUP,
     answer_asked,
     go_to_nth_place,
+    present_step,
     say,
     say_filler,
     say_keyed_phrase,
     say_phrase,
+    target_of,
 )
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.app_context import THEME_WORDS, AppContext
 from caris_desktop.ui.banners import QuestionBanner
 from caris_desktop.ui.control_messages import question_for
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
-from caris_desktop.ui.palette.palette_item import PaletteItem
+from caris_desktop.ui.palette.command_palette import CommandPalette
+from caris_desktop.ui.palette.palette_search import PaletteItem
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.people.pending_identity_question import is_asked
 from caris_desktop.ui.people.shown_people import everyone
 from caris_desktop.ui.sound_menu import sound_choices
 from caris_desktop.ui.speak.voice_choices import voice_choices
-from caris_desktop.ui.step_intents import present_step, target_of
 from caris_desktop.ui.text_formatting import UNDER_WAY
 from caris_desktop.ui.theme import SCALES, ThemeChoice
 from caris_desktop.ui.window_appearance import percent_of, scale_words
-
-_COMMON_ROWS = frozenset(
-    {"photo", "mark", "note", "silence", "name_person", "choose_place", "choose_scenario", "next_step", "shortcuts"}
-)
-_OTHER_WORDS = {
-    "shortcuts": QT_TR_NOOP("help keys keyboard hotkeys"),
-    "set_up": QT_TR_NOOP("help settings microphone begin welcome connect"),
-    "alarms": QT_TR_NOOP("problems errors warnings trouble"),
-    "note": QT_TR_NOOP("comment remark"),
-    "preflight": QT_TR_NOOP("preflight checklist ready"),
-}
-"""Synonyms of rows of the action table."""
 
 _DO, _SAY, _WINDOW, _PANEL = QT_TR_NOOP("Do"), QT_TR_NOOP("Say"), QT_TR_NOOP("Window"), QT_TR_NOOP("Panel")
 _SCENARIO, _ROBOT, _CONTROL = QT_TR_NOOP("Scenario"), QT_TR_NOOP("Robot"), QT_TR_NOOP("Control")
@@ -164,9 +159,9 @@ class PaletteEntries:
         )
         return item(
             _SAY if is_utterance else _DO, spec.text, spec.icon, lambda: table.run(spec.id),
-            _OTHER_WORDS.get(spec.id, ""), key=table.key_text(spec.id), acts=is_utterance or moves,
+            spec.also, key=table.key_text(spec.id), acts=is_utterance or moves,
             named=spec.text if spec.intent is say_filler else spec.text.partition(": ")[2],
-            common=spec.id in _COMMON_ROWS, id=f"row {spec.id}",
+            common=spec.common, id=f"row {spec.id}",
         )  # fmt: skip
 
     def _of_phrases(self) -> _Items:
@@ -564,3 +559,80 @@ def _show(parts: AppContext, person: PersonRow, *, rename: bool = False, card: b
     panel = parts.panels.panels.get("people")
     if panel is not None:
         panel.show_person(person.person_id, rename=rename, card=card)
+
+
+class QuickChoices:
+    """Commands of the action table to choose places, scenarios and wizards, and to name a person."""
+
+    def __init__(self, parts: AppContext, entries: PaletteEntries, palette: CommandPalette) -> None:
+        self._parts = parts
+        self._entries = entries
+        self._palette = palette
+        self._awaits_scenarios = False
+        parts.scenarios.changed.connect(self._on_scenarios_read)
+        for group in (PLACES_GROUP, SCENARIO_GROUP, PEOPLE_GROUP):
+            parts.actions.answer_for(group, self)
+
+    def choose_place(self) -> None:
+        self._palette.choose_from(
+            tr("Where should the robot go? Press a digit, or type."), self._with_digits(self._entries.of_places())
+        )
+
+    def choose_scenario(self) -> None:
+        entries = self._entries.of_scenarios()
+        self._awaits_scenarios = not entries
+        self._palette.choose_from(tr("Which scenario? Press a digit, or type."), self._with_digits(entries))
+
+    def _on_scenarios_read(self) -> None:
+        if self._awaits_scenarios and self._palette.isVisible():
+            self.choose_scenario()
+        self._awaits_scenarios = False
+
+    def choose_wizard(self) -> None:
+        """Choose a known wizard or enter a new name."""
+        wizards = self._parts.wizards
+
+        def chosen(name: str, text: str) -> PaletteItem:
+            return PaletteItem(text, tr("Wizard"), "user-gear", lambda: wizards.choose(name), id=f"Wizard: {name}")
+
+        known = [chosen(name, name) for name in wizards.names if name != wizards.current]
+        self._palette.ask(
+            tr("Your name or initials"), known, lambda typed: chosen(typed, tr("New wizard: {name}").format(name=typed))
+        )
+
+    def name_person(self) -> str:
+        """Edit the name of the person in front of the robot; Enter saves it."""
+        state, panels = self._parts.console.state, self._parts.panels
+        person = nearest_person(state.persons.value, selected=state.selected_person.value)
+        if person is None:
+            return tr("Nobody is in view, so nobody can be named.")
+        panels.open("people")
+        panel = panels.panels.get("people")
+        if panel is not None:
+            panel.show_person(person.person_id, rename=True)
+        return ""
+
+    def _with_digits(self, entries: Sequence[PaletteItem]) -> Sequence[PaletteItem]:
+        letter = self._parts.actions.letter
+        return [
+            replace(entry, key=letter(str(number)) if number <= CommandPalette.DIGITS else "")
+            for number, entry in enumerate(entries, start=1)
+        ]
+
+
+def nearest_person(persons: Iterable[PersonRow], *, selected: str = "") -> PersonRow | None:
+    """Nearest person in front of the robot.
+
+    The selected person if present; else the nearest unnamed person, else the nearest.
+
+    Without distances: the one most straight ahead, then the one present longest.
+    """
+    here = [person for person in persons if person.here]
+    chosen = next((person for person in here if person.person_id == selected), None)
+    return chosen or min(here, key=_how_far, default=None)
+
+
+def _how_far(person: PersonRow) -> tuple[bool, float, float, int]:
+    aside = math.inf if person.bearing_rad is None else abs(math.remainder(person.bearing_rad, math.tau))
+    distance_m = math.inf if person.distance_m is None else person.distance_m
+    return text_formatting.has_given_name(person), distance_m, aside, person.since_ns

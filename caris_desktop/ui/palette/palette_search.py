@@ -1,13 +1,23 @@
-"""Palette search: matching and ranking of items."""
+"""Items of the command palette: usage history, matching and ranking."""
 
+import json
 import re
-from collections.abc import Sequence
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import field
 from difflib import SequenceMatcher
 from itertools import accumulate, chain
+from typing import Any
 
 from caris_desktop.domain.value_class import Value
-from caris_desktop.ui.palette.palette_item import PaletteItem
+from caris_desktop.ui.wizard_profiles import WizardProfiles
 
+RECENT = 5
+OFTEN = 6
+_OFTEN_FROM = 3  # uses
+_KEPT = 200
+_KEY = "palette/used"
 _MEANS_NOTHING = frozenset({"the", "a", "an", "to", "please", "into"})
 _ALIKE = 0.75
 _LONG_ENOUGH_TO_GUESS = 4
@@ -15,11 +25,82 @@ _ENOUGH = 30
 """Fuzzy matches are skipped if there are this many exact ones."""
 
 
+class PaletteItem(Value):
+    """Item that can be found and run; ``also``: synonyms.
+
+    ``acts``: speaks or moves the robot, so only exact words find it, never fuzzy matching. ``deliberate``: disables a
+    protection, so it is never preselected and needs Enter or a click twice; ``again`` is the prompt in between.
+    ``first``: sorted before all other results. ``named``: name of the object; a query that only contains the name does
+    not preselect the item unless ``by_name``, as for a place, which has a single command. ``id``: stable key of the
+    usage history, independent of language and without personal data. ``common``: listed as frequently used until there
+    is a history.
+    """
+
+    text: str
+    kind: str
+    icon: str
+    do: Callable[[], object]
+    key: str = ""
+    also: str = ""
+    acts: bool = False
+    deliberate: bool = False
+    again: str = ""
+    first: bool = False
+    common: bool = False
+    named: str = ""
+    by_name: bool = False
+    id: str = field(kw_only=True)
+
+    @property
+    def spoken(self) -> str:
+        """The line as text for a screen reader: name, kind, key."""
+        return ", ".join(part for part in (self.text, self.kind, self.key) if part)
+
+
 class Used(Value):
-    """Usage history by ``Entry.id``: recent, newest first, and frequently used."""
+    """Usage history by ``PaletteItem.id``: recent, newest first, and frequently used."""
 
     recent: tuple[str, ...] = ()
     often: tuple[str, ...] = ()
+
+
+class PaletteMemory:
+    """Saved in the wizard profile. Items that disable a protection are not recorded: they must be searched for."""
+
+    def __init__(self, wizards: WizardProfiles) -> None:
+        self._wizards = wizards
+
+    @property
+    def used(self) -> Used:
+        recent, counts = self._read()
+        often = [name for name, times in counts.most_common() if times >= _OFTEN_FROM and name not in recent[:RECENT]]
+        return Used(tuple(recent[:RECENT]), tuple(often[:OFTEN]))
+
+    def note(self, entry: PaletteItem) -> None:
+        """Record a use."""
+        if entry.deliberate:
+            return
+        recent, counts = self._read()
+        name = entry.id
+        counts[name] += 1
+        recent = [name, *(known for known in recent if known != name)][:_KEPT]
+        recent_counts = {known: counts[known] for known in recent}
+        self._wizards.set_value(_KEY, json.dumps({"recent": recent, "counts": recent_counts}))
+
+    def _read(self) -> tuple[list[str], Counter[str]]:
+        try:
+            stored: Any = json.loads(str(self._wizards.value(_KEY, "{}")))
+        except (ValueError, RecursionError):
+            stored = {}
+        if not isinstance(stored, dict):
+            stored = {}
+        recent, counts = stored.get("recent"), stored.get("counts")
+        return (
+            [name for name in recent if isinstance(name, str)] if isinstance(recent, list) else [],
+            Counter({name: times for name, times in counts.items() if isinstance(times, int)})
+            if isinstance(counts, dict)
+            else Counter(),
+        )
 
 
 class Finder:
@@ -49,14 +130,13 @@ class Finder:
             found = [place for place in found if word in self._words[place]]
         if not query_words:
             return list(self.order)
-        exact = self._those_that_begin_first(found, query.casefold().strip())
-        exact.sort(key=lambda place: self._rank(place, " ".join(typed), query_words))
+        exact = sorted(found, key=lambda place: self._rank(place, " ".join(typed), query_words))
         alike = self._alike(query_words, set(found)) if len(found) < _ENOUGH else []
         return [self.order[place] for place in (*exact, *alike)]
 
-    def _rank(self, place: int, query: str, query_words: Sequence[str]) -> tuple[bool, ...]:
+    def _rank(self, place: int, query: str, query_words: Sequence[str]) -> tuple[bool | int, ...]:
         """Sort key: items that act without their verb in the query last; exact names and places first; then contiguous
-        matches before scattered ones.
+        matches before scattered ones; then the sections, each with the items first that begin with the query.
         """
         entry, text = self.order[place], self._texts[place]
         called = {text, text.rpartition(": ")[2], entry.named.casefold()}
@@ -67,23 +147,9 @@ class Finder:
             not (entry.by_name and _begin_words_of(entry.named, query_words)),
             " " in query and query not in text,
             not all(word in self._own_texts[place] for word in query_words),
+            bisect_right(self.breaks, place),
+            not text.startswith(query),
         )
-
-    def _those_that_begin_first(self, found: Sequence[int], begins: str) -> list[int]:
-        if not begins or not found:
-            return list(found)
-        ends = [*self.breaks, len(self.order)]
-        part = 0
-        first: list[int] = []
-        others: list[int] = []
-        ordered: list[int] = []
-        for place in found:
-            while place >= ends[part]:
-                ordered += first + others
-                first, others = [], []
-                part += 1
-            (first if self._texts[place].startswith(begins) else others).append(place)
-        return ordered + first + others
 
     def _alike(self, query_words: Sequence[str], exact: set[int]) -> list[int]:
         if not any(len(word) >= _LONG_ENOUGH_TO_GUESS for word in query_words):

@@ -4,11 +4,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, Literal, cast
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtGui import QAccessible, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QAccessible, QKeyEvent, QMouseEvent, QResizeEvent
 from PySide6.QtWidgets import (
     QApplication,
     QBoxLayout,
-    QLabel,
+    QFrame,
     QLineEdit,
     QPlainTextEdit,
     QScrollArea,
@@ -23,7 +23,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ExchangeStatus, ModelChoice
 from caris_desktop.scenario.scenario_model import PanelSettings
-from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui import layouts, text_formatting
 from caris_desktop.ui.assistant.model_file_dialog import choose_model_file
 from caris_desktop.ui.assistant.prompt_context_chips import PromptContextChips, picture_words
 from caris_desktop.ui.focus_widget import focused_widget
@@ -33,6 +33,8 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.keyed_rows import show_rows
+from caris_desktop.ui.widgets.labels import label, restyle
 from caris_desktop.ui.widgets.submit_text_edit import SubmitTextEdit
 
 _MOST_TYPED = 32_000
@@ -88,8 +90,7 @@ class AssistantPanel(Panel):
         self._rows.say_requested.connect(self._on_say_row)
         self._rows.edit_requested.connect(self._on_edit_row)
         self._rows.away_requested.connect(self._on_away)
-        self._question = QLabel(wordWrap=True)
-        self._question.setObjectName("assistant_question")
+        self._question = label("", "note", wraps=True, objectName="assistant_question")
         self._answer = _AnswerField()
         self._answer.entered.connect(self._on_say)
         self._answer.setObjectName("assistant_answer")
@@ -97,8 +98,7 @@ class AssistantPanel(Panel):
         self._answer.setReadOnly(True)
         self._answer.setTabChangesFocus(True)
         self._answer.setMinimumHeight(30)
-        self._note = QLabel(wordWrap=True)
-        self._note.setObjectName("assistant_note")
+        self._note = label("", "small", wraps=True, objectName="assistant_note")
         self._say = self._button(tr("Say it"), "assistant_say", self._on_say, icon="speaker-high", primary=True)
         self._edit = self._button(tr("Edit first"), "assistant_edit", self._on_edit, icon="pencil-simple")
         self._again = self._button(tr("Ask again"), "assistant_again", self._on_again, icon="arrow-clockwise")
@@ -114,11 +114,10 @@ class AssistantPanel(Panel):
         self._arrange()
         self.state.assistant.changed.connect(self._on_assistant_changed)
         self.state.assistant_setup.changed.connect(self._on_setup_changed)
-        self.theme.changed.connect(self._style)
         app = QApplication.instance()
         if isinstance(app, QApplication):
             app.focusChanged.connect(self._on_focus_changed)
-        self._style()
+        self.update_view()
 
     def _button(self, text: str, name: str, act: Any, *, icon: str = "", primary: bool = False) -> ActionButton:
         button = ActionButton(
@@ -198,11 +197,6 @@ class AssistantPanel(Panel):
         self._buttons.setDirection(QBoxLayout.Direction.TopToBottom if low else QBoxLayout.Direction.LeftToRight)
         self._frame.setContentsMargins(14, 8 if low else 12, 14, 8 if low else 12)
         self._show_parts()
-
-    def _style(self) -> None:
-        for label in (self._question, self._note):
-            label.setFont(self.theme.font(tokens.STATUS_PX))
-        self.update_view()
 
     # Question
 
@@ -329,7 +323,7 @@ class AssistantPanel(Panel):
 
     def _restyle_answer(self) -> None:
         self._say.set_key("Enter" if self._editing else "")
-        # Dynamic property of the style sheet for editable text.
+        # The style sheet selects by readOnly.
         self._answer.style().unpolish(self._answer)
         self._answer.style().polish(self._answer)
 
@@ -467,8 +461,7 @@ class AssistantPanel(Panel):
             text, role = tr(exchange.detail), "amber" if exchange.state == "answered" else "dim"
         self._note.setText(text)
         self._note.setVisible(bool(text))
-        for label, color in ((self._note, role), (self._question, "dim")):
-            self.theme.color_text(label, color)
+        restyle(self._note, tone=role)
 
 
 def _the_one_of(status: AssistantStatus) -> tuple[ExchangeStatus, ...]:
@@ -557,30 +550,23 @@ class ExchangeRows(QScrollArea):
     def show_rows(self, exchanges: Sequence[ExchangeStatus], current: str, *, live: bool, speaks: bool = True) -> None:
         """Show the exchanges, newest first. ``live``: they can be used; ``speaks``: answers can be said."""
         count = len(self._rows)
-        for exchange_id in [each for each in self._rows if each not in {row.exchange_id for row in exchanges}]:
-            row = self._rows.pop(exchange_id)
-            row.hide()
-            row.deleteLater()
         self._current = current
-        for place, exchange in enumerate(exchanges):
-            row = self._rows.get(exchange.exchange_id) or self._new_row(exchange.exchange_id)
-            if self._column.indexOf(row) != place:
-                self._column.removeWidget(row)
-                self._column.insertWidget(place, row)
+        show_rows(self._column, self._rows, [exchange.exchange_id for exchange in exchanges], self._new_row)
+        for exchange in exchanges:
+            row = self._rows[exchange.exchange_id]
             row.show_exchange(exchange, current=exchange.exchange_id == current, live=live, speaks=speaks)
         if len(self._rows) != count:
             self.updateGeometry()
 
     def _new_row(self, exchange_id: str) -> "_Row":
-        row = self._rows[exchange_id] = _Row(self._theme)
+        row = _Row(self._theme)
         row.pressed.connect(lambda: self.chosen.emit(exchange_id))
         row.say.clicked.connect(lambda: self.say_requested.emit(exchange_id))
         row.away.clicked.connect(lambda: self.away_requested.emit(exchange_id))
-        self._column.insertWidget(0, row)
         return row
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        order = sorted(self._rows, key=lambda each: self._column.indexOf(self._rows[each]))
+        order = list(self._rows)
         step = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}.get(Qt.Key(event.key()))
         if step is not None and self._current in order:
             at = order.index(self._current) + step
@@ -596,31 +582,27 @@ class ExchangeRows(QScrollArea):
             super().keyPressEvent(event)
 
 
-class _Row(QWidget):
+class _Row(QFrame):
     """Row with state, question and two buttons."""
 
     pressed = Signal()
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self._theme = theme
-        self._current = False
+        self.setObjectName("exchange_row")
         self.setFixedHeight(EXCHANGE_ROW_PX)
-        self._state = QLabel()
+        self._state = label("", "small")
         self._state.setFixedWidth(_STATE_PX)
-        self._question = ElidedLabel()
+        self._question = ElidedLabel(role="small")
         self.say = ActionButton(theme, "", icon="speaker-high", role="ghost", height_px=26)
         self.say.setObjectName("assistant_row_say")
         self.away = ActionButton(theme, "", icon="x", role="ghost", height_px=26)
         self.away.setObjectName("assistant_row_away")
-        for label in (self._state, self._question):
-            label.setFont(theme.font(tokens.STATUS_PX))
-        line = layouts.hbox(self, margins_px=(8, 0, 2, 0), spacing_px=6)
+        line = layouts.hbox(self, margins_px=(7, 0, 1, 0), spacing_px=6)
         line.addWidget(self._state)
         line.addWidget(self._question, 1)
         line.addWidget(self.say)
         line.addWidget(self.away)
-        theme.changed.connect(self.update)
 
     def show_exchange(self, exchange: ExchangeStatus, *, current: bool, live: bool, speaks: bool) -> None:
         words = tr(_USED.get(exchange.use) or _WORDS[exchange.state])
@@ -628,9 +610,9 @@ class _Row(QWidget):
         if exchange.is_pending:
             role = "blue"
         self._state.setText(words)
-        self._theme.color_text(self._state, "dim" if exchange.use else role)
+        restyle(self._state, tone="dim" if exchange.use else role)
         self._question.setText(exchange.question)
-        self._theme.color_text(self._question, "text" if current else "dim")
+        restyle(self._question, tone="text" if current else "dim")
         self.say.setVisible(speaks)
         self.say.setEnabled(live and exchange.state == "answered" and bool(exchange.answer))
         self.say.setToolTip(tr("Say this answer"))
@@ -639,22 +621,11 @@ class _Row(QWidget):
         self.away.setToolTip(tr("Cancel this question") if exchange.is_pending else tr("Dismiss this question"))
         away = tr("Cancel: {question}") if exchange.is_pending else tr("Dismiss: {question}")
         self.away.setAccessibleName(away.format(question=exchange.question))
-        if current != self._current:
-            self._current = current
-            self.update()
+        restyle(self, current=current)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         self.pressed.emit()
         event.accept()
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        if self._current:
-            painter = QPainter(self)
-            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(self._theme.color("raised"))
-            painter.drawRoundedRect(self.rect(), 6, 6)
-        super().paintEvent(event)
 
 
 _PHOTOS_OFFERED = 8

@@ -1,11 +1,11 @@
 """Conversation panel: transcript, speakers, and the participant's waiting time."""
 
 from bisect import bisect_right
-from collections.abc import Callable
+from functools import partial
 
 from PySide6.QtCore import QSize, Qt, QTimer
 from PySide6.QtGui import QActionGroup, QKeyEvent, QResizeEvent
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop.conversation.conversation_transcript import Turn, in_order, next_speaker
 from caris_desktop.conversation.response_timing import LATE_S, waiting
@@ -27,6 +27,7 @@ from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.top_bar import as_menu
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.foreign_picture import image_of
+from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
@@ -102,6 +103,9 @@ class ConversationPanel(Panel):
 
     def focus_target(self) -> QWidget:
         return self.view
+
+    def accessible_parts(self) -> list[QWidget]:
+        return self.view.parts()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -317,9 +321,7 @@ class _SearchLine(QWidget):
         self.field.setPlaceholderText(tr("Search the transcript"))
         self.field.setAccessibleName(tr("Search the transcript"))
         self.field.textChanged.connect(panel.search)
-        self._found = QLabel()
-        self._found.setObjectName("transcript_found")
-        panel.theme.style_text(self._found, "dim", tokens.STATUS_PX)
+        self._found = label("", "note", objectName="transcript_found")
         close = ActionButton(panel.theme, "", icon="x", height_px=30)
         close.setAccessibleName(tr("Close the search"))
         close.clicked.connect(panel.close_search)
@@ -392,13 +394,10 @@ class LevelsButton(ActionButton):
                 action.setCheckable(True)
                 action.setChecked(getattr(self._state.levels.value, function) == level)
                 action.setActionGroup(group)
-                action.triggered.connect(self._setter(function, level))
+                action.triggered.connect(partial(self._set_level, function, level))
 
-    def _setter(self, function: AssistedFunction, level: AssistanceLevel) -> Callable[[], None]:
-        def set_level() -> None:
-            self._context.console.do(intents.SetLevel(function, level))
-
-        return set_level
+    def _set_level(self, function: AssistedFunction, level: AssistanceLevel) -> None:
+        self._context.console.do(intents.SetLevel(function, level))
 
 
 _COUNT_EVERY_MS = 100
@@ -413,6 +412,7 @@ class ProposalCard(Banner):
 
     def __init__(self, context: PanelContext, parent: QWidget) -> None:
         super().__init__(context.theme, "proposal_card", role="amber")
+        self.text.setProperty("role", "medium")
         self.setParent(parent)
         self._context = context
         self._state = context.console.state
@@ -474,7 +474,3 @@ class ProposalCard(Banner):
         else:
             self.say(tr("{what}? · proposed by {model}").format(what=tr(proposal.words), model=proposal.model))
         self.setToolTip(tr("This moves the robot.") if proposal.moves else "")
-
-    def _style(self) -> None:
-        super()._style()
-        self.text.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))

@@ -14,7 +14,7 @@ from PySide6.QtCore import (
     QTimer,
 )
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QSizePolicy, QTableView, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QSizePolicy, QTableView, QWidget
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import TopicTraffic, TrafficMeasured
@@ -29,6 +29,7 @@ from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.labels import label
 
 _COLUMNS = (
     QT_TR_NOOP("Topic"),
@@ -343,8 +344,7 @@ class DiagnosticsPanel(Panel):
         self.setObjectName("diagnostics_panel")
         self._copied_at_s = float("-inf")
         self._link_state = ""
-        self._summary = QLabel()
-        self._summary.setObjectName("diagnostics_summary")
+        self._summary = label("", "note", objectName="diagnostics_summary")
         self._summary.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self._summary.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.model = TrafficModel(self.theme, self)
@@ -372,9 +372,8 @@ class DiagnosticsPanel(Panel):
         header.setStretchLastSection(True)
         for column, width in enumerate((170, 84, 66, 60, 112, 86, 70, 210, 64)):
             header.resizeSection(column, width)
-        self._empty = QLabel(tr("No data from the robot.\nIts topics appear here once data arrives."))
-        self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self._empty.setWordWrap(True)
+        nothing = tr("No data from the robot.\nIts topics appear here once data arrives.")
+        self._empty = label(nothing, tone="dim", wraps=True, alignment=Qt.AlignmentFlag.AlignCenter)
         self._copy = ActionButton(self.theme, tr("Copy report"), icon="copy", height_px=28, text_px=tokens.STATUS_PX)
         self._copy.setObjectName("diagnostics_copy")
         self._copy.setToolTip(tr("Copy all values as text"))
@@ -391,8 +390,7 @@ class DiagnosticsPanel(Panel):
         self.state.traffic.changed.connect(self._on_traffic_changed)
         self.state.link.changed.connect(self._on_link_changed)
         self.state.robot.changed.connect(self._on_robot_changed)
-        self.state.health.changed.connect(self._on_health_changed)
-        self.theme.restyle_on_change(self._style)
+        self.state.health.changed.connect(self.refresh)
         self.refresh()
 
     def title_widgets(self) -> list[QWidget]:
@@ -438,9 +436,6 @@ class DiagnosticsPanel(Panel):
         elif not self._soon.isActive():
             self._soon.start()
 
-    def _on_health_changed(self, _health: object) -> None:
-        self.refresh()
-
     def _on_link_changed(self, link: LinkStatus) -> None:
         """Update at once if the link state changes; traffic waits for the next refresh."""
         if link.state != self._link_state:
@@ -483,17 +478,3 @@ class DiagnosticsPanel(Panel):
             self.set_fact(bandwidth(total) if traffic else "", "dim")
         if self._copy.text() == tr("Copied") and time.monotonic() - self._copied_at_s > 1.5:
             self._copy.set_label(tr("Copy report"), icon="copy")
-
-    def _style(self) -> None:
-        theme = self.theme
-        self._summary.setFont(theme.font(tokens.STATUS_PX))
-        self.view.setFont(theme.font(tokens.STATUS_PX))
-        colors = theme.colors
-        self.view.setStyleSheet(
-            f"QTableView {{ background: transparent; border: 0; font-size: {tokens.STATUS_PX}px; }}"
-            f"QHeaderView {{ background: transparent; }}"
-            f"QHeaderView::section {{ background: {colors.panel}; color: {colors.dim}; border: 0; padding: 3px 4px;"
-            f" border-bottom: 1px solid {colors.line}; font-size: {tokens.STATUS_PX}px; }}"
-        )
-        for label in (self._summary, self._empty):
-            theme.color_text(label, "dim")

@@ -1,10 +1,11 @@
 """Drive panel: arrows and stick, speed, obstacle guard, head, and the current command."""
 
+from functools import partial
+
 from PySide6.QtCore import QElapsedTimer, QEvent, QPoint, QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import (
     QAccessible,
     QFocusEvent,
-    QFontMetricsF,
     QHideEvent,
     QMouseEvent,
     QPainter,
@@ -14,23 +15,23 @@ from PySide6.QtGui import (
     QPolygonF,
     QResizeEvent,
 )
-from PySide6.QtWidgets import QBoxLayout, QGridLayout, QLabel, QSizePolicy, QWidget
+from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QPushButton, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
-from caris_desktop.live.teleop_command import TeleopCommand
 from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import layouts, speed_steps, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.drive_input_filter import STOPS, DriveInputFilter
+from caris_desktop.ui.input.drive_input_filter import STOPS, DriveInputFilter
+from caris_desktop.ui.input.key_owner import owner_sentence
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.joystick import Joystick
-from caris_desktop.ui.widgets.key_cap import HEIGHT_PX, draw_key_cap, key_cap_width
-from caris_desktop.ui.widgets.key_owner import owner_sentence
+from caris_desktop.ui.widgets.key_cap import HEIGHT_PX, KeyCap, draw_key_cap, key_cap_width
+from caris_desktop.ui.widgets.labels import label, restyle
 
 _CELLS = (
     ("strafe_left", 0, 0), ("drive_forward", 0, 1), ("strafe_right", 0, 2),
@@ -65,18 +66,16 @@ class DrivePanel(Panel):
         super().__init__(context)
         self.setObjectName("drive_panel")
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self._line = QLabel(wordWrap=True)
-        self._line.setObjectName("drive_line")
-        self._reason = QLabel(wordWrap=True)
-        self._reason.setObjectName("drive_reason")
+        self._line = label("", "drive", wraps=True, objectName="drive_line")
+        self._reason = label("", "small", wraps=True, objectName="drive_reason")
         self._pad = DrivePad(self.theme, self.table, self.hold)
         self._pad.setObjectName("drive_pad")
         self._stick = Joystick(self.theme, use="base")
         self._stick.setObjectName("drive_stick")
-        self._stick.moved.connect(self._on_stick_moved)
+        self._stick.moved.connect(partial(self.hold.motion.push_onscreen, "base"))
         self._head = HeadControl(self.theme, self.table)
         self._head.setObjectName("head_control")
-        self._head.stick.moved.connect(self._on_head_stick_moved)
+        self._head.stick.moved.connect(partial(self.hold.motion.push_onscreen, "head"))
         self._stop = ActionButton(self.theme, tr("Stop"), icon="hand-palm", height_px=30)
         self._stop.setObjectName("stop_button")
         self._stop.setProperty(STOPS, True)
@@ -85,7 +84,7 @@ class DrivePanel(Panel):
         self._other = ActionButton(self.theme, "", icon="game-controller", height_px=30)
         self._other.setObjectName("drive_other_view")
         self._other.clicked.connect(self._on_other_view)
-        self._speed = SpeedSteps(self.theme, self.table)
+        self._speed = SpeedSteps(self.table)
         self._speed.setObjectName("speed_steps")
         self._speed.chosen.connect(self._on_speed_chosen)
         self._guard = HoldButton(self.theme, tr("Guard"), icon="shield-check", height_px=30, text_px=tokens.STATUS_PX)
@@ -121,7 +120,6 @@ class DrivePanel(Panel):
         card_margins(self._layout)
         self._layout.addLayout(self._first)
         self._layout.addLayout(self._second, 1)
-        self.theme.changed.connect(self._style)
         self.state.drive.changed.connect(self._show_now)
         self.state.goal.changed.connect(self._show_now)
         self.state.robot.changed.connect(self._on_robot_changed)
@@ -129,7 +127,6 @@ class DrivePanel(Panel):
         self.hold.motion.held_changed.connect(self._show_now)
         self.hold.key_owner_changed.connect(self._show_now)
         self.table.keys_changed.connect(self._show_now)
-        self._style()
         self._on_robot_changed(self.state.robot.value)
 
     def title_widgets(self) -> list[QWidget]:
@@ -201,11 +198,6 @@ class DrivePanel(Panel):
         self._chosen_view = (self._chosen_view + 1) % len(self._available_views())
         self._arrange_views()
 
-    def _style(self) -> None:
-        self._line.setFont(self.theme.font(tokens.SPEECH_PX - 1, tokens.WEIGHT_SEMIBOLD))
-        self._reason.setFont(self.theme.font(tokens.STATUS_PX))
-        self._show_now()
-
     def _on_robot_changed(self, robot: object) -> None:
         self._stick.set_sideways(robot is not None and bool(getattr(robot, "holonomic", False)))
         self._pad.show_rows()
@@ -226,12 +218,6 @@ class DrivePanel(Panel):
             if goal is not None and goal.state in text_formatting.UNDER_WAY
             else ""
         )
-
-    def _on_stick_moved(self, wish: TeleopCommand) -> None:
-        self.hold.motion.push_onscreen("base", wish)
-
-    def _on_head_stick_moved(self, wish: TeleopCommand) -> None:
-        self.hold.motion.push_onscreen("head", wish)
 
     def _on_speed_chosen(self, fraction: float) -> None:
         self.console.do(intents.SetSpeed(fraction))
@@ -265,7 +251,7 @@ class DrivePanel(Panel):
         self._speed.show_fraction(drive.speed_fraction)
         text, role = self._reason_words(drive, going_to)
         self._reason.setText(text)
-        self.theme.color_text(self._reason, role)
+        restyle(self._reason, tone=role)
         free = drive.allowed and not drive.emergency_stop
         for view in (self._pad, self._stick, self._head):
             view.setEnabled(free)
@@ -338,24 +324,39 @@ class DrivePanel(Panel):
 
 
 class SpeedSteps(QWidget):
-    """Speed selector: slow, normal, fast, with its keys."""
+    """Speed selector: slow, normal, fast, with its keys where they fit."""
 
-    accessible_role = QAccessible.Role.Slider
+    accessible_role = QAccessible.Role.Grouping
 
     chosen = Signal(float)
 
-    def __init__(self, theme: Theme, actions: Actions) -> None:
+    def __init__(self, actions: Actions) -> None:
         super().__init__()
-        self._theme = theme
         self._actions = actions
         self._step = 1
         self.setFixedHeight(30)
-        self.setMinimumWidth(132)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setToolTip(tr("Top speed"))
-        self._name()
-        theme.changed.connect(self.update)
-        actions.keys_changed.connect(self.update)
+        self._slower, self._faster = KeyCap(), KeyCap()
+        frame = QFrame(self)
+        frame.setObjectName("speed_frame")
+        steps = layouts.hbox(frame, margins_px=0, spacing_px=0)
+        self._steps: list[QPushButton] = []
+        for name, fraction in zip(speed_steps.NAMES, speed_steps.FRACTIONS, strict=True):
+            step = QPushButton(tr(name))
+            step.setCheckable(True)
+            step.setObjectName("speed_step")
+            step.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            step.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Expanding)
+            step.clicked.connect(partial(self._on_clicked, fraction))
+            steps.addWidget(step)
+            self._steps.append(step)
+        row = layouts.hbox(self, margins_px=0, spacing_px=6)
+        row.addWidget(self._slower)
+        row.addWidget(frame, 1)
+        row.addWidget(self._faster)
+        self._show()
+        actions.keys_changed.connect(self._show_keys)
 
     def sizeHint(self) -> QSize:
         return QSize(260, 30)
@@ -363,65 +364,33 @@ class SpeedSteps(QWidget):
     def minimumSizeHint(self) -> QSize:
         return QSize(132, 30)
 
-    @property
-    def text(self) -> str:
-        """Name of the current step."""
-        return tr(speed_steps.NAMES[self._step])
-
     def show_fraction(self, fraction: float) -> None:
         step = speed_steps.step_at(fraction)
         if step != self._step:
             self._step = step
-            self._name()
-            self.update()
+            self._show()
 
-    def _name(self) -> None:
-        self.setAccessibleName(tr("Top speed: {speed}").format(speed=self.text))
+    def _on_clicked(self, fraction: float) -> None:
+        self.chosen.emit(fraction)
+        self._show()  # a refused speed is not checked
 
-    def _caps(self) -> tuple[str, str]:
-        """Key caps at both ends; empty if they do not fit."""
-        slower, faster = self._actions.key_text("slower"), self._actions.key_text("faster")
-        needed = key_cap_width(self._theme, slower) + key_cap_width(self._theme, faster) + 12
-        metrics = QFontMetricsF(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
-        needed += 3 * (max(metrics.horizontalAdvance(tr(name)) for name in speed_steps.NAMES) + 12)
-        return (slower, faster) if needed <= self.width() else ("", "")
+    def _show(self) -> None:
+        for number, step in enumerate(self._steps):
+            step.setChecked(number == self._step)
+        self.setAccessibleName(tr("Top speed: {speed}").format(speed=self._steps[self._step].text()))
 
-    def _segments(self) -> list[QRectF]:
-        slower, faster = self._caps()
-        left = key_cap_width(self._theme, slower) + 6 if slower else 0.0
-        right = self.width() - (key_cap_width(self._theme, faster) + 6 if faster else 0.0)
-        width = (right - left) / len(speed_steps.FRACTIONS)
-        height = self.height() - 1
-        return [QRectF(left + index * width, 0.5, width, height) for index in range(len(speed_steps.FRACTIONS))]
+    def _show_keys(self) -> None:
+        caps = {self._slower: "slower", self._faster: "faster"}
+        for cap, action_id in caps.items():
+            cap.setText(self._actions.key_text(action_id))
+        needed_px = sum(cap.sizeHint().width() + 6 for cap in caps)
+        needed_px += len(self._steps) * max(step.sizeHint().width() for step in self._steps)
+        for cap in caps:
+            cap.setVisible(needed_px <= self.width() and bool(cap.text()))
 
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        for index, rect in enumerate(self._segments()):
-            if rect.contains(event.position()):
-                self.chosen.emit(speed_steps.FRACTIONS[index])
-                event.accept()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        theme = self._theme
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        segments = self._segments()
-        bounds = segments[0].united(segments[-1]).adjusted(0.5, 0, -0.5, 0)
-        painter.setPen(QPen(theme.color("line"), 1))
-        painter.setBrush(theme.color("raised"))
-        painter.drawRoundedRect(bounds, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
-        for index, (rect, name) in enumerate(zip(segments, speed_steps.NAMES, strict=True)):
-            now = index == self._step
-            if now:
-                painter.setPen(QPen(theme.color("blue"), 1))
-                painter.setBrush(theme.color("blue_soft"))
-                painter.drawRoundedRect(rect.adjusted(1, 0, -1, 0), tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
-            painter.setFont(theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD if now else tokens.WEIGHT_NORMAL))
-            painter.setPen(theme.color("text" if now else "dim"))
-            painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, tr(name))
-        slower, faster = self._caps()
-        middle = self.height() / 2
-        draw_key_cap(painter, theme, slower, 0, middle)
-        draw_key_cap(painter, theme, faster, self.width() - key_cap_width(theme, faster), middle)
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._show_keys()
 
 
 class HeadControl(QWidget):
@@ -429,11 +398,9 @@ class HeadControl(QWidget):
 
     def __init__(self, theme: Theme, actions: Actions) -> None:
         super().__init__()
-        self._theme = theme
         self.stick = Joystick(theme, use="head")
         self.stick.setObjectName("head_stick")
-        self._angles = QLabel(alignment=Qt.AlignmentFlag.AlignCenter)
-        self._angles.setObjectName("head_angles")
+        self._angles = label("", "small", objectName="head_angles", alignment=Qt.AlignmentFlag.AlignCenter)
         ahead = ActionButton(theme, tr("Ahead"), height_px=28, text_px=tokens.STATUS_PX)
         ahead.setObjectName("look_ahead_button")
         ahead.setMinimumWidth(128)  # includes its longest key cap
@@ -446,16 +413,12 @@ class HeadControl(QWidget):
         row = layouts.hbox(self, margins_px=0, spacing_px=6)
         row.addWidget(self.stick, 1)
         row.addLayout(column)
-        theme.restyle_on_change(self._style)
 
     def minimumSizeHint(self) -> QSize:
         return QSize(self.stick.minimumSizeHint().width() + 138, self.stick.minimumSizeHint().height())
 
     def show_angles(self, pan_rad: float, tilt_rad: float) -> None:
         self._angles.setText(text_formatting.head_angles(pan_rad, tilt_rad))
-
-    def _style(self) -> None:
-        self._angles.setFont(self._theme.font(tokens.STATUS_PX))
 
 
 class DrivePad(QWidget):

@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QGuiApplication, QResizeEvent
-from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
+from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.conversation.face.drawing import drawing_of
 from caris_desktop.conversation.face.face_file import Face, FaceError, load_face
@@ -12,11 +12,11 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_rows import EXPRESSION_COUNT
-from caris_desktop.ui.face.face_view import FaceView
-from caris_desktop.ui.face.shown_face import show_on
+from caris_desktop.ui.face.face_view import FaceView, show_on
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 _LOW_PX, _NARROW_PX = 330, 430
@@ -68,8 +68,8 @@ class FacePanel(Panel):
         self._edit = ActionButton(self.theme, tr("Edit…"), icon="pencil-simple", height_px=30)
         self._edit.setObjectName("face_edit")
         self._edit.clicked.connect(self._on_edit)
-        self._address = QLabel(wordWrap=True, textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse)
-        self._address.setObjectName("face_address")
+        self._address = label("", "note", wraps=True, objectName="face_address")
+        self._address.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._more = FlowRow(gap_px=6)
         for control in (self._text, self._back, self._live, self._copy, self._edit):
             self._more.add(control)
@@ -86,7 +86,6 @@ class FacePanel(Panel):
         self.state.face_drawing.changed.connect(self._on_drawing)
         self.state.face_page.changed.connect(self._on_page)
         self.table.rows_changed.connect(self._fill)
-        self.theme.restyle_on_change(self._style)
         self._fill()
         self.update_view()
 
@@ -126,9 +125,6 @@ class FacePanel(Panel):
         self._on_face(self.state.face.value)
         self._on_drawing(self.state.face_drawing.value)
         self._on_page(self.state.face_page.value)
-
-    def _style(self) -> None:
-        self.theme.style_text(self._address, "dim", tokens.STATUS_PX)
 
     def _fill(self) -> None:
         """Create a button per expression of this face, with its key."""

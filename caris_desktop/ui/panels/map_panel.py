@@ -223,7 +223,6 @@ class MapPanel(Panel):
             if number < len(texts) and label.text() != texts[number]:
                 label.setText(texts[number])
                 label.setAccessibleName(entries[number][2])
-                self.theme.color_text(label, "text")
 
     def focus_target(self) -> QWidget:
         return self.view

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QAccessible, QBrush, QColor, QPen, QResizeEvent
-from PySide6.QtWidgets import QGraphicsItem, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGraphicsItem, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import CommandSent
 from caris_desktop.domain.geometry import moves
@@ -20,6 +20,7 @@ from caris_desktop.ui.accessible_roles import has_role
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.labels import label
 
 SPAN_S = 30.0
 POINTS = 3000
@@ -85,8 +86,7 @@ class MotionPanel(Panel):
         self._drawn_ns: int | None = None
         self._was_limited = 0.0
         self._limits: tuple[float, float] | None = None
-        self._odometry_line = QLabel()
-        self._odometry_line.setObjectName("motion_odometry")
+        self._odometry_line = label("", "note", objectName="motion_odometry")
         self._odometry_line.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._pause = ActionButton(self.theme, tr("Pause"), icon="pause", height_px=30)
         self._pause.setObjectName("motion_pause")
@@ -191,7 +191,6 @@ class MotionPanel(Panel):
             label = {"color": dim.name(), "font-size": f"{tokens.KEY_CAP_PX}px"}
             plot.setLabel("left", "m/s" if plot is self._plots[0] else "°/s", **label)
             plot.getAxis("left").setScale(1.0)
-        theme.style_text(self._odometry_line, "dim", tokens.STATUS_PX)
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, CommandSent):

@@ -1,33 +1,29 @@
 """Notes panel: the wizard's notes, each with its time."""
 
+from operator import attrgetter
 from typing import Any
 
 from PySide6.QtCore import (
-    QAbstractListModel,
+    QAbstractItemModel,
     QEvent,
     QModelIndex,
-    QObject,
-    QPersistentModelIndex,
     QPoint,
     QRect,
     QSize,
     Qt,
     Signal,
 )
-from PySide6.QtGui import QFontMetrics, QKeyEvent, QPainter, QResizeEvent
+from PySide6.QtGui import QFontMetrics, QKeyEvent, QPainter, QResizeEvent, QStandardItem
 from PySide6.QtWidgets import (
     QFrame,
-    QLabel,
     QListView,
     QPlainTextEdit,
     QStackedLayout,
-    QStyledItemDelegate,
     QStyleOptionViewItem,
     QWidget,
 )
 
 from caris_desktop.domain import intents
-from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.ui import layouts, text_formatting, tokens
@@ -35,18 +31,19 @@ from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.keyed_items import VALUE_ROLE, KeyedItems
+from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.row_delegate import Index, RowDelegate
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 _TIME_PX, _SIDE_PX, _ABOVE_PX = 72, 12, 5
-_NOTE_ROLE = int(Qt.ItemDataRole.UserRole)
-_TIME_ROLE = _NOTE_ROLE + 1
+_TIME_ROLE = VALUE_ROLE + 1
 _LONGEST = 1000
 _SHARE_OF_STUDY = 0.5
 _AROUND_STUDY_PX = 56  # margins, frame and scroll bar next to the text
 _MANY_PX = 100_000
 _ROOMY_PX = 220
 _AT_ONCE_UNDONE = 50
-_Index = QModelIndex | QPersistentModelIndex
 
 
 class NotesPanel(Panel):
@@ -65,7 +62,7 @@ class NotesPanel(Panel):
         self._began_ns: int | None = None
         self._changing = ""  # the note being edited
         self._undo_with: list[intents.Intent] = []
-        self.model = NotesModel(self.state.present.anchor, self)
+        self.model = KeyedItems[FinalMark](self, attrgetter("mark_id"), self._fill)
         self.view = NotesView(self.theme, self.model)
         self.view.setObjectName("notes_list")
         self.view.setAccessibleName(tr("Notes"))
@@ -83,8 +80,7 @@ class NotesPanel(Panel):
         self._fold.setToolTip(tr("Show or hide the scenario's notes"))
         self._fold.clicked.connect(self._on_fold)
         self._show_study()
-        self._empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)
-        self._empty.setObjectName("notes_empty")
+        self._empty = label("", "note", wraps=True, objectName="notes_empty", alignment=Qt.AlignmentFlag.AlignCenter)
         self._empty.setContentsMargins(20, 4, 20, 4)
         self._change = self._small_button("notes_change", tr("Change"), "pencil-simple", self.change_current)
         self._remove = self._small_button("notes_remove", tr("Remove"), "trash", self.remove_current)
@@ -115,7 +111,7 @@ class NotesPanel(Panel):
         self.state.notes.changed.connect(self._on_changed)
         self.state.recording.changed.connect(self._on_changed)
         self.view.selectionModel().currentChanged.connect(self._on_changed)
-        self.theme.restyle_on_change(self.update_view)
+        self.update_view()
 
     def _small_button(self, name: str, text: str, icon: str, slot: Any) -> ActionButton:
         button = ActionButton(self.theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1)
@@ -156,7 +152,6 @@ class NotesPanel(Panel):
         icon = "caret-down" if unfolded else "caret-right"
         self._fold.set_label(tr("Scenario"), icon=icon)
         self._fold.setAccessibleName(tr("Hide the scenario's notes") if unfolded else tr("Show the scenario's notes"))
-        self.theme.style_text(text, "text", tokens.BODY_PX)
         room = QRect(0, 0, self.width() - _AROUND_STUDY_PX, _MANY_PX)
         wrapped = text.fontMetrics().boundingRect(room, int(Qt.TextFlag.TextWordWrap), text.toPlainText())
         needed = wrapped.height() + _AROUND_STUDY_PX // 2
@@ -187,7 +182,7 @@ class NotesPanel(Panel):
         notes: tuple[FinalMark, ...] = self.state.notes.value
         if self._changing and all(note.mark_id != self._changing for note in notes):
             self._give_up_changing()
-        self.model.show_notes(notes)
+        self.model.show_values(notes)
         self._stack.setCurrentWidget(self.view if notes else self._empty)
         recording = self.state.recording.value.state == "recording"
         self.set_fact(_counted(len(notes)))
@@ -196,21 +191,28 @@ class NotesPanel(Panel):
             else tr("Your notes appear here with their time and are saved in the session.") if recording
             else tr("Notes are saved while a session is being recorded.")
         )  # fmt: skip
-        self.theme.style_text(self._empty, "dim", tokens.STATUS_PX)
         chosen = self._current() is not None and not self._changing
         show_part(self._change, chosen and self._may_write)
         show_part(self._remove, chosen and self._may_write)
         show_part(self._undo, bool(self._undo_with) and recording)
         show_part(self._acts, self._may_write and ((chosen and bool(notes)) or bool(self._undo_with)))
         show_part(self.field, self._may_write)
-        self.field.setFont(self.theme.font(tokens.BODY_PX))
         hint = tr("Edit the note, Enter saves it") if self._changing else tr("Write a note, Enter adds it")
         self.field.setPlaceholderText(hint)
         self.field.setAccessibleName(hint)
         self.field.setToolTip(tr("The note gets the time at which you start writing. A word like #laughs is a tag."))
 
+    def _fill(self, item: QStandardItem, note: FinalMark) -> None:
+        at = text_formatting.clock_time(note.start_ns, self.state.present.anchor)
+        text = f"{note.label}: {note.note}" if note.label else note.note
+        item.setText(text)
+        item.setData(at, _TIME_ROLE)
+        spoken = tr("{time}, {note}").format(time=at, note=f"{text} {changed_words(note)}".strip())
+        item.setData(spoken, Qt.ItemDataRole.AccessibleTextRole)
+
     def _current(self) -> FinalMark | None:
-        return self.model.note(self.view.currentIndex())
+        note: FinalMark | None = self.view.currentIndex().data(VALUE_ROLE)
+        return note
 
     # ---- commands
 
@@ -274,9 +276,8 @@ class NotesPanel(Panel):
             self._on_changed()
 
     def _on_clicked(self, index: QModelIndex) -> None:
-        note = self.model.note(index)
-        if note is not None and not self._may_write:
-            self.moment_requested.emit(note.start_ns)
+        if not self._may_write:
+            self.moment_requested.emit(index.data(VALUE_ROLE).start_ns)
 
     def _on_activated(self, index: QModelIndex) -> None:
         if self._may_write:
@@ -292,59 +293,6 @@ class NotesPanel(Panel):
         self.field.setText(text)
 
 
-class NotesModel(QAbstractListModel):
-    def __init__(self, anchor: ClockAnchor, parent: QObject) -> None:
-        super().__init__(parent)
-        self._anchor = anchor
-        self._notes: tuple[FinalMark, ...] = ()
-
-    def show_notes(self, notes: tuple[FinalMark, ...]) -> None:
-        """Update rows in place, so that the selection stays."""
-        if notes == self._notes:
-            return
-        ids = {note.mark_id for note in notes}
-        for row in reversed(range(len(self._notes))):
-            if self._notes[row].mark_id not in ids:
-                self.beginRemoveRows(QModelIndex(), row, row)
-                self._notes = (*self._notes[:row], *self._notes[row + 1 :])
-                self.endRemoveRows()
-        for row, note in enumerate(notes):
-            if row >= len(self._notes) or self._notes[row].mark_id != note.mark_id:
-                self.beginInsertRows(QModelIndex(), row, row)
-                self._notes = (*self._notes[:row], note, *self._notes[row:])
-                self.endInsertRows()
-        if len(self._notes) != len(notes):  # a time changed past another note's
-            self.beginResetModel()
-            self._notes = notes
-            self.endResetModel()
-        elif self._notes != notes:
-            self._notes = notes
-            self.dataChanged.emit(self.index(0), self.index(len(notes) - 1))
-
-    def note(self, index: _Index) -> FinalMark | None:
-        return self._notes[index.row()] if index.isValid() and index.row() < len(self._notes) else None
-
-    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008
-        return 0 if parent.isValid() else len(self._notes)
-
-    def data(self, index: _Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
-        note = self.note(index)
-        if note is None:
-            return None
-        at = text_formatting.clock_time(note.start_ns, self._anchor)
-        text = f"{note.label}: {note.note}" if note.label else note.note
-        match role:
-            case Qt.ItemDataRole.DisplayRole:
-                return text
-            case Qt.ItemDataRole.AccessibleTextRole:
-                return tr("{time}, {note}").format(time=at, note=f"{text} {changed_words(note)}".strip())
-            case int() if role == _TIME_ROLE:
-                return at
-            case int() if role == _NOTE_ROLE:
-                return note
-        return None
-
-
 def changed_words(note: FinalMark) -> str:
     """ "changed" for a note that was edited; the session has both versions."""
     return tr("edited") if note.rewritten else ""
@@ -356,7 +304,7 @@ class NotesView(QListView):
     removal_requested = Signal()
     undo_requested = Signal()
 
-    def __init__(self, theme: Theme, model: NotesModel) -> None:
+    def __init__(self, theme: Theme, model: QAbstractItemModel) -> None:
         super().__init__()
         self.setModel(model)
         self.setItemDelegate(_NoteDelegate(theme, self))
@@ -397,27 +345,23 @@ def _of_list(event: QKeyEvent) -> bool:
     )
 
 
-class _NoteDelegate(QStyledItemDelegate):
+class _NoteDelegate(RowDelegate):
     """Time on the left, edit mark below it, wrapped text on the right."""
 
     def __init__(self, theme: Theme, view: QListView) -> None:
-        super().__init__(view)
-        self._theme = theme
+        super().__init__(theme, view)
         self._view = view
 
-    def sizeHint(self, _option: QStyleOptionViewItem, index: _Index) -> QSize:
+    def sizeHint(self, _option: QStyleOptionViewItem, index: Index) -> QSize:
         width = self._view.viewport().width()
         metrics = QFontMetrics(self._theme.font(tokens.BODY_PX))
         room = QRect(0, 0, max(40, width - _TIME_PX - 2 * _SIDE_PX), 10_000)
         height = metrics.boundingRect(room, int(Qt.TextFlag.TextWordWrap), str(index.data())).height()
-        note = index.data(_NOTE_ROLE)
-        lines = 2 if note is not None and note.rewritten else 1
+        lines = 2 if index.data(VALUE_ROLE).rewritten else 1
         least = lines * (QFontMetrics(self._theme.font(tokens.STATUS_PX)).height() + 1)
         return QSize(max(1, width), max(height, least) + 2 * _ABOVE_PX)
 
-    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: _Index) -> None:
-        rect: QRect = option.rect
-        painter.save()
+    def paint_row(self, painter: QPainter, rect: QRect, index: Index) -> None:
         if index.row() == self._view.currentIndex().row():
             painter.fillRect(rect, self._theme.color("raised"))
         inner = rect.adjusted(_SIDE_PX, _ABOVE_PX, -_SIDE_PX, -_ABOVE_PX)
@@ -426,13 +370,12 @@ class _NoteDelegate(QStyledItemDelegate):
         painter.setPen(self._theme.color("dim"))
         aside = QRect(inner.topLeft(), QSize(_TIME_PX - 6, inner.height()))
         painter.drawText(aside.translated(QPoint(0, 1)), top, str(index.data(_TIME_ROLE)))
-        note = index.data(_NOTE_ROLE)
-        if note is not None and note.rewritten:
+        note: FinalMark = index.data(VALUE_ROLE)
+        if note.rewritten:
             painter.drawText(aside, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignBottom), changed_words(note))
         painter.setFont(self._theme.font(tokens.BODY_PX))
         painter.setPen(self._theme.color("text"))
         painter.drawText(inner.adjusted(_TIME_PX, 0, 0, 0), top | int(Qt.TextFlag.TextWordWrap), str(index.data()))
-        painter.restore()
 
 
 def _counted(count: int) -> str:

@@ -6,7 +6,7 @@ from functools import partial
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import QFrame, QLabel, QStackedLayout, QWidget
+from PySide6.QtWidgets import QFrame, QStackedLayout, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
@@ -34,6 +34,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
+from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 _LATE_S = 1.5
@@ -62,8 +63,7 @@ class PeoplePanel(Panel):
         self._search.textChanged.connect(self._on_search_changed)
         self._search.returnPressed.connect(self._pick_first)
         self._search.hide()
-        self._empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)
-        self._empty.setObjectName("people_empty")
+        self._empty = label(tone="dim", wraps=True, objectName="people_empty", alignment=Qt.AlignmentFlag.AlignCenter)
         self._empty.setContentsMargins(24, 8, 24, 8)
         self._portraits = PortraitPixmaps(self.state.portraits.get, lambda: self.state.load.value.pays_small)
         self.model = PeopleModel(self.state.present, self)
@@ -253,7 +253,6 @@ class PeoplePanel(Panel):
         self._stack.setCurrentIndex(1 if self.model.rowCount() else 0)
         if not self.model.rowCount():
             self._empty.setText(self._why_empty(blind=blind, late_s=late_s))
-            self.theme.color_text(self._empty, "dim")
 
     def _detection_starting(self) -> bool:
         """Whether detection runs, but no result has arrived yet."""
@@ -427,7 +426,7 @@ class UndoBar(QFrame):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.setObjectName("people_undo")
-        self.text = ElidedLabel()
+        self.text = ElidedLabel(role="small", tone="text")
         self.button = ActionButton(theme, tr("Undo"), icon="arrow-u-up-left", key=cap_text("Ctrl+Z"), height_px=28)
         self.button.setObjectName("people_undo_button")
         self.button.clicked.connect(self.undone)
@@ -436,8 +435,6 @@ class UndoBar(QFrame):
         row.addWidget(self.button)
         self._away = QTimer(self, singleShot=True, interval=_SHOWN_MS)
         self._away.timeout.connect(self.hide)
-        self._theme = theme
-        theme.restyle_on_change(self._style)
         self.hide()
 
     def offer(self) -> None:
@@ -447,6 +444,3 @@ class UndoBar(QFrame):
     def put_away(self) -> None:
         self._away.stop()
         self.hide()
-
-    def _style(self) -> None:
-        self._theme.style_text(self.text, "text", tokens.STATUS_PX)

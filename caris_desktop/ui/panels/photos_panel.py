@@ -2,20 +2,27 @@
 
 from collections.abc import Iterable, Sequence
 from datetime import datetime
-from typing import Any
+from operator import attrgetter
 
 from PySide6.QtCore import (
-    QAbstractListModel,
+    QAbstractItemModel,
     QModelIndex,
-    QObject,
-    QPersistentModelIndex,
     QRect,
     QRectF,
     QSize,
     Qt,
     Signal,
 )
-from PySide6.QtGui import QAccessible, QFontMetrics, QImage, QKeyEvent, QPainter, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtGui import (
+    QAccessible,
+    QImage,
+    QKeyEvent,
+    QPainter,
+    QPen,
+    QPixmap,
+    QResizeEvent,
+    QStandardItem,
+)
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QBoxLayout,
@@ -23,8 +30,8 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QListView,
+    QSizePolicy,
     QStackedLayout,
-    QStyledItemDelegate,
     QStyleOptionViewItem,
     QWidget,
 )
@@ -42,13 +49,15 @@ from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
 from caris_desktop.ui.widgets.foreign_picture import image_of
+from caris_desktop.ui.widgets.keyed_items import VALUE_ROLE, KeyedItems
+from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.row_delegate import Index, RowDelegate
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 _TILE = QSize(160, 148)
 _PICTURE_PX = 100
 _EDGE_PX = 6
-_ENTRY_ROLE = int(Qt.ItemDataRole.UserRole)
-_Index = QModelIndex | QPersistentModelIndex
+_ABOUT_ROLE = VALUE_ROLE + 1
 _LOW_PX = 300
 _GRID, _LARGE, _EMPTY = range(3)
 _TO_ASK = QT_TR_NOOP("Ask the assistant about this photo, then Enter")
@@ -79,7 +88,7 @@ class PhotosPanel(Panel):
         finding = layouts.hbox(self._finding, margins_px=(10, 6, 10, 2), spacing_px=tokens.GRID_PX)
         finding.addWidget(self.search, 3)
         finding.addWidget(self.choice, 2)
-        self.model = PhotosModel(self)
+        self.model = KeyedItems[PhotoEntry](self, attrgetter("file_name"), self._fill)
         self.grid = PhotoGrid(self.theme, self.model)
         self.grid.chosen.connect(self.open)
         permissions, assistant = self.console.scenario.permissions, self.console.scenario.assistant
@@ -89,8 +98,7 @@ class PhotosPanel(Panel):
         self.large.deleted.connect(lambda: self.console.do(intents.DeletePhoto(self._open)))
         self.large.restored.connect(lambda: self.console.do(intents.RestorePhoto(self._open)))
         self.large.question_asked.connect(lambda question: self.console.do(intents.AskAboutPhoto(self._open, question)))
-        self._empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)
-        self._empty.setObjectName("photos_empty")
+        self._empty = label(tone="dim", wraps=True, objectName="photos_empty", alignment=Qt.AlignmentFlag.AlignCenter)
         self._empty.setContentsMargins(24, 8, 24, 8)
         holder = QWidget()
         self._stack = QStackedLayout(holder)
@@ -103,7 +111,6 @@ class PhotosPanel(Panel):
         self.state.photos.changed.connect(self._on_photos_changed)
         self.state.persons.changed.connect(self._on_persons_changed)
         self.table.keys_changed.connect(self._refresh)
-        self.theme.changed.connect(self._refresh)
         self.update_view()
 
     def sizeHint(self) -> QSize:
@@ -133,6 +140,7 @@ class PhotosPanel(Panel):
         names = {person.person_id: text_formatting.person_name(person) for person in persons}
         if names != self._names:
             self._names = names
+            self.model.fill_again()
             self._refresh()
 
     def _on_photos_changed(self, _photos: object) -> None:
@@ -144,7 +152,7 @@ class PhotosPanel(Panel):
         self._offer_choices(photos)
         chosen = self.choice.currentData()
         matching = [photo for photo in photos if fits(photo, self.search.text(), chosen, self._names)]
-        self.model.show_photos(matching, self._names)
+        self.model.show_values(matching)
         large = next((photo for photo in photos if photo.file_name == self._open), None)
         if large is None:
             self._open = ""
@@ -153,11 +161,16 @@ class PhotosPanel(Panel):
         self._finding.setVisible(bool(photos) and large is None)
         self._stack.setCurrentIndex(_LARGE if large is not None else _GRID if matching else _EMPTY)
         self._empty.setText(_nothing_words(photos, live=self.state.present.live, key=self.table.key_text("photo")))
-        self.theme.style_text(self._empty, "dim", tokens.BODY_PX)
         there = sum(not photo.deleted for photo in photos)
         found = sum(not photo.deleted for photo in matching)
         part = tr("{found} of %n photos", "", there).format(found=found)
         self.set_fact(part if found != there else tr("1 photo") if there == 1 else tr("%n photos", "", there), "dim")
+
+    def _fill(self, item: QStandardItem, photo: PhotoEntry) -> None:
+        about = (*people_of(photo, self._names), *photo.tags)
+        said = ", ".join((time_of(photo), *about))
+        item.setText((tr("Deleted photo, {said}") if photo.deleted else tr("Photo, {said}")).format(said=said))
+        item.setData(", ".join(about) or text_formatting.camera_title(photo.camera), _ABOUT_ROLE)
 
     def _offer_choices(self, photos: Iterable[PhotoEntry]) -> None:
         """Offer filters by person, tag and camera, as far as there are photos."""
@@ -220,48 +233,12 @@ def people_of(photo: PhotoEntry, names: dict[str, str]) -> list[str]:
     return [*known, tr("%n more", "", others) if known else alone]
 
 
-class PhotosModel(QAbstractListModel):
-    """Photos of the grid, in order."""
-
-    def __init__(self, parent: QObject) -> None:
-        super().__init__(parent)
-        self._photos: list[PhotoEntry] = []
-        self._names: dict[str, str] = {}
-
-    @property
-    def photos(self) -> Sequence[PhotoEntry]:
-        return self._photos
-
-    @property
-    def names(self) -> dict[str, str]:
-        return self._names
-
-    def show_photos(self, photos: Sequence[PhotoEntry], names: dict[str, str]) -> None:
-        if [photo.file_name for photo in photos] != [photo.file_name for photo in self._photos]:
-            self.beginResetModel()
-            self._photos, self._names = list(photos), names
-            self.endResetModel()
-        elif (list(photos), names) != (self._photos, self._names):
-            self._photos, self._names = list(photos), names
-            self.dataChanged.emit(self.index(0), self.index(len(photos) - 1))
-
-    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
-        return 0 if parent.isValid() else len(self._photos)
-
-    def data(self, index: _Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
-        photo = self._photos[index.row()]
-        if role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.AccessibleTextRole):
-            description = ", ".join((time_of(photo), *people_of(photo, self._names), *photo.tags))
-            return (tr("Deleted photo, {said}") if photo.deleted else tr("Photo, {said}")).format(said=description)
-        return photo if role == _ENTRY_ROLE else None
-
-
 class PhotoGrid(QListView):
     """Grid of equal tiles. A click does not take the focus, so that it interrupts neither typing nor driving."""
 
     chosen = Signal(str)  # file name
 
-    def __init__(self, theme: Theme, model: PhotosModel) -> None:
+    def __init__(self, theme: Theme, model: QAbstractItemModel) -> None:
         super().__init__()
         self.setObjectName("photo_grid")
         self.setAccessibleName(tr("Photos, newest first"))
@@ -290,30 +267,25 @@ class PhotoGrid(QListView):
             super().keyPressEvent(event)
 
     def _on_chosen(self, index: QModelIndex) -> None:
-        photo: PhotoEntry = index.data(_ENTRY_ROLE)
+        photo: PhotoEntry = index.data(VALUE_ROLE)
         self.chosen.emit(photo.file_name)
 
 
-class PhotoDelegate(QStyledItemDelegate):
+class PhotoDelegate(RowDelegate):
     """Tile with thumbnail, time and contents. Thumbnails are decoded when first visible."""
 
     def __init__(self, theme: Theme, view: PhotoGrid) -> None:
-        super().__init__(view)
-        self._theme = theme
+        super().__init__(theme, view)
         self._view = view
         self._pictures: dict[bytes, QImage] = {}
 
-    def sizeHint(self, _option: QStyleOptionViewItem, _index: _Index) -> QSize:
+    def sizeHint(self, _option: QStyleOptionViewItem, _index: Index) -> QSize:
         return _TILE
 
-    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: _Index) -> None:
-        theme, photo = self._theme, index.data(_ENTRY_ROLE)
-        model = self._view.model()
-        names = model.names if isinstance(model, PhotosModel) else {}
-        tile = option.rect.adjusted(_EDGE_PX, _EDGE_PX, -_EDGE_PX, 0)
+    def paint_row(self, painter: QPainter, rect: QRect, index: Index) -> None:
+        theme, photo = self._theme, index.data(VALUE_ROLE)
+        tile = rect.adjusted(_EDGE_PX, _EDGE_PX, -_EDGE_PX, 0)
         ground = QRect(tile.left(), tile.top(), tile.width(), _PICTURE_PX)
-        painter.save()
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(theme.color("video_ground"))
         painter.drawRoundedRect(QRectF(ground), 6, 6)
@@ -329,18 +301,13 @@ class PhotoDelegate(QStyledItemDelegate):
             painter.setPen(QPen(theme.color("blue"), 2))
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawRoundedRect(QRectF(ground).adjusted(1, 1, -1, -1), 6, 6)
-        about = ", ".join((*people_of(photo, names), *photo.tags)) or text_formatting.camera_title(photo.camera)
         lines = (
             (time_of(photo), theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD), "dim" if photo.deleted else "text"),
-            (tr("Deleted") if photo.deleted else about, theme.font(tokens.STATUS_PX), "dim"),
+            (tr("Deleted") if photo.deleted else index.data(_ABOUT_ROLE), theme.font(tokens.STATUS_PX), "dim"),
         )
         for number, (text, font, role) in enumerate(lines):
             line = QRect(tile.left() + 2, ground.bottom() + 3 + 18 * number, tile.width() - 4, 18)
-            painter.setFont(font)
-            painter.setPen(theme.color(role))
-            cut = QFontMetrics(font).elidedText(text, Qt.TextElideMode.ElideRight, line.width())
-            painter.drawText(line, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter), cut)
-        painter.restore()
+            self.paint_text(painter, line, text, font, role)
 
     def _picture(self, photo: PhotoEntry) -> QImage:
         picture = self._pictures.get(photo.thumbnail_jpeg)
@@ -363,7 +330,7 @@ class LargePhoto(QWidget):
     def __init__(self, theme: Theme, *, can_ask: bool) -> None:
         super().__init__()
         self._photo: PhotoEntry | None = None
-        self.picture = _Picture(theme)
+        self.picture = _Picture()
         self.about = ElidedLabel()
         self.about.setObjectName("photo_about")
         self.tags = SubmitLineEdit()
@@ -449,38 +416,36 @@ class LargePhoto(QWidget):
             self.question.setPlaceholderText(tr(_ASKED))
 
 
-class _Picture(QWidget):
+class _Picture(QLabel):
     """Scaled picture, or a note that it was deleted."""
 
     accessible_role = QAccessible.Role.Graphic
 
-    def __init__(self, theme: Theme) -> None:
-        super().__init__()
+    def __init__(self) -> None:
+        super().__init__(alignment=Qt.AlignmentFlag.AlignCenter, wordWrap=True)
         self.setObjectName("photo_large")
+        self.setProperty("tone", "dim")
         self.setAccessibleName(tr("The photo"))
-        self._theme = theme
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
+        self.setMinimumSize(120, 60)
         self._jpeg = b""
         self.image = QImage()
-        theme.changed.connect(self.update)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(120, 60)
 
     def show_jpeg(self, jpeg: bytes) -> None:
         """Show a picture; nothing if empty."""
         if jpeg != self._jpeg:
             self._jpeg, self.image = jpeg, image_of(jpeg) if jpeg else QImage()
-            self.update()
+        self._fit()
 
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
         if self.image.isNull():
-            painter.setFont(self._theme.font(tokens.BODY_PX))
-            painter.setPen(self._theme.color("dim"))
-            notice = tr("Deleted. You can restore it until the session ends.")
-            painter.drawText(self.rect(), int(Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap), notice)
+            self.setText(tr("Deleted. You can restore it until the session ends."))
             return
-        size = self.image.size().scaled(self.size(), Qt.AspectRatioMode.KeepAspectRatio)
-        left, top = (self.width() - size.width()) // 2, (self.height() - size.height()) // 2
-        painter.drawImage(QRect(left, top, size.width(), size.height()), self.image)
+        ratio, how = self.devicePixelRatioF(), Qt.TransformationMode.SmoothTransformation
+        scaled = self.image.scaled(self.size() * ratio, Qt.AspectRatioMode.KeepAspectRatio, how)
+        scaled.setDevicePixelRatio(ratio)
+        self.setPixmap(QPixmap.fromImage(scaled))

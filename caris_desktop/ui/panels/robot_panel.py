@@ -18,6 +18,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.control_widgets import create_control_widget, row_direction
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.labels import label, restyle
 
 ASKING_ENDS_AFTER_MS = 10_000
 _DONE_SHOWN_MS = 1500
@@ -48,10 +49,8 @@ class RobotPanel(Panel):
         self._adding = QTimer(self, singleShot=True, interval=PAUSE_MS)
         self._adding.timeout.connect(self._add_some)
         self._held: bool = self.state.drive.value.emergency_stop
-        self._empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)
-        self._empty.setObjectName("robot_empty")
-        self._reason = QLabel(wordWrap=True)
-        self._reason.setObjectName("robot_reason")
+        self._empty = label(tone="dim", wraps=True, objectName="robot_empty", alignment=Qt.AlignmentFlag.AlignCenter)
+        self._reason = label("", "warning", wraps=True, objectName="robot_reason")
         self._reason.hide()
         self._scroll = QScrollArea(widgetResizable=True)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
@@ -75,7 +74,6 @@ class RobotPanel(Panel):
         self.state.drive.changed.connect(self._on_drive_changed)
         self.state.robot.changed.connect(self._refresh)
         self.hold.escape_pressed.connect(self._on_escape)
-        self.theme.changed.connect(self._style)
         self._on_controls_changed(self.state.controls.value)
 
     def sizeHint(self) -> QSize:
@@ -104,10 +102,10 @@ class RobotPanel(Panel):
         groups: dict[str, list[RobotControl]] = {}
         for control in controls:
             groups.setdefault(control.group, []).append(control)
-        heading_px = max((_Heading(self.theme, group).sizeHint().width() for group in groups), default=0)
+        heading_px = max((_heading(group).sizeHint().width() for group in groups), default=0)
         self._groups = []
         for group, members in groups.items():
-            block = _Group(self.theme, group, heading_px=min(_WIDEST_HEADING_PX, heading_px))
+            block = _Group(group, heading_px=min(_WIDEST_HEADING_PX, heading_px))
             self._to_come.extend((block, control) for control in members)
             self._groups.append(block)
             column.addWidget(block)
@@ -192,11 +190,6 @@ class RobotPanel(Panel):
             self.set_fact(tr("%n failed", "", failed), "amber")
         else:
             self.set_fact(tr("%n controls", "", len(self._entries)) if self._entries else "", "dim")
-        self._style()
-
-    def _style(self) -> None:
-        for label, role in ((self._empty, "dim"), (self._reason, "amber")):
-            self.theme.style_text(label, role, tokens.BODY_PX if label is self._empty else tokens.STATUS_PX)
 
 
 class ControlEntry(QWidget):
@@ -207,13 +200,11 @@ class ControlEntry(QWidget):
     def __init__(self, theme: Theme, control: RobotControl) -> None:
         super().__init__()
         self.setObjectName(f"control_{control.id}")
-        self._theme = theme
         self.control = control
         self._status: ControlStatus | None = None
         self._reason = ""
         self._asking: ControlValue | None = None
-        self._note = QLabel(wordWrap=True)
-        self._note.setObjectName("control_note")
+        self._note = label("", "small", wraps=True, objectName="control_note")
         self._note.hide()
         self._question = _Question(theme)
         self._question.answered.connect(self._on_answered)
@@ -230,7 +221,7 @@ class ControlEntry(QWidget):
         self._calm_down.timeout.connect(self._on_done_shown)
         self._give_up_asking = QTimer(self, singleShot=True, interval=ASKING_ENDS_AFTER_MS)
         self._give_up_asking.timeout.connect(self.stop_asking)
-        theme.restyle_on_change(self._show)
+        self._show()
 
     @property
     def note(self) -> QLabel:
@@ -326,10 +317,9 @@ class ControlEntry(QWidget):
             words = tr("done: {detail}").format(detail=tr(status.detail))
         compact = control.kind in _COMPACT
         note_text = "" if compact and state == "requested" else words
-        self._note.setFont(self._theme.font(tokens.STATUS_PX))
         self._note.setText(f"{control.title} {note_text}" if compact and note_text else note_text)
         self._note.setVisible(bool(note_text) and not asking)
-        self._theme.color_text(self._note, "amber" if state == "failed" else "dim")
+        restyle(self._note, tone="amber" if state == "failed" else "dim")
         tip = self._reason or words
         self._face.setToolTip(f"{control.title}: {tip}" if tip else self._face.tip)
         self._note.setToolTip(words)
@@ -342,8 +332,7 @@ class _Question(QWidget):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self._theme = theme
-        self._words = QLabel()
+        self._words = label("", "medium")
         self.yes = ActionButton(theme, tr("Do it"), role="amber", height_px=30)
         self.yes.setObjectName("control_confirm")
         self.yes.clicked.connect(lambda: self.answered.emit(True))
@@ -357,7 +346,6 @@ class _Question(QWidget):
         row.addStretch(1)
 
     def ask(self, words: str) -> None:
-        self._words.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_MEDIUM))
         self._words.setText(words)
         self.yes.setAccessibleName(tr("{question} Do it").format(question=words))
 
@@ -365,11 +353,11 @@ class _Question(QWidget):
 class _Group(QWidget):
     """Heading with its controls side by side, or stacked in a narrow dock."""
 
-    def __init__(self, theme: Theme, name: str, *, heading_px: int) -> None:
+    def __init__(self, name: str, *, heading_px: int) -> None:
         super().__init__()
         self._heading_px = heading_px
         self._entries: list[ControlEntry] = []
-        self._heading = _Heading(theme, name)
+        self._heading = _heading(name)
         self._column = layouts.vbox(spacing_px=6)
         self._flow: FlowRow | None = None
         self._row = layouts.hbox(self, margins_px=0)
@@ -403,11 +391,5 @@ class _Group(QWidget):
             self._heading.setFixedSize(self._heading_px, tokens.CONTROL_HEIGHT_PX)
 
 
-class _Heading(QLabel):
-    def __init__(self, theme: Theme, text: str) -> None:
-        super().__init__(text)
-        self._theme = theme
-        theme.restyle_on_change(self._style)
-
-    def _style(self) -> None:
-        self._theme.style_text(self, "dim", tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
+def _heading(text: str) -> QLabel:
+    return label(text, "caption", tone="dim")

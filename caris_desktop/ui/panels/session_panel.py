@@ -7,13 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QAbstractListModel, QModelIndex, QPersistentModelIndex, QPoint, QRect, QSize, Qt, QUrl
+from PySide6.QtCore import QAbstractListModel, QModelIndex, QPoint, QRect, QSize, Qt, QUrl
 from PySide6.QtGui import QDesktopServices, QFont, QFontMetrics, QHelpEvent, QPainter, QResizeEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
-    QLabel,
     QMenu,
-    QStyledItemDelegate,
     QStyleOptionViewItem,
     QToolTip,
     QVBoxLayout,
@@ -32,10 +30,11 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.status_bar import ROOM_LOW_S
-from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.fast_table_view import FastTableView
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.labels import label, restyle
+from caris_desktop.ui.widgets.row_delegate import Index, RowDelegate
 from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 LOG_ROWS = 2000
@@ -76,9 +75,7 @@ class SessionPanel(Panel):
         self._toggle = ActionButton(self.theme, tr("Start recording"), icon="record", role="primary")
         self._toggle.setObjectName("session_toggle")
         self._toggle.clicked.connect(self._on_toggle)
-        self._summary = QLabel(textFormat=Qt.TextFormat.PlainText)
-        self._summary.setObjectName("session_what")
-        self._summary.setWordWrap(True)
+        self._summary = label("", "small", wraps=True, objectName="session_what")
         self._folder = ActionButton(self.theme, "", icon="folder-open")
         self._folder.setAccessibleName(tr("Open folder"))
         self._folder.setToolTip(tr("Open the folder of the last session"))
@@ -136,7 +133,6 @@ class SessionPanel(Panel):
         self.state.recording.changed.connect(self._refresh)
         self.state.event_happened.connect(self._on_event)
         self.every(500, self._refresh)
-        self.theme.changed.connect(self._refresh)
         self._refresh()
 
     def title_widgets(self) -> list[QWidget]:
@@ -174,9 +170,9 @@ class SessionPanel(Panel):
             self._labels.add(button)
             button.show()  # hidden widgets take no space
             self._label_buttons.append(button)
-        for button, label in zip(self._label_buttons, labels, strict=True):
-            button.set_label(label)
-            button.setToolTip(tr("Mark this moment: {label}. Hold the key to mark an interval.").format(label=label))
+        for button, name in zip(self._label_buttons, labels, strict=True):
+            button.set_label(name)
+            button.setToolTip(tr("Mark this moment: {label}. Hold the key to mark an interval.").format(label=name))
 
     def save_state(self) -> list[LogEntry]:
         return self._model.entries()
@@ -287,39 +283,37 @@ class SessionPanel(Panel):
         self._pause.setToolTip(tr("Resume recording") if paused else tr("Pause recording"))
         self._pause.setEnabled(status.state != "starting")
         self._toggle.setEnabled(status.state not in ("starting", "stopping"))
+        if status.state in (*IN_SESSION, "stopping"):
+            stop = tr("Saving…") if status.state == "stopping" else tr("Stop recording")
+            self._toggle.set_label(stop, icon="stop", role="plain")
+        else:
+            self._toggle.set_label(tr("Start recording"), icon="record", role="primary")
         role = "dim"
         match status.state:
             case "starting":
-                self._toggle.set_label(tr("Stop recording"), icon="stop", role="plain")
                 text = tr("Getting ready to record")
                 self.set_fact(tr("starting"))
             case "recording":
-                self._toggle.set_label(tr("Stop recording"), icon="stop", role="plain")
                 text, role = self._size_and_room(status)
                 lasted = text_formatting.elapsed((self.state.present.now_ns() - status.started_ns) / 1e9)
                 self.set_fact(tr("recording {time}").format(time=lasted), "green")
             case "paused":
-                self._toggle.set_label(tr("Stop recording"), icon="stop", role="plain")
                 nothing = tr("Nothing is being recorded. {size} so far.")
                 text, role = nothing.format(size=text_formatting.size(status.written_bytes)), "amber"
                 self.set_fact(tr("paused"), "amber")
             case "stopping":
-                self._toggle.set_label(tr("Saving…"), icon="stop", role="plain")
                 text = tr("Finishing the files")
                 self.set_fact(tr("saving"))
             case "failed":
-                self._toggle.set_label(tr("Start recording"), icon="record", role="primary")
                 text, role = tr(status.detail) or tr("Nothing is being recorded."), "red"
                 self.set_fact(tr("not recording"), "red")
             case _:
-                self._toggle.set_label(tr("Start recording"), icon="record", role="primary")
                 text = tr("Records {what}").format(what=self._contents_text())
                 if status.folder is not None:
                     text = tr("Saved in {folder}").format(folder=status.folder.name)
                 self.set_fact(tr("not recording"))
         self._summary.setText(text)
-        self._summary.setFont(self.theme.font(tokens.STATUS_PX))
-        self.theme.color_text(self._summary, role)
+        restyle(self._summary, tone=role)
         self._fit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -428,10 +422,10 @@ class EventLogModel(QAbstractListModel):
         """Entries of the category, including those that the view has not shown yet."""
         return [entry for entry in self._all if not self._category or entry.category == self._category]
 
-    def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
+    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
         return 0 if parent.isValid() else len(self._rows)
 
-    def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+    def data(self, index: Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
         entry = self._rows[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
             return entry.sentence
@@ -453,46 +447,27 @@ def _row_of(key: str, rows: Sequence[LogEntry] | deque[LogEntry]) -> int | None:
     return next((row for row in reversed(range(len(rows))) if rows[row].key == key), None)
 
 
-class EventDelegate(QStyledItemDelegate):
+class EventDelegate(RowDelegate):
     """Row with time, icon and sentence; the tooltip shows an elided sentence."""
 
     _TIME_WIDTH_PX = 68
     _ICON_WIDTH_PX = 26
 
-    def __init__(self, theme: Theme, parent: QWidget) -> None:
-        super().__init__(parent)
-        self._theme = theme
-
-    def paint(
-        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
-    ) -> None:
-        rect: QRect = option.rect
+    def paint_row(self, painter: QPainter, rect: QRect, index: Index) -> None:
         category = str(index.data(_CATEGORY_ROLE))
         problem = category == "Problems"
-        middle = int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        painter.save()
-        painter.setFont(self._theme.font(tokens.STATUS_PX))
-        painter.setPen(self._theme.color("dim"))
-        time_rect = QRect(rect)
-        time_rect.setWidth(self._TIME_WIDTH_PX)
-        painter.drawText(time_rect, middle, str(index.data(_TIME_ROLE)))
+        time_rect = QRect(rect.topLeft(), QSize(self._TIME_WIDTH_PX, rect.height()))
+        self.paint_text(painter, time_rect, str(index.data(_TIME_ROLE)), self._theme.font(tokens.STATUS_PX), "dim")
         icon_rect = QRect(rect.left() + self._TIME_WIDTH_PX, rect.center().y() - 7, 15, 15)
         role = "amber" if problem else "dim"
         draw_icon(painter, icon_rect.toRectF(), _ICONS.get(category, "info"), self._theme.color(role))
-        painter.setFont(self._font())
-        painter.setPen(self._theme.color("amber" if problem else "text"))
-        painter.drawText(self._text_rect(rect), middle, self._cut(str(index.data()), rect))
-        painter.restore()
+        ink = "amber" if problem else "text"
+        self.paint_text(painter, self._text_rect(rect), str(index.data()), self._font(), ink)
 
-    def helpEvent(
-        self,
-        event: QHelpEvent,
-        view: QAbstractItemView,
-        option: QStyleOptionViewItem,
-        index: QModelIndex | QPersistentModelIndex,
-    ) -> bool:
+    def helpEvent(self, event: QHelpEvent, view: QAbstractItemView, option: QStyleOptionViewItem, index: Index) -> bool:
         sentence = str(index.data() or "")
-        cut = self._cut(sentence, option.rect) != sentence
+        width = QFontMetrics(self._font()).horizontalAdvance(sentence)
+        cut = width > self._text_rect(option.rect).width()
         QToolTip.showText(event.globalPos(), wrapped_tip(sentence) if cut else "", view)
         return True
 
@@ -501,10 +476,6 @@ class EventDelegate(QStyledItemDelegate):
 
     def _text_rect(self, rect: QRect) -> QRect:
         return rect.adjusted(self._TIME_WIDTH_PX + self._ICON_WIDTH_PX, 0, -4, 0)
-
-    def _cut(self, sentence: str, rect: QRect) -> str:
-        width = self._text_rect(rect).width()
-        return QFontMetrics(self._font()).elidedText(sentence, Qt.TextElideMode.ElideRight, width)
 
 
 class EventLogView(FastTableView):

@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QHideEvent, QResizeEvent
-from PySide6.QtWidgets import QLabel, QMenu, QScrollArea, QSizePolicy, QWidget
+from PySide6.QtWidgets import QMenu, QScrollArea, QSizePolicy, QWidget
 
-from caris_desktop.conversation.placeholders import NAME, PLACE
+from caris_desktop.conversation.spoken_text import NAME, PLACE
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.events import UtteranceChanged
@@ -20,8 +20,8 @@ from caris_desktop.scenario.phrases import MOST_GESTURES, phrase_groups, sentenc
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions, cap_text, keyed_phrases
 from caris_desktop.ui.action_rows import PHRASE_COUNT, perform_nth_gesture, phrases_on_keys, say_keyed_phrase
-from caris_desktop.ui.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.focus_widget import existing, focus_widget, focused_widget
+from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted, name_of
 from caris_desktop.ui.speak.queue_list import ROW_PX, QueueList
@@ -31,6 +31,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 from caris_desktop.ui.widgets.key_cap import KeyCap
+from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 _HINT = QT_TR_NOOP("Type what the robot says…")
@@ -146,7 +147,6 @@ class SpeakPanel(Panel):
         self.table.availability_changed.connect(self._show_hints)
         self.table.rows_changed.connect(self._fit)
         self.hold.escape_pressed.connect(self._on_escape)
-        self.theme.changed.connect(self._show_hints)
         self.every(_TICK_MS, self._show_time_left)
         self._on_speech_changed(self.state.speech.value)
         self._show_hints()
@@ -365,14 +365,10 @@ class SpeakPanel(Panel):
                 if (widget := item.widget()) is not None:
                     widget.deleteLater()
             for cap, text in hints:
-                label = QLabel(tr(text))
-                label.setFont(self.theme.font(tokens.STATUS_PX + 1))
-                self._hint_row.addWidget(KeyCap(self.theme, cap))
-                self._hint_row.addWidget(label)
+                self._hint_row.addWidget(KeyCap(cap))
+                self._hint_row.addWidget(label(tr(text), "fine"))
                 self._hint_row.addSpacing(8)
             self._hint_row.addStretch(1)
-        for label in self._hints.findChildren(QLabel):
-            self.theme.color_text(label, "dim")
 
 
 _QUESTIONS = {NAME: QT_TR_NOOP("Which name?"), PLACE: QT_TR_NOOP("Which place?")}
@@ -389,9 +385,8 @@ class PlaceholderPrompt(QWidget):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self._theme = theme
         self.setObjectName("gap_row")
-        self._question = QLabel()
+        self._question = label("", "title", tone="amber")
         self.field = SubmitLineEdit()
         self.field.setObjectName("gap_field")
         self.field.setMaxLength(200)
@@ -411,7 +406,6 @@ class PlaceholderPrompt(QWidget):
         row.addWidget(self.field, 1)
         row.addWidget(self._say)
         row.addWidget(self._leave)
-        theme.restyle_on_change(self._style)
         self.hide()
 
     def ask(self, gap: OpenGap) -> None:
@@ -427,9 +421,6 @@ class PlaceholderPrompt(QWidget):
         text = " ".join(self.field.text().split())
         if text:
             self.filled.emit(text)
-
-    def _style(self) -> None:
-        self._theme.style_text(self._question, "amber", tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD)
 
 
 _UNTITLED = QT_TR_NOOP("General")
@@ -452,7 +443,7 @@ class PhraseRows(QWidget):
         self._titles: list[ActionButton] = []
         tabs = self._tabs = QWidget()
         self._tabs_row = layouts.hbox(tabs, margins_px=0, spacing_px=4)
-        self._next_key = KeyCap(theme)
+        self._next_key = KeyCap()
         self._tabs_row.addWidget(self._next_key)
         self._tabs_row.addStretch(1)
         self._flow = FlowRow(gap_px=6)
@@ -461,13 +452,12 @@ class PhraseRows(QWidget):
         self._next.setObjectName("next_phrases")
         self._next.bind(actions, "next_phrases")
         self._flow.add(self._next)
-        self._keyless = QLabel(wordWrap=True)
+        self._keyless = label("", "warning", wraps=True)
         column = layouts.vbox(self, margins_px=0, spacing_px=6)
         column.addWidget(tabs)
         column.addWidget(self._flow)
         column.addWidget(self._keyless)
         actions.rows_changed.connect(self._refresh)
-        theme.restyle_on_change(self._style)
         self.show_scenario()
 
     def show_scenario(self) -> None:
@@ -481,7 +471,8 @@ class PhraseRows(QWidget):
             self._titles.append(self._new_title(number))
         for title, group in zip(self._titles, groups, strict=True):
             title.set_label(group.title or tr(_UNTITLED))
-        self._next_key.set_text(self._actions.key_text("next_phrases"))
+        self._next_key.setText(self._actions.key_text("next_phrases"))
+        self._next_key.setVisible(bool(self._next_key.text()))
         there = {spec.id for spec in self._actions.all_specs}
         action_ids = [action_id for action_id in (*self._always_seen(), *_CHIPS) if action_id in there]
         for action_id in self._chips.keys() - set(action_ids):
@@ -584,9 +575,6 @@ class PhraseRows(QWidget):
         ]
         self._keyless.setText(" ".join(sentences))
         self._keyless.setVisible(bool(sentences))
-
-    def _style(self) -> None:
-        self._theme.style_text(self._keyless, "amber", tokens.STATUS_PX)
 
 
 TALK = "push_to_talk"

@@ -27,10 +27,10 @@ from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, Recently
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import CameraStrip, strip_place, strip_thickness_px
 from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.floating_card import ChoiceCard
 from caris_desktop.ui.widgets.floor_spot import FloorSpot, model_for, spot_at
 from caris_desktop.ui.widgets.frame_view import FrameView
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail, thumbnail_of
+from caris_desktop.ui.widgets.popups import ChoiceCard
 
 _DRIVE_ENDED_SHOWN_S = 5.0
 _NOTE_SHOWN_S = 3.0

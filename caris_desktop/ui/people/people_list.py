@@ -10,14 +10,13 @@ from PySide6.QtCore import (
     QEvent,
     QModelIndex,
     QObject,
-    QPersistentModelIndex,
     QRect,
     QRectF,
     Qt,
     Signal,
 )
-from PySide6.QtGui import QCursor, QFont, QFontMetrics, QHideEvent, QKeyEvent, QPainter, QPen, QResizeEvent
-from PySide6.QtWidgets import QAbstractButton, QAbstractItemDelegate, QStyledItemDelegate, QStyleOptionViewItem, QWidget
+from PySide6.QtGui import QCursor, QHideEvent, QKeyEvent, QPainter, QPen, QResizeEvent
+from PySide6.QtWidgets import QAbstractButton, QAbstractItemDelegate, QStyleOptionViewItem, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.state import PresentClock
@@ -39,6 +38,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets import avatar
 from caris_desktop.ui.widgets.buttons import ActionButton, ButtonRole
 from caris_desktop.ui.widgets.fast_table_view import FastTableView
+from caris_desktop.ui.widgets.row_delegate import Index, RowDelegate
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 from caris_desktop.ui.wrapped_tip import wrapped_tip
 
@@ -55,8 +55,6 @@ _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 PERSON_ROLE = int(Qt.ItemDataRole.UserRole)
 _MANY = 20
 """Number of inserted or removed rows from which the model is reset, as on a search."""
-
-Index = QModelIndex | QPersistentModelIndex
 
 
 class PeopleModel(QAbstractListModel):
@@ -468,14 +466,13 @@ class RowControls(QAbstractButton):
         """Paint nothing: the row below is painted already."""
 
 
-class PersonDelegate(QStyledItemDelegate):
+class PersonDelegate(RowDelegate):
     """Painted row with portrait, identity and state, and the name field."""
 
     def __init__(
         self, theme: Theme, model: PeopleModel, view: PeopleList, field: SubmitLineEdit, portraits: PortraitPixmaps
     ) -> None:
-        super().__init__(view)
-        self._theme = theme
+        super().__init__(theme, view)
         self._people = model
         self._view = view
         self._field = field
@@ -511,18 +508,16 @@ class PersonDelegate(QStyledItemDelegate):
 
     # ---- painting
 
-    def paint(self, painter: QPainter, _option: QStyleOptionViewItem, index: Index) -> None:
+    def paint_row(self, painter: QPainter, _rect: QRect, index: Index) -> None:
         theme, rect = self._theme, self._view.row_rect(index.row())
         person: PersonRow = index.data(PERSON_ROLE)
         naming = person.person_id == self._view.naming
-        painter.save()
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if caption := self._people.captions.get(index.row()):
             above = QRect(rect.left() + _SIDE_PX, rect.top() - CAPTION_PX, rect.width() - 2 * _SIDE_PX, CAPTION_PX)
             painter.setPen(QPen(theme.color("line"), 1))
             painter.drawLine(above.left(), above.top() + 3, above.right(), above.top() + 3)
             font = theme.font(tokens.STATUS_PX - 1, tokens.WEIGHT_SEMIBOLD)
-            self._paint_cut(painter, above.adjusted(0, 5, 0, 0), caption, font, "dim")
+            self.paint_text(painter, above.adjusted(0, 5, 0, 0), caption, font, "dim")
         if naming or person.person_id == self._view.selected:
             painter.fillRect(rect.adjusted(2, 1, -2, -1), theme.color("blue_soft"))
             painter.fillRect(QRect(rect.left() + 2, rect.top() + 1, 3, rect.height() - 2), theme.color("blue"))
@@ -546,7 +541,6 @@ class PersonDelegate(QStyledItemDelegate):
             right = controls.words_end_px if controls else rect.right() - _SIDE_PX
             left = rect.left() + _TEXT_LEFT_PX
             self._paint_words(painter, QRect(left, rect.center().y() - 20, right - left, 20), person)
-        painter.restore()
 
     def _paint_words(self, painter: QPainter, upper: QRect, person: PersonRow) -> None:
         """Paint the identity with group and tags, and the state below. A suggestion replaces the name."""
@@ -555,34 +549,18 @@ class PersonDelegate(QStyledItemDelegate):
         name, suggested = text_formatting.person_name(person), text_formatting.maybe(person)
         lower, below, lead, lead_role = upper.translated(0, 20), self._people.seen(person), "", ""
         if suggested:
-            self._paint_cut(painter, upper, suggested, head, "amber")
+            self.paint_text(painter, upper, suggested, head, "amber")
             below = f"{name} · {below}"
         else:
-            used = self._paint_cut(painter, upper, name, head, "text" if person.here else "dim") + 8
+            used = self.paint_text(painter, upper, name, head, "text" if person.here else "dim") + 8
             rest = upper.adjusted(used, 1, 0, 1)
             if person.group:
-                rest.setLeft(rest.left() + self._paint_cut(painter, rest, person.group, small, "dim") + 8)
-            for tag in person.tags:
-                width = QFontMetrics(small).horizontalAdvance(tag) + 12
-                if width > rest.width():
-                    break
-                painter.setPen(QPen(self._theme.color("line_strong"), 1))
-                painter.drawRoundedRect(QRectF(rest.left() + 0.5, rest.top() + 1.5, width, 17), 5, 5)
-                self._paint_cut(painter, rest.adjusted(6, 0, 0, 0), tag, small, "dim")
-                rest.setLeft(rest.left() + width + 6)
+                rest.setLeft(rest.left() + self.paint_text(painter, rest, person.group, small, "dim") + 8)
+            self.paint_tags(painter, rest, person.tags)
             if self._people.is_unconfirmed(person.person_id):
                 lead, lead_role = tr(UNCONFIRMED), "amber"
             elif person.speaking and below.startswith(tr(SPEAKING)):
                 lead, lead_role = tr(SPEAKING), "green"
         if lead:
-            lower.setLeft(lower.left() + self._paint_cut(painter, lower, lead, small, lead_role))
-        self._paint_cut(painter, lower, below.removeprefix(lead), small, "dim")
-
-    def _paint_cut(self, painter: QPainter, rect: QRect, text: str, font: QFont, role: str) -> int:
-        """Paint elided text; returns its width."""
-        painter.setFont(font)
-        painter.setPen(self._theme.color(role))
-        metrics = QFontMetrics(font)
-        cut = metrics.elidedText(text, Qt.TextElideMode.ElideRight, max(0, rect.width()))
-        painter.drawText(rect, int(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter), cut)
-        return metrics.horizontalAdvance(cut)
+            lower.setLeft(lower.left() + self.paint_text(painter, lower, lead, small, lead_role))
+        self.paint_text(painter, lower, below.removeprefix(lead), small, "dim")

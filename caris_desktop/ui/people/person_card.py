@@ -8,7 +8,7 @@ from datetime import datetime
 from functools import partial
 from typing import Any, Literal, NamedTuple, get_args
 
-from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QSignalBlocker, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QPoint, QRect, QSignalBlocker, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFocusEvent, QMouseEvent, QStandardItem, QStandardItemModel
 from PySide6.QtWidgets import (
     QCompleter,
@@ -41,8 +41,8 @@ from caris_desktop.ui.widgets.check_box import CheckBox
 from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
 from caris_desktop.ui.widgets.fast_table_view import FastTableView
-from caris_desktop.ui.widgets.floating_card import FloatingCard
 from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.popups import FloatingCard
 from caris_desktop.ui.widgets.scroll_areas import Scrolled
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
@@ -202,10 +202,8 @@ class PersonCard(FloatingCard):
         size = QSize(WIDTH_PX, needed_px + _PORTRAIT_PX + 44)
         self._move_to(self._beside.bottomRight() - QPoint(size.width(), size.height()), size)
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self._room and event.type() == QEvent.Type.Resize and self.isVisible():
-            self._move_to(self.pos(), self.size())
-        return False
+    def place(self) -> None:
+        self._move_to(self.pos(), self.size())
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if event.button() == Qt.MouseButton.LeftButton and event.position().y() < _PORTRAIT_PX + 16:

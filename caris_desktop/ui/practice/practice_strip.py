@@ -1,18 +1,19 @@
 """Practice strip: current step, instruction and progress in two lines."""
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict, fields
 from datetime import UTC, datetime
 from typing import Any
 
 from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
+from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.practice_steps import STEPS, PracticeStep
+from caris_desktop.live.services.practice_service import STEPS, PracticeStep
 from caris_desktop.live.status import PracticeStatus, PracticeStepStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import layouts, tokens
@@ -22,6 +23,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.text_formatting import shortened
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 _BUTTON_PX = 30
@@ -83,39 +85,29 @@ class PracticeStrip(Bar, QWidget):
         self.setObjectName("practice_strip")
         self.setAccessibleName(tr("Practice"))
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Maximum)
-        self._theme = theme
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._console = console
         self._actions = actions
         self._wizards = wizards
         self._saved = False
-        self._title, self._how = QLabel(), QLabel()
-        self._title.setObjectName("practice_title")
-        self._how.setObjectName("practice_how")
-        for label in (self._title, self._how):
-            label.setWordWrap(True)
+        self._title = label("", "title", wraps=True, objectName="practice_title")
+        self._how = label(tone="dim", wraps=True, objectName="practice_how")
+        self._theme = theme
         self._dots = StepDots(theme)
-        self._skip = ActionButton(theme, tr("Skip"), icon="skip-forward", role="ghost", height_px=_BUTTON_PX)
-        self._skip.setObjectName("practice_skip")
+        self._again = self._button("again", tr("Practise again"), self.begin)
+        self._end = self._button("end", tr("End practice"), lambda: console.do(intents.EndPractice()))
+        self._skip = self._button("skip", tr("Skip"), lambda: console.do(intents.SkipPracticeStep()))
+        self._skip.set_label(tr("Skip"), icon="skip-forward", role="ghost")
         self._skip.setToolTip(tr("Continue with the next step. A skipped step earns no points."))
-        self._skip.clicked.connect(lambda: console.do(intents.SkipPracticeStep()))
-        self._again = ActionButton(theme, tr("Practise again"), role="plain", height_px=_BUTTON_PX)
-        self._again.setObjectName("practice_again")
-        self._again.clicked.connect(self.begin)
-        self._end = ActionButton(theme, tr("End practice"), role="plain", height_px=_BUTTON_PX)
-        self._end.setObjectName("practice_end")
-        self._end.clicked.connect(lambda: console.do(intents.EndPractice()))
-        words = layouts.vbox(spacing_px=1)
-        words.addWidget(self._title)
-        words.addWidget(self._how)
-        row = layouts.hbox(self, margins_px=(18, 6, 15, 6), spacing_px=tokens.GRID_PX)
-        row.addLayout(words, 1)
-        row.addWidget(self._dots)
-        for button in (self._skip, self._again, self._end):
-            row.addWidget(button)
+        words = layouts.vbox(None, self._title, self._how, spacing_px=1)
+        parts = self._dots, self._skip, self._again, self._end
+        layouts.hbox(self, (words, 1), *parts, margins_px=(18, 6, 15, 6), spacing_px=tokens.GRID_PX)
         console.state.practice.changed.connect(self._show)
         actions.keys_changed.connect(self._on_keys_changed)
-        theme.restyle_on_change(self._style)
         self._show(console.state.practice.value)
+
+    def _button(self, name: str, text: str, run: Callable[[], object]) -> ActionButton:
+        return ActionButton(self._theme, text, height_px=_BUTTON_PX, objectName=f"practice_{name}", clicked=run)
 
     def begin(self) -> None:
         """Start once the wizard is known."""
@@ -183,16 +175,6 @@ class PracticeStrip(Bar, QWidget):
     def _say(self, title: str, how: str) -> None:
         self._title.setText(title)
         self._how.setText(how)
-
-    def _style(self) -> None:
-        self._title.setFont(self._theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self._theme.style_text(self._how, "dim", tokens.BODY_PX)
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        self._theme.paint_box(
-            self, ground="panel", line="blue", radius_px=tokens.PANEL_RADIUS_PX, line_px=1.2, inset_px=(8.6, 1)
-        )
 
 
 _KEY = "practice"

@@ -1,18 +1,17 @@
 """Preflight popup, and the status bar button that opens it."""
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import IN_SESSION, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui import layouts
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.preflight.preflight_list import PreflightList
 from caris_desktop.ui.preflight.preflight_words import ICONS, ROLES, STATES, summary, worst
-from caris_desktop.ui.text_formatting import ESC_CLOSES
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.widgets.status_button import StatusButton
 
 _WIDTH_PX, _CHROME_PX, _SIDES_PX = 680, 96, 32
@@ -25,26 +24,12 @@ class PreflightCard(Overlay):
         super().__init__(theme, window, width_px=_WIDTH_PX)
         self.setObjectName("preflight_card")
         self._console = console
-        self._heading = QLabel(tr("Before a recording"))
-        self._heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
-        self._summary = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
-        self._summary.setObjectName("preflight_summary")
-        self._summary.setFont(theme.font(tokens.STATUS_PX))
-        close = ActionButton(theme, tr("Close"), icon="x", key="Esc", role="ghost")
-        close.setToolTip(tr(ESC_CLOSES))
-        close.setObjectName("preflight_close")
-        close.clicked.connect(self.close_overlay)
-        head = QHBoxLayout()
-        head.addWidget(self._heading)
-        head.addStretch(1)
-        head.addWidget(close)
+        self._summary = label("", "note", wraps=True, objectName="preflight_summary")
+        heading = label(tr("Before a recording"), "heading")
+        head = layouts.hbox(None, heading, 1, self.close_button("preflight_close"))
         self.list = PreflightList(theme, console)
-        column = layouts.vbox(self.card, margins_px=(20, 14, 12, 16), spacing_px=6)
-        column.addLayout(head)
-        column.addWidget(self._summary)
-        column.addWidget(self.list, 1)
+        layouts.vbox(self.card, head, self._summary, (self.list, 1), margins_px=(20, 14, 12, 16), spacing_px=6)
         console.state.preflight.changed.connect(self._show)
-        theme.restyle_on_change(self._style)
         self._show(console.state.preflight.value)
 
     def open(self) -> None:
@@ -63,9 +48,6 @@ class PreflightCard(Overlay):
         else:
             text = tr("{summary} when this recording started.")
         self._summary.setText(text.format(summary=summary(checks, past=not live)))
-
-    def _style(self) -> None:
-        self._theme.color_text(self._summary, "dim")
 
 
 class PreflightButton(StatusButton):

@@ -1,19 +1,20 @@
 """List of preflight checks: title, state, advice, and a check box for manual checks."""
 
-from PySide6.QtCore import QRectF, QSize, Qt
-from PySide6.QtGui import QAccessible, QPainter, QPaintEvent, QShowEvent
-from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QSizePolicy, QWidget
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAccessible, QShowEvent
+from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.preflight.preflight_words import ICONS, ROLES, STATES, state_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
+from caris_desktop.ui.widgets.icon_label import IconLabel
+from caris_desktop.ui.widgets.labels import label, restyle
 
 _ICON_PX = 20
 
@@ -58,8 +59,7 @@ class PreflightList(QScrollArea):
             self._show(self._console.state.preflight.value)
 
     def _heading(self, text: str) -> QLabel:
-        heading = QLabel(text)
-        heading.setFont(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
+        heading = label(text, "caption")
         heading.setContentsMargins(0, 8, 0, 2)
         self._column.addWidget(heading)
         return heading
@@ -106,42 +106,31 @@ class PreflightRow(QWidget):
     def __init__(self, theme: Theme, console: WizardConsole, check: PreflightCheck, parent: QWidget) -> None:
         super().__init__(parent)
         self.setObjectName(f"preflight_{check.id}")
-        self._theme = theme
         self._console = console
         self._check = check
-        row = layouts.hbox(self, margins_px=(0, 5, 0, 5), spacing_px=10)
         self.box: CheckBox | None = None
-        self._title = self._label(tr(check.title), tokens.BODY_PX)
-        self._mark = _StateMark(theme)
-        row.addWidget(self._mark, 0, Qt.AlignmentFlag.AlignTop)
-        words = layouts.vbox(spacing_px=2)
+        title = label(tr(check.title), wraps=True)
+        self._mark = IconLabel(theme, size_px=_ICON_PX)
+        self._detail, self._advice = label("", "note", wraps=True), label("", "small", wraps=True)
+        self._state = label("", "small")
+        words = layouts.vbox(None, title, self._detail, self._advice, spacing_px=2)
         if check.manual:
-            self.box = CheckBox(theme, tr(check.title), wraps=True)
-            self.box.setObjectName(f"tick_{check.id}")
-            self.box.clicked.connect(self._on_ticked)
-            self._title.hide()
-            words.addWidget(self.box)
-        words.addWidget(self._title)
-        self._detail, self._advice = self._label(), self._label()
-        words.addWidget(self._detail)
-        words.addWidget(self._advice)
+            self.box = CheckBox(
+                theme, tr(check.title), wraps=True, objectName=f"tick_{check.id}", clicked=self._on_ticked
+            )
+            title.hide()
+            words.insertWidget(0, self.box)
+        row = layouts.hbox(self, margins_px=(0, 5, 0, 5), spacing_px=10)
+        row.addWidget(self._mark, 0, Qt.AlignmentFlag.AlignTop)
         row.addLayout(words, 1)
         self.try_button: ActionButton | None = None
         if check.id == "microphone" and console.scenario.permissions.audio_recording:
-            self.try_button = ActionButton(theme, tr("Test"), icon="microphone", height_px=30)
-            self.try_button.setObjectName("preflight_try_microphone")
-            self.try_button.setAccessibleName(tr("Test the microphone"))
-            self.try_button.clicked.connect(self._on_try)
+            self.try_button = ActionButton(
+                theme, tr("Test"), icon="microphone", height_px=30, objectName="preflight_try_microphone",
+                accessibleName=tr("Test the microphone"), clicked=self._on_try,
+            )  # fmt: skip
             row.addWidget(self.try_button, 0, Qt.AlignmentFlag.AlignTop)
-        self._state = self._label()
-        self._state.setWordWrap(False)
         row.addWidget(self._state, 0, Qt.AlignmentFlag.AlignTop)
-        theme.changed.connect(self._style)
-
-    def _label(self, text: str = "", size_px: int = tokens.STATUS_PX) -> QLabel:
-        label = QLabel(text, wordWrap=True)
-        label.setFont(self._theme.font(size_px))
-        return label
 
     def show_check(self, check: PreflightCheck, *, in_full: bool = False) -> None:
         """Update the row; ``in_full``: with the state even if passed."""
@@ -155,7 +144,8 @@ class PreflightRow(QWidget):
         self._advice.setText(advice)
         self._advice.setVisible(bool(advice))
         self._state.setText(tr(STATES[check.state]))
-        self._mark.show_state(ICONS[check.state], ROLES[check.state])
+        restyle(self._state, tone=ROLES[check.state])
+        self._mark.show_icon(ICONS[check.state], ROLES[check.state])
         if self.box is not None:
             self.box.setChecked(check.state == "passed")
             self.box.setEnabled(self._console.state.present.live)
@@ -164,7 +154,6 @@ class PreflightRow(QWidget):
             self.try_button.setVisible(check.state != "passed" and not opened and self._console.state.present.live)
         self.setAccessibleName(f"{tr(check.title)}: {self._state.text()}")
         self.setAccessibleDescription(" ".join(part for part in (detail, advice) if part))
-        self._style()
 
     def _on_ticked(self, checked: bool) -> None:
         self._console.do(intents.TickCheck(self._check.id, checked))
@@ -173,36 +162,3 @@ class PreflightRow(QWidget):
 
     def _on_try(self) -> None:
         self._console.do(intents.TryMicrophone())
-
-    def showEvent(self, event: QShowEvent) -> None:
-        super().showEvent(event)
-        self._style()  # within a dialog the style sheet resets colours
-
-    def _style(self) -> None:
-        state = self._check.state
-        self._theme.color_text(self._title, "text")
-        self._theme.color_text(self._detail, "dim")
-        self._theme.color_text(self._advice, "text")
-        self._theme.color_text(self._state, ROLES[state])
-
-
-class _StateMark(QWidget):
-    """Icon of a state, next to its text."""
-
-    def __init__(self, theme: Theme) -> None:
-        super().__init__()
-        self._theme = theme
-        self._icon, self._role = "", "dim"
-        self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
-        theme.changed.connect(self.update)
-
-    def show_state(self, icon: str, role: str) -> None:
-        if (icon, role) != (self._icon, self._role):
-            self._icon, self._role = icon, role
-            self.update()
-
-    def sizeHint(self) -> QSize:
-        return QSize(_ICON_PX, _ICON_PX + 2)
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        draw_icon(QPainter(self), QRectF(0, 1, _ICON_PX, _ICON_PX), self._icon, self._theme.color(self._role))

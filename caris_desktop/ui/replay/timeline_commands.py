@@ -23,7 +23,7 @@ from caris_desktop.ui.replay.timeline_items import (
     vocabulary_named,
 )
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.floating_card import FloatingCard
+from caris_desktop.ui.widgets.popups import FloatingCard
 
 NEW_MS = 1000
 NUDGE_MS = 50

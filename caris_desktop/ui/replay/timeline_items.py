@@ -253,10 +253,10 @@ def _reduced(
     values: NDArray[np.float32], lows: NDArray[np.int64], highs: NDArray[np.int64], reduce: np.ufunc
 ) -> NDArray[np.float32]:
     """``reduce`` of each ``values[low:high]``."""
-    # reduceat needs pairs of edges; results between two pairs are discarded.
-    pairs = np.empty(2 * len(lows), np.int64)
-    pairs[0::2], pairs[1::2] = lows, np.minimum(highs, len(values) - 1)
-    reduced: NDArray[np.float32] = reduce.reduceat(values, pairs, axis=0)[0::2]
+    # reduceat needs pairs of edges inside the array, so a row follows the last one; results between two pairs are
+    # discarded.
+    pairs = np.column_stack((lows, highs)).ravel()
+    reduced: NDArray[np.float32] = reduce.reduceat(np.append(values, values[-1:], axis=0), pairs, axis=0)[0::2]
     return reduced
 
 

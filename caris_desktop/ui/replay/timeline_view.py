@@ -124,9 +124,8 @@ class TimelineView(QWidget):
         header.setFixedHeight(TITLE_HEIGHT_PX)
         title = QLabel(tr("Timeline"))
         title.setProperty("role", "title")
-        self._fact = ElidedLabel()
+        self._fact = ElidedLabel(role="note")
         self._fact.setObjectName("timeline_fact")
-        self._fact.setProperty("role", "note")
         row = layouts.hbox(header, margins_px=(14, 3, 6, 3), spacing_px=4)
         row.addWidget(title)
         row.addSpacing(8)
@@ -527,9 +526,8 @@ class CodingStrip(QWidget):
         self._contents: tuple[object, ...] | None = None
         self._actions = actions
         self._present = 0
-        self._words = ElidedLabel()
+        self._words = ElidedLabel(role="note")
         self._words.setObjectName("coding_words")
-        self._words.setProperty("role", "note")
         self._add = ActionButton(theme, tr("Add a tier"), icon="plus", role="primary", height_px=30)
         self._add.setObjectName("coding_add_tier")
         self._add.clicked.connect(self.add_tier_requested)

@@ -771,7 +771,7 @@ class EntryRow(FormPart):
         holder = QWidget()
         holder.setFixedWidth(_CAP_COLUMN_PX.get(self.path[0], 64))
         inside = layouts.hbox(holder, margins_px=(0, 7, 0, 7))
-        inside.addWidget(KeyCap(self.context.theme, key))
+        inside.addWidget(KeyCap(key))
         inside.addStretch(1)
         self._head.addWidget(holder, 0, _BOTTOM)
 

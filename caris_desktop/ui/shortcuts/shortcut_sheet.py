@@ -21,8 +21,8 @@ from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_spec import ActionSpec
-from caris_desktop.ui.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.key_bindings import PressedKey
+from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
+from caris_desktop.ui.input.key_bindings import PressedKey
 from caris_desktop.ui.key_choices import COLUMNS, Column, Keys, changed, owners, refusal
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
@@ -104,16 +104,15 @@ class ShortcutRow(QWidget):
         self.cells: dict[Column, KeyCell] = {column: KeyCell(theme, column) for column in COLUMNS}
         self._back = ActionButton(theme, "", icon="arrow-counter-clockwise", role="ghost", height_px=_CELL_PX)
         self._back.clicked.connect(self.put_back)
-        self._back_room = QWidget()
-        self._back_room.setFixedWidth(_PUT_BACK_PX)
-        back = layouts.hbox(self._back_room, margins_px=0)
-        back.addWidget(self._back)
+        back_room = QWidget()
+        back_room.setFixedWidth(_PUT_BACK_PX)
+        layouts.hbox(back_room, margins_px=0).addWidget(self._back)
         line = layouts.hbox(self, margins_px=0, spacing_px=4)
         line.addWidget(self._words, 1)
         for cell in self.cells.values():
             line.addWidget(cell)
             cell.clicked.connect(lambda _checked=False, cell=cell: self.cell_clicked.emit(cell))
-        line.addWidget(self._back_room)
+        line.addWidget(back_room)
 
     def show_spec(self, spec: ActionSpec, text: str, actions: Actions, keys: WizardKeys) -> None:
         """``spec``: row with its current keys; ``text``: its current text."""
@@ -163,10 +162,9 @@ class ShortcutGroup(QWidget):
             ("" if rows[0].spec.within else tr("Driving"), _CELL_WIDTHS_PX["driving_keys"]),
         ):
             label = QLabel(name)
-            label.setFont(theme.font(tokens.STATUS_PX))
+            label.setProperty("role", "note")
             label.setContentsMargins(6, 0, 0, 0)
             label.setMinimumWidth(width)
-            theme.color_text(label, "dim")
             heading.addWidget(label)
         heading.addSpacing(_PUT_BACK_PX + 4)
         column.addLayout(heading)
@@ -214,7 +212,7 @@ class ShortcutSheet(Overlay):
         self._building = QTimer(self, interval=0)
         self._building.timeout.connect(self._build_next)
         self._heading = QLabel()
-        self._heading.setFont(theme.font(tokens.SPEECH_PX, tokens.WEIGHT_SEMIBOLD))
+        self._heading.setProperty("role", "heading")
         self.search = QLineEdit(placeholderText=tr("Find a command or key"))
         self.search.setObjectName("shortcut_search")
         self.search.setAccessibleName(tr("Find a command or key"))
@@ -225,14 +223,13 @@ class ShortcutSheet(Overlay):
         top.addWidget(self._heading, 1)
         top.addWidget(self._reset_all)
         top.addWidget(self.search)
-        self._clashes = self._line("shortcut_clashes")
-        self._nothing = self._line("shortcut_nothing")
+        self._clashes = self._line("shortcut_clashes", "warning")
+        self._nothing = self._line("shortcut_nothing", "note")
         self._nothing.setText(tr("No matching entries."))
         self._scroll = QScrollArea(widgetResizable=True)
         self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self._message_label = self._line("shortcut_says")
-        self._message_label.setFont(theme.font(tokens.BODY_PX))
+        self._message_label = self._line("shortcut_says", "")
         self._reassign = self._button("shortcut_reassign", tr("Reassign"), self._on_reassign)
         self._remove = self._button("shortcut_remove", tr("No key"), self._on_remove)
         self._leave = self._button("shortcut_leave", tr("Cancel"), self.stop_asking)
@@ -250,7 +247,7 @@ class ShortcutSheet(Overlay):
         actions.rows_changed.connect(self._on_changed)
         actions.rebuilt.connect(self._on_changed)
         actions.keys_changed.connect(self._on_keys_changed)
-        theme.restyle_on_change(self._style)
+        theme.restyle_on_change(self.stop_asking)
 
     def open(self) -> None:
         self.search.clear()
@@ -297,10 +294,8 @@ class ShortcutSheet(Overlay):
         inner = QWidget()
         sides = self._columns = layouts.hbox(inner, margins_px=(0, 0, 8, 0), spacing_px=32)
         self._sides = (QWidget(), QWidget())
-        left, right = (QVBoxLayout(side) for side in self._sides)
-        for side, column in zip(self._sides, (left, right), strict=True):
-            column.setContentsMargins(0, 0, 0, 0)
-            column.setSpacing(0)
+        left, right = (layouts.vbox(side, margins_px=0, spacing_px=0) for side in self._sides)
+        for side, column in ((self._sides[0], left), (self._sides[1], right)):
             column.addStretch(1)
             sides.addWidget(side, 1)
         self._rows, self._groups = {}, []
@@ -470,10 +465,10 @@ class ShortcutSheet(Overlay):
         self._remove.setVisible(remove)
         self._leave.setVisible(waits)
 
-    def _line(self, name: str) -> QLabel:
+    def _line(self, name: str, role: str) -> QLabel:
         label = QLabel(wordWrap=True)
         label.setObjectName(name)
-        label.setFont(self._theme.font(tokens.STATUS_PX))
+        label.setProperty("role", role)
         return label
 
     def _button(self, name: str, text: str, do: object) -> ActionButton:
@@ -481,8 +476,3 @@ class ShortcutSheet(Overlay):
         button.setObjectName(name)
         button.clicked.connect(do)
         return button
-
-    def _style(self) -> None:
-        self._theme.color_text(self._clashes, "amber")
-        self._theme.color_text(self._nothing, "dim")
-        self.stop_asking()

@@ -1,15 +1,15 @@
 """Speech queue list, edited by mouse or keyboard."""
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QAccessible, QFocusEvent, QKeyEvent, QKeySequence, QMouseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtGui import QAccessible, QFocusEvent, QKeyEvent, QKeySequence, QMouseEvent
+from PySide6.QtWidgets import QFrame, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.person_marks import mark_of
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.ui import layouts, text_formatting, tokens
+from caris_desktop.ui import layouts, text_formatting
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import QUEUE_GROUP
 from caris_desktop.ui.focus_widget import focused_widget
@@ -19,6 +19,8 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
 from caris_desktop.ui.widgets.key_cap import KeyCap
+from caris_desktop.ui.widgets.keyed_rows import show_rows
+from caris_desktop.ui.widgets.labels import label, restyle
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 ROW_PX = 30
@@ -59,26 +61,16 @@ class QueueList(QWidget):
     def show_waiting(self, waiting: tuple[UtteranceChanged, ...]) -> None:
         """Update the rows for ``waiting``, which have unique ids."""
         row_ids = list(self._rows)
-        before, focused = self._rows, focused_widget()
+        focused = focused_widget()
         had_focus = focused is not None and (focused is self or self.isAncestorOf(focused))
-        self._rows = {}
-        for utterance in waiting:
-            row = before.pop(utterance.utterance_id, None) or self._new_row(utterance.utterance_id)
-            self._rows[utterance.utterance_id] = row
-        for row in before.values():
-            self._column.removeWidget(row)
-            if row.changed_text:
-                self.left_over.emit(row.changed_text)
-            row.hide()
-            row.deleteLater()
+        keys = [utterance.utterance_id for utterance in waiting]
+        left_over = [row.changed_text for key, row in self._rows.items() if key not in keys]
+        show_rows(self._column, self._rows, keys, self._new_row)
+        for text in filter(None, left_over):
+            self.left_over.emit(text)
         for number, utterance in enumerate(waiting, start=1):
-            row = self._rows[utterance.utterance_id]
-            if self._column.indexOf(row) != number - 1:
-                self._column.removeWidget(row)
-                self._column.insertWidget(number - 1, row)
-            row.show()  # shown now, so that it can be focused
             spoken = text_formatting.with_names(utterance.text, lambda person_id: name_of(self._console, person_id))
-            row.show_utterance(number, len(waiting), spoken, utterance)
+            self._rows[utterance.utterance_id].show_utterance(number, len(waiting), spoken, utterance)
         self._choose(self._chosen if self._chosen in self._rows else self._nearest(row_ids))
         self.setVisible(bool(waiting))
         if had_focus and not waiting:
@@ -158,12 +150,12 @@ class QueueList(QWidget):
     def focusInEvent(self, event: QFocusEvent) -> None:
         super().focusInEvent(event)
         self._choose(self._chosen)
-        self._actions.set_condition("in_queue", holds=True)
+        self._actions.set_focused_part("queue")
 
     def focusOutEvent(self, event: QFocusEvent) -> None:
         super().focusOutEvent(event)
         self._choose(self._chosen)
-        self._actions.set_condition("in_queue", holds=False)
+        self._actions.set_focused_part("")
 
 
 def _spelled(event: QKeyEvent) -> str:
@@ -172,7 +164,7 @@ def _spelled(event: QKeyEvent) -> str:
     return QKeySequence(bare.value | int(combination.key())).toString(QKeySequence.SequenceFormat.PortableText)
 
 
-class _QueueRow(QWidget):
+class _QueueRow(QFrame):
     """Row with number, text and buttons."""
 
     action_requested = Signal(str)
@@ -182,21 +174,20 @@ class _QueueRow(QWidget):
 
     def __init__(self, theme: Theme, key_text: str) -> None:
         super().__init__()
-        self._theme = theme
+        self.setObjectName("queue_row")
         self._key_text = key_text
-        self._key = KeyCap(theme, key_text)
-        self._chosen = False
+        self._key = KeyCap(key_text)
         self._template = ""
         self.setFixedHeight(ROW_PX)
-        self._number = QLabel()
-        self.label = ElidedLabel()
+        self._number = label("", "fine")
+        self.label = ElidedLabel(role="fine")
         self._editor = SubmitLineEdit()
         self._editor.setObjectName("queue_editor")
         self._editor.setAccessibleName(tr("Replacement text"))
         self._editor.setMaxLength(1000)
         self._editor.hide()
         self._editor.returnPressed.connect(self._on_return)
-        row = layouts.hbox(self, margins_px=(6, 0, 2, 0), spacing_px=4)
+        row = layouts.hbox(self, margins_px=(5, 0, 1, 0), spacing_px=4)
         row.addWidget(self._number)
         row.addSpacing(4)
         row.addWidget(self.label, 1)
@@ -216,7 +207,6 @@ class _QueueRow(QWidget):
             row.addWidget(button)
             if act in ("queued_earlier", "queued_later"):
                 self._movers.append(button)
-        theme.restyle_on_change(self._style)
 
     @property
     def changed_text(self) -> str:
@@ -234,9 +224,7 @@ class _QueueRow(QWidget):
             button.setVisible(count > 1)
 
     def set_chosen(self, chosen: bool) -> None:
-        if chosen != self._chosen:
-            self._chosen = chosen
-            self.update()
+        restyle(self, current=chosen)
 
     def begin_edit(self) -> None:
         self._editor.setText(self._template)
@@ -265,17 +253,3 @@ class _QueueRow(QWidget):
 
     def mouseDoubleClickEvent(self, _event: QMouseEvent) -> None:
         self.action_requested.emit("queued_edit")
-
-    def _style(self) -> None:
-        for label in (self._number, self.label):
-            self._theme.style_text(label, "dim", tokens.STATUS_PX + 1)
-        self._editor.setFont(self._theme.font(tokens.STATUS_PX + 1))
-        self.update()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        if self._chosen:
-            painter = QPainter(self)
-            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            painter.setPen(self._theme.color("blue"))
-            painter.setBrush(self._theme.color("blue_soft"))
-            painter.drawRoundedRect(self.rect().adjusted(0, 1, -1, -2), 6, 6)

@@ -55,7 +55,7 @@ class SpeakField(QPlainTextEdit):
         self._dictated_id = ""
         self._dictated: QTextCursor | None = None
         self._dictated_any = False
-        self._enter = KeyCap(theme, "Enter", self)
+        self._enter = KeyCap("Enter", self)
         self.setAccessibleName(tr("What the robot says next"))
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.setTabChangesFocus(True)

@@ -1,9 +1,9 @@
 """Button with key cap, painted from the design tokens."""
 
-from collections.abc import Hashable
-from typing import Literal
+from collections.abc import Callable, Hashable
+from typing import Any, Literal
 
-from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, QSizeF, Qt
+from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, QSizeF, Qt, SignalInstance
 from PySide6.QtGui import QColor, QFontMetricsF, QHelpEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QToolTip, QWidget
 
@@ -43,8 +43,13 @@ class ActionButton(QAbstractButton):
         may_lose_words: bool = False,
         semibold: bool = False,
         parent: QWidget | None = None,
+        clicked: Callable[..., object] | SignalInstance | None = None,
+        **qt: Any,
     ) -> None:
-        super().__init__(parent)
+        """``clicked``: slot, or signal to emit. ``qt``: properties and other signals, such as objectName, toolTip."""
+        super().__init__(parent, **qt)
+        if clicked is not None:
+            self.clicked.connect(clicked)
         self._theme = theme
         self._icon_name = icon
         self._dot: str | None = None
@@ -64,7 +69,7 @@ class ActionButton(QAbstractButton):
         self._weight = self._weight_for(role)
         self._widths: dict[Hashable, int] = {}
         self.setText(text)
-        self.setAccessibleName(text)
+        self.setAccessibleName(self.accessibleName() or text)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
@@ -164,12 +169,16 @@ class ActionButton(QAbstractButton):
 
     def bind(self, actions: Actions, action_id: str) -> None:
         """Run an action of the table on click, and follow its key, name and availability."""
+        self._bound = actions, action_id
         self.clicked.connect(lambda: actions.run(action_id))
-        binding = _Binding(self, actions, action_id)
-        actions.keys_changed.connect(binding.refresh)
-        actions.availability_changed.connect(binding.refresh)
-        actions.rebuilt.connect(binding.refresh)
-        binding.refresh()
+        for change in (actions.keys_changed, actions.availability_changed, actions.rebuilt):
+            change.connect(self._follow_action)
+        self._follow_action()
+
+    def _follow_action(self) -> None:
+        actions, action_id = self._bound
+        self.set_key(actions.key_text(action_id), actions.key_texts(action_id))
+        self.setEnabled(actions.available(action_id))
 
     def sizeHint(self) -> QSize:
         return QSize(self.width_with(self.text()), self._height_px)
@@ -329,18 +338,3 @@ class ActionButton(QAbstractButton):
             return False
         QToolTip.showText(event.globalPos(), f"{self.toolTip()} ({self._key})".strip(), self)
         return True
-
-
-class _Binding(QObject):
-    """Updates a button from its action. Child of the button, so that it is deleted with it."""
-
-    def __init__(self, button: ActionButton, actions: Actions, action_id: str) -> None:
-        super().__init__(button)
-        self._button = button
-        self._actions = actions
-        self._action_id = action_id
-
-    def refresh(self) -> None:
-        actions, action_id = self._actions, self._action_id
-        self._button.set_key(actions.key_text(action_id), actions.key_texts(action_id))
-        self._button.setEnabled(actions.available(action_id))

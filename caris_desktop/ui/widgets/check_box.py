@@ -1,5 +1,7 @@
 """Check box with a painted mark: a style sheet would need image files."""
 
+from typing import Any
+
 from PySide6.QtCore import QRect, QRectF, QSize, Qt
 from PySide6.QtGui import QFontMetricsF, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QCheckBox, QSizePolicy
@@ -15,11 +17,11 @@ _LEAST_WRAPPED_PX = 200
 class CheckBox(QCheckBox):
     """A click does not take the focus from typing or driving.
 
-    With ``wraps`` the text wraps.
+    With ``wraps`` the text wraps. ``qt``: properties and signals of Qt, such as objectName and toggled.
     """
 
-    def __init__(self, theme: Theme, text: str = "", *, wraps: bool = False) -> None:
-        super().__init__(text)
+    def __init__(self, theme: Theme, text: str = "", *, wraps: bool = False, **qt: Any) -> None:
+        super().__init__(text, **qt)
         self._theme = theme
         self._wraps = wraps
         if wraps:

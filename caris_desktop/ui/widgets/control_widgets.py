@@ -72,6 +72,12 @@ class _TitledFace(ControlWidget):
         self._title.setMinimumHeight(0 if narrow else tokens.CONTROL_HEIGHT_PX)
 
 
+def _note(text: str = "") -> QLabel:
+    label = QLabel(text)
+    label.setProperty("role", "note")
+    return label
+
+
 def row_direction(*, narrow: bool) -> QBoxLayout.Direction:
     return QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
 
@@ -82,15 +88,11 @@ class _ButtonFace(ControlWidget):
         self._button = ActionButton(theme, control.title, may_shrink=True)
         self._button.setObjectName(f"control_{control.id}_button")
         self._button.clicked.connect(lambda: use(True))
-        self._value = QLabel()
+        self._value = _note()
         self._value.hide()
         row = layouts.hbox(self, margins_px=0)
         row.addWidget(self._button)
         row.addWidget(self._value)
-        theme.restyle_on_change(self._style)
-
-    def _style(self) -> None:
-        self.theme.style_text(self._value, "dim", tokens.STATUS_PX)
 
     def show_reading(self, value: ControlValue | None) -> None:
         if self.control.reading is not None:
@@ -239,7 +241,7 @@ class _SliderFace(_TitledFace):
         self._set: float | None = None
         self._sent: float | None = None
         self._last_use_s = float("-inf")
-        self._value = QLabel()
+        self._value = _note()
         self._value.setObjectName("control_value")
         self._slider = _CalmSlider(Qt.Orientation.Horizontal)
         self._slider.setObjectName(f"control_{control.id}_slider")
@@ -260,11 +262,7 @@ class _SliderFace(_TitledFace):
         self.parts.addWidget(self._value)
         self._slider.setMaximumWidth(420)
         self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
-        theme.restyle_on_change(self._style)
         self._follow()
-
-    def _style(self) -> None:
-        self.theme.style_text(self._value, "dim", tokens.STATUS_PX)
 
     def _chosen(self) -> float:
         control = self.control
@@ -346,7 +344,7 @@ class _ChoiceFace(_TitledFace):
                 button.setObjectName(f"control_{control.id}_choice_{number}")
                 button.setAccessibleName(f"{control.title}: {choice.title}")
                 button.setCheckable(True)
-                button.clicked.connect(self._chooser(choice))
+                button.clicked.connect(lambda _checked=False, choice=choice: self._choose(choice))
                 self._buttons.append((choice, button))
                 flow.add(button)
             self.parts.addWidget(flow, 1)
@@ -357,9 +355,6 @@ class _ChoiceFace(_TitledFace):
             box.activated.connect(lambda index: self._choose(control.choices[index]))
             self.parts.addWidget(box, 1)
         self._refresh()
-
-    def _chooser(self, choice: Choice) -> Callable[[], None]:
-        return lambda: self._choose(choice)
 
     def _choose(self, choice: Choice) -> None:
         self._chosen = choice.value
@@ -395,7 +390,7 @@ class _TextFace(_TitledFace):
     def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
         super().__init__(theme, control)
         self._use = use
-        self._now = QLabel()
+        self._now = _note()
         self._field = SubmitLineEdit()
         self._field.setObjectName(f"control_{control.id}_field")
         self._field.setAccessibleName(control.title)
@@ -409,10 +404,6 @@ class _TextFace(_TitledFace):
         self.parts.addWidget(self._field, 1)
         self.parts.addWidget(send)
         self.parts.addWidget(self._now)
-        theme.restyle_on_change(self._style)
-
-    def _style(self) -> None:
-        self.theme.style_text(self._now, "dim", tokens.STATUS_PX)
 
     def show_reading(self, value: ControlValue | None) -> None:
         self.value_text = "" if value is None else value_words(self.control, value)
@@ -426,39 +417,26 @@ class _TextFace(_TitledFace):
 class _ReadoutFace(ControlWidget):
     def __init__(self, theme: Theme, control: RobotControl) -> None:
         super().__init__(theme, control)
-        self._title = QLabel(control.title)
+        self.setProperty("role", "readout")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self._title = _note(control.title)
         self._title.setMinimumWidth(40)
         self._value = QLabel()
         self._value.setObjectName("control_value")
+        self._value.setProperty("role", "title")
         row = layouts.hbox(self, margins_px=(10, 4, 10, 4), spacing_px=8)
         row.addWidget(self._title)
         row.addWidget(self._value)
         self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
-        theme.changed.connect(self._style)
         self.show_reading(None)
-        self._style()
-
-    def _style(self) -> None:
-        self._title.setFont(self.theme.font(tokens.STATUS_PX))
-        self._value.setFont(self.theme.font(tokens.BODY_PX, tokens.WEIGHT_SEMIBOLD))
-        self.theme.color_text(self._title, "dim")
-        self.theme.color_text(self._value, "text" if self.value_text else "dim")
-        self.update()
 
     def show_reading(self, value: ControlValue | None) -> None:
         self.value_text = "" if value is None else value_words(self.control, value)
         text = self.value_text or tr("no value yet")
         self._value.setText(text if len(text) <= 40 else text[:39] + "…")
+        self._value.setEnabled(bool(self.value_text))
         self.tip = "" if value is None else f"{self.control.title}: {value}"
         self.setToolTip(self.tip)
-        self._style()
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(self.theme.color("line"), 1))
-        rect = QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5)
-        painter.drawRoundedRect(rect, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
 
 
 def create_control_widget(theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> ControlWidget:

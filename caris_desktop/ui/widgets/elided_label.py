@@ -8,8 +8,10 @@ from PySide6.QtWidgets import QLabel, QSizePolicy
 class ElidedLabel(QLabel):
     """Elided label; its tooltip has the whole text."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, role: str = "", tone: str = "") -> None:
         super().__init__()
+        self.setProperty("role", role)
+        self.setProperty("tone", tone)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
 
     def setText(self, text: str) -> None:

@@ -1,8 +1,8 @@
 """Key cap: the key of a control, painted on it."""
 
-from PySide6.QtCore import QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtCore import QRectF, Qt
+from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPen
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
@@ -52,25 +52,11 @@ def draw_key_cap(
     return width
 
 
-class KeyCap(QWidget):
-    """Key cap widget for hint lines."""
+class KeyCap(QLabel):
+    """Key cap widget for hint lines, with its look from the style sheet."""
 
-    def __init__(self, theme: Theme, text: str = "", parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._theme = theme
-        self._text = text
+    def __init__(self, text: str = "", parent: QWidget | None = None) -> None:
+        super().__init__(text, parent, alignment=Qt.AlignmentFlag.AlignCenter)
+        self.setProperty("role", "key")
+        self.setFixedHeight(HEIGHT_PX)
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
-        theme.changed.connect(self.update)
-
-    def set_text(self, text: str) -> None:
-        if text != self._text:
-            self._text = text
-            self.updateGeometry()
-            self.update()
-
-    def sizeHint(self) -> QSize:
-        return QSize(round(key_cap_width(self._theme, self._text) + 0.5), HEIGHT_PX)
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        draw_key_cap(painter, self._theme, self._text, 0, self.height() / 2)

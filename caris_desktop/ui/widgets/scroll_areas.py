@@ -1,13 +1,27 @@
-"""Scroll area that takes its content's preferred size where there is room."""
+"""Scroll areas without a horizontal bar."""
 
 from PySide6.QtCore import QSize, Qt
-from PySide6.QtWidgets import QFrame, QScrollArea, QWidget
+from PySide6.QtWidgets import QFrame, QScrollArea, QSizePolicy, QWidget
 
 _LEAST_PX = QSize(240, 120)
 
 
+def list_area(rows: QWidget, *, framed: bool = True, least_px: int = 0) -> QScrollArea:
+    """Scroll area around rows, which Tab reaches; with ``least_px`` it takes the height that is left, at least this."""
+    area = QScrollArea(widgetResizable=True)
+    area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+    area.setWidget(rows)
+    if not framed:
+        area.setFrameShape(QFrame.Shape.NoFrame)
+    if least_px:
+        area.setMinimumHeight(least_px)
+        area.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
+    return area
+
+
 class Scrolled(QScrollArea):
-    """Scroll area around ``content``; Tab scrolls to hidden parts."""
+    """Scroll area with the preferred size of its ``content`` where there is room; Tab scrolls to hidden parts."""
 
     def __init__(self, content: QWidget) -> None:
         super().__init__()

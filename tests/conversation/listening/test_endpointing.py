@@ -2,8 +2,13 @@
 
 import pytest
 
-from caris_desktop.conversation.listening.endpoint_delay_model import EndpointDelayModel, SilenceOfPeople
-from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking, silence_to_wait_s
+from caris_desktop.conversation.listening.endpointing import (
+    EndpointDelayModel,
+    SilenceBounds,
+    SilenceOfPeople,
+    TurnTaking,
+    silence_to_wait_s,
+)
 
 WINDOW_NS = 32_000_000
 BOUNDS = SilenceBounds()

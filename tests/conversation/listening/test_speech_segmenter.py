@@ -9,8 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
-from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
-from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
+from caris_desktop.conversation.listening.endpointing import SilenceBounds, SilenceOfPeople, TurnTaking
 from caris_desktop.conversation.listening.engine import Recognised
 from caris_desktop.conversation.listening.heard_turn import TurnInterval
 from caris_desktop.conversation.listening.local_agreement import RecognisedWord

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.endpoint_delay_model import SilenceOfPeople
-from caris_desktop.conversation.listening.endpointing import SilenceBounds, TurnTaking
+from caris_desktop.conversation.listening.endpointing import SilenceBounds, SilenceOfPeople, TurnTaking
 from caris_desktop.conversation.listening.engine import Recognised
 from caris_desktop.conversation.listening.local_agreement import RecognisedWord
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter

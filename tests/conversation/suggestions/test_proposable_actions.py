@@ -14,8 +14,7 @@ from caris_desktop.conversation.suggestions.proposable_actions import (
     proposable_here,
     proposed_in,
 )
-from caris_desktop.conversation.suggestions.proposal_state import Proposals
-from caris_desktop.conversation.suggestions.suggestion_cycle import Round
+from caris_desktop.conversation.suggestions.suggestion_cycle import Proposals, Round
 from caris_desktop.domain import intents
 from caris_desktop.domain.control_definitions import CallService, Choice, RobotControl
 from caris_desktop.domain.events import ChatMessage, ProposalChanged

@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from caris_desktop.conversation.suggestions.replies import LONGEST_REPLY, fit_to_say, replies_in
+from caris_desktop.conversation.suggestions.prompt import LONGEST_REPLY, fit_to_say, replies_in
 from caris_desktop.conversation.suggestions.suggestion_cycle import characters_changed, intention_of, same_intention
 
 WRITTEN = '{"answer": "It stops \\"at once\\".", "ask": "Shall we?",\n "more": "No: it is safe."}'

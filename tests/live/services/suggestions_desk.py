@@ -16,9 +16,8 @@ from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, Hearing
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.gate import Gate
-from caris_desktop.live.services.proposals_service import ProposalsService
-from caris_desktop.live.services.suggestions_service import SuggestionsService
-from caris_desktop.live.services.transcript_service import TranscriptService
+from caris_desktop.live.services.people_service import TranscriptService
+from caris_desktop.live.services.suggestions_service import ProposalsService, SuggestionsService
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.scenario.scenario_model import AssistanceSettings, PanelLeaf, Scenario

@@ -11,7 +11,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.app.composition import find_scenario
 from caris_desktop.conversation.conversation_transcript import Turn
-from caris_desktop.conversation.embedded_messages import EmbeddedFailed, EmbeddedReady, ModelAdded
+from caris_desktop.conversation.embedded_server import EmbeddedFailed, EmbeddedReady, ModelAdded
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import AssistantChanged, ChatMessage, LlmExchange, Marked, Problem

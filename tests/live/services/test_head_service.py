@@ -9,7 +9,7 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain import clock
 from caris_desktop.domain.link_commands import MoveHead, RobotCommand
 from caris_desktop.domain.sensing import HeadState
-from caris_desktop.live.services.head_service import HeadService
+from caris_desktop.live.services.drive_service import HeadService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
 from caris_desktop.robot.profile import HeadInterface, RobotProfile

@@ -7,7 +7,7 @@ import pytest
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked, MarkKind
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.live.services.marks_service import MarksService
+from caris_desktop.live.services.session_service import MarksService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import RecordingStatus
 

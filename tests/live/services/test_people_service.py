@@ -14,7 +14,7 @@ from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.services.people_service import PeopleAdapters, PeopleService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import CrashRecoveryStatus
-from caris_desktop.people.envelope_encryption import About
+from caris_desktop.people.database import About
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.presence import PresenceTracker
 from caris_desktop.scenario.scenario_model import Scenario

@@ -13,8 +13,7 @@ from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import Marked, PhotoTaken, PracticeEnded, PracticeStepEnded, UtteranceChanged
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.practice_steps import STEPS
-from caris_desktop.live.services.practice_service import PracticeAdapters, PracticeService
+from caris_desktop.live.services.practice_service import STEPS, PracticeAdapters, PracticeService
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.scenario.scenario_file import load_scenario

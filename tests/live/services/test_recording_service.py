@@ -22,8 +22,7 @@ from caris_desktop.live.background_worker import BackgroundWorker
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec, RingsToRead
 from caris_desktop.live.services.recording_service import RecordingService
-from caris_desktop.live.state import LiveState
-from caris_desktop.live.status_tap import StatusTap
+from caris_desktop.live.state import LiveState, StatusTap
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.recorder.recorder_messages import BlurDemand, RecorderReport, TakePhoto, UseConsents
 from caris_desktop.scenario.scenario_model import BlurSettings

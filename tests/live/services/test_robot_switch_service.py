@@ -9,7 +9,7 @@ import pytest
 from caris_desktop.domain import intents
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.live.services.robot_switch_service import AnotherRobotService
+from caris_desktop.live.services.robot_service import AnotherRobotService
 
 
 class Told:

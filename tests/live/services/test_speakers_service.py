@@ -11,7 +11,7 @@ from caris_desktop.domain.actor import CONSOLE
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, WIZARD_MICROPHONE, Hearing
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.services.transcript_service import SpeakersService
+from caris_desktop.live.services.people_service import SpeakersService
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.presence import PersonRow
 

@@ -31,8 +31,8 @@ from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.process_manager import ProcessManager
-from caris_desktop.live.recorder_feed import ARRIVED, RecorderFeed
 from caris_desktop.live.services.alarms_service import AlarmsService
+from caris_desktop.live.services.recording_service import ARRIVED, RecorderFeed
 from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.speech_queue import VoiceKind
 from caris_desktop.live.state import LiveState

@@ -18,7 +18,7 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.bus import Bus
-from caris_desktop.live.services.transcript_service import ResponseTimeService, TranscriptService
+from caris_desktop.live.services.people_service import ResponseTimeService, TranscriptService
 from caris_desktop.live.state import LiveState
 
 pytestmark = pytest.mark.usefixtures("qapp")

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.domain.onnx_graph import with_metadata
-from caris_desktop.perception.backends.selected_runtime import open_chosen
-from caris_desktop.perception.inference_settings import DetectorSettings
+from caris_desktop.perception.backends.runtime_selection import open_chosen
+from caris_desktop.perception.inference_messages import DetectorSettings
 from caris_desktop.perception.weights import DetectorChoice, WeightsError
 from tests.perception.shared_data import INT8_WEIGHTS, OSNET_WEIGHTS, YOLOX_WEIGHTS, needs_int8_weights
 

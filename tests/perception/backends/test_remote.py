@@ -13,9 +13,9 @@ from websockets.sync.client import connect
 
 from caris_desktop.perception.backends import remote
 from caris_desktop.perception.backends.remote import SERVER_VARIABLE, TOKEN_VARIABLE, RemoteDetector
-from caris_desktop.perception.backends.selected_runtime import open_chosen
+from caris_desktop.perception.backends.runtime_selection import open_chosen
 from caris_desktop.perception.detector import Detections, DetectorAwayError
-from caris_desktop.perception.inference_settings import DetectorSettings
+from caris_desktop.perception.inference_messages import DetectorSettings
 from caris_desktop.perception.weights import WeightsError
 from tests.perception.served import POINTS, TOKEN, Serving, picture
 from tests.support.certificates import Authority

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import CameraState, FrameRef
 from caris_desktop.perception.cameras.camera_process import run_camera
-from caris_desktop.perception.cameras.camera_source import CameraSource
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
+from caris_desktop.perception.cameras.camera_source import CameraSource, ChosenCamera, parse_camera
 
 FPS = 25
 PICTURES = 12

@@ -14,8 +14,14 @@ from caris_desktop.domain.picture_checks import PictureError
 from caris_desktop.domain.sensing import AudioChunk, CameraState, DepthGrid, FrameRef
 from caris_desktop.perception.cameras import camera_process, camera_source
 from caris_desktop.perception.cameras.camera_process import PlayVideo, StreamSound
-from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, Picture, picture_of
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
+from caris_desktop.perception.cameras.camera_source import (
+    CameraError,
+    CameraSource,
+    ChosenCamera,
+    Picture,
+    parse_camera,
+    picture_of,
+)
 from caris_desktop.perception.cameras.device_camera import DeviceCamera
 from caris_desktop.perception.cameras.open_camera import open_camera
 from caris_desktop.perception.cameras.stream_camera import StreamCamera
@@ -98,7 +104,7 @@ def test_an_absent_camera_is_reported_once_and_retried(start: Start, monkeypatch
 
 def test_a_device_delivers_until_it_is_unplugged(video: Path) -> None:
     # OpenCV reads a file through the same calls as a device; its end looks like an unplugged cable.
-    camera = DeviceCamera(str(video))
+    camera = DeviceCamera(ChosenCamera("device", str(video), "desk"))
     for _ in range(PICTURES):
         picture = camera.read()
         assert picture is not None

@@ -15,8 +15,13 @@ import pytest
 from caris_desktop.domain import clock
 from caris_desktop.perception.cameras import camera_server, newest_frame
 from caris_desktop.perception.cameras.camera_server import CameraServer
-from caris_desktop.perception.cameras.camera_source import CameraError, CameraSource, Picture
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, parse_camera
+from caris_desktop.perception.cameras.camera_source import (
+    CameraError,
+    CameraSource,
+    ChosenCamera,
+    Picture,
+    parse_camera,
+)
 from caris_desktop.perception.cameras.http_camera import MultipartReader
 from caris_desktop.perception.cameras.newest_frame import NewestFrame
 from caris_desktop.perception.cameras.served_sound import PIECE, RATE_HZ, ServedSound, Take

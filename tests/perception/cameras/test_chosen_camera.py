@@ -2,8 +2,13 @@
 
 import pytest
 
-from caris_desktop.perception.cameras.camera_source import CameraError
-from caris_desktop.perception.cameras.chosen_camera import ChosenCamera, camera_token, parse_camera, with_distinct_names
+from caris_desktop.perception.cameras.camera_source import (
+    CameraError,
+    ChosenCamera,
+    camera_token,
+    parse_camera,
+    with_distinct_names,
+)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from caris_desktop.perception.cameras.camera_source import CameraError
+from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera
 from caris_desktop.perception.cameras.device_camera import DeviceCamera
 
 
@@ -35,7 +35,7 @@ def test_access_to_a_device_is_checked_only_where_no_picture_came(
     monkeypatch: pytest.MonkeyPatch, pictures: int, says: str, advises: str
 ) -> None:
     monkeypatch.setattr("cv2.VideoCapture", lambda _target: Capture(pictures))
-    camera = DeviceCamera("0")
+    camera = DeviceCamera(ChosenCamera("device", "0", "desk"))
     for _each in range(pictures):
         camera.read()
     with pytest.raises(CameraError, match=says) as told:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caris_desktop.perception.cameras.camera_source import CameraError
+from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera
 from caris_desktop.perception.cameras.oak_camera import OakCamera, oak_devices
 from tests.perception.cameras.running_camera import PICTURES
 
@@ -83,7 +83,7 @@ def opened(video: Path, monkeypatch: pytest.MonkeyPatch, *, eyes: int) -> tuple[
     device = ReplayedDevice(video, eyes=eyes)
     monkeypatch.setattr(depthai, "Device", lambda _id: device)
     monkeypatch.setattr(depthai, "Pipeline", lambda _device: device)
-    return OakCamera("14442C10D13EABCE00"), device
+    return OakCamera(ChosenCamera("oak", "14442C10D13EABCE00", "oak")), device
 
 
 def test_it_delivers_until_it_ends(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,4 +115,4 @@ def test_a_missing_camera_is_reported() -> None:
     if oak_devices():
         pytest.skip("an OAK camera is attached")
     with pytest.raises(CameraError, match="No OAK"):
-        OakCamera()
+        OakCamera(ChosenCamera("oak", "", "oak"))

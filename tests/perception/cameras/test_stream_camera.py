@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pytest
 
-from caris_desktop.perception.cameras.chosen_camera import parse_camera
+from caris_desktop.perception.cameras.camera_source import parse_camera
 from caris_desktop.perception.cameras.stream_camera import StreamCamera
 
 _ONE = 1 << 16

@@ -12,8 +12,7 @@ from caris_desktop.domain.schema_validation import problems
 from caris_desktop.recording.annotation import annotation_editing, annotation_store
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument, Vocabulary, VocabularyEntry
-from caris_desktop.recording.annotation.annotation_store import annotation_files, load_documents, save_coder
-from caris_desktop.recording.annotation.coding_file import Coding
+from caris_desktop.recording.annotation.annotation_store import Coding, annotation_files, load_documents, save_coder
 from tests.recording.told_session import tell
 from tests.support.invalid_data import with_mistake
 from tests.support.schemas import schema_validator

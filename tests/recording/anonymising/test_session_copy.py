@@ -17,8 +17,7 @@ from caris_desktop.app import command_table
 from caris_desktop.domain.events import ScenarioOpened, UtteranceChanged
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.recording.anonymising import session_copy
-from caris_desktop.recording.anonymising.known_names import KnownNames
-from caris_desktop.recording.anonymising.voices import write_sound
+from caris_desktop.recording.anonymising.session_copy import KnownNames, write_sound
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
 from caris_desktop.recording.forgetting.search_terms import all_of
 from caris_desktop.recording.replay.session_timeline import SessionTimeline

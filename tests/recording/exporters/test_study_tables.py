@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from caris_desktop.domain.events import AnswerUsed, EmergencyStopChanged, Marked
+from caris_desktop.recording import table_files
 from caris_desktop.recording.annotation.annotation_model import Annotation, AnnotationDocument, Tier
 from caris_desktop.recording.annotation.annotation_store import save_coder
 from caris_desktop.recording.annotation.coder_agreement import compare_coders
@@ -112,8 +113,10 @@ def test_a_session_that_fails_leaves_no_rows(study: Path, tmp_path: Path, monkey
                 raise SessionError("it ends here")
             yield batch
 
-    monkeypatch.setattr(study_tables, "session_batches", failing)
-    finished = _export(study, tmp_path / "out")
+    copied = tmp_path / "study"
+    shutil.copytree(study, copied, ignore=shutil.ignore_patterns("derived"))
+    monkeypatch.setattr(table_files, "session_batches", failing)
+    finished = _export(copied, tmp_path / "out")
     assert [sentence for sentence in finished.problems if "one is left out:" in sentence and "ends here" in sentence]
     tables = [path.stem for path in (tmp_path / "out" / "tables" / "parquet").iterdir()]
     found = {row["session"] for name in tables if name != "data_dictionary" for row in _rows(finished.written[0], name)}
@@ -193,8 +196,8 @@ def test_rows_are_written_in_groups_that_bound_memory(
     study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(study_tables, "_ROWS_AT_ONCE", 3)
-    folder = study_tables.write_tables(
-        open_session(study / "sessions" / "one"), _folder(tmp_path), study_tables.ExportContext()
+    folder = study_tables.write_tables_of_study(
+        [open_session(study / "sessions" / "one")], _folder(tmp_path), study_tables.ExportContext()
     )[0].parent
     data = pq.read_metadata(folder / "parquet" / "event_command_sent.parquet")
     assert data.num_rows > 10

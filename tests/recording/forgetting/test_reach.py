@@ -23,6 +23,7 @@ from caris_desktop.recording.forgetting.search_terms import all_of
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import export_session
+from caris_desktop.recording.table_files import transcripts_folder
 from tests.recording.forgetting.named_study import NAME, make_study
 from tests.recording.forgetting.test_study_erasure import forget, hits_in, receipt_of, sessions_of
 from tests.support import recorded_session
@@ -272,11 +273,15 @@ def test_tables_that_were_derived_are_erased(study: Path, tmp_path: Path, monkey
     for folder in (one, two):
         export_session(folder, "parquet", tmp_path / folder.name)
     (two / "derived").unlink()
+    transcript = transcripts_folder(one) / "small.csv"
+    transcript.parent.mkdir()
+    transcript.write_text("u-1,words that nobody searches for", encoding="utf-8")
     stored = [*(one / "derived").rglob("utterances.parquet"), *(tmp_path / "cache").rglob("utterances.parquet")]
     assert len(stored) == 2
     assert all(ByteSearch(all_of((NAME,), ())).file(path).hits for path in stored)
     forgotten = forget(study, own_files=OwnFiles(others=(tmp_path / "cache",)))
     assert forgotten.complete, forgotten
     assert not list((one / "derived").rglob("*.parquet"))
+    assert not transcript.exists()
     assert not list((tmp_path / "cache").rglob("*.parquet"))
     assert not hits_in(study)

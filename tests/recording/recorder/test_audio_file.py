@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.recording.recorder.audio_file import AudioFile, AudioWriter
-from caris_desktop.recording.session.media_names import audio_file_name
+from caris_desktop.recording.session.media_files import audio_file_name
 
 SECOND = 1_000_000_000
 RATE_HZ = 16_000

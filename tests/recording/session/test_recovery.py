@@ -26,9 +26,8 @@ from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session import mcap_chunks, recovery
 from caris_desktop.recording.session.folder_lock import hold
 from caris_desktop.recording.session.frame_times import read_frame_times
-from caris_desktop.recording.session.manifest import MANIFEST_NAME, verify_manifest
+from caris_desktop.recording.session.manifest import MANIFEST_NAME, progress_counts, store_counts, verify_manifest
 from caris_desktop.recording.session.media_repair import content_of
-from caris_desktop.recording.session.progress_counts import progress_counts, store_counts
 from caris_desktop.recording.session.recovery import needs_repair, repair_session
 from caris_desktop.recording.session.repair_messages import LOSSES, read_loss
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session

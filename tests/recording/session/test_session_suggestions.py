@@ -9,9 +9,9 @@ from pathlib import Path
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import SuggestionChanged
 from caris_desktop.recording.recorder.recorder_messages import RecorderReport
+from caris_desktop.recording.session.answers import replies_of
 from caris_desktop.recording.session.session_data import read_data
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.session.session_suggestions import replies_of
 from tests.recording.driving import RecorderUnderTest, start
 from tests.support.polling import wait_for
 

@@ -10,8 +10,8 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.events import ANSWER, Problem
 from caris_desktop.ui import tokens
-from caris_desktop.ui.alarms.alarm_list import AlarmList
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.notifications import AlarmList
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 

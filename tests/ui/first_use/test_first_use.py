@@ -27,8 +27,7 @@ from caris_desktop.scenario.scenario_model import Permissions
 from caris_desktop.ui.banners import QuestionBanner
 from caris_desktop.ui.first_use.first_use import DRIVEN_KEY, SET_UP_KEY, DriveHint, FirstUse
 from caris_desktop.ui.first_use.set_up_page import SetUpPage
-from caris_desktop.ui.first_use.step_pages import LivePicture
-from caris_desktop.ui.first_use.steps import steps_for
+from caris_desktop.ui.first_use.step_pages import LivePicture, steps_for
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.robot_dialog import RobotDialog

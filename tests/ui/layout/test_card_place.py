@@ -12,7 +12,7 @@ from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelNa
 from caris_desktop.ui.layout.dock_geometry import TITLE_PX, GroupPlace, place
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.problems import card_place, in_the_corner
+from caris_desktop.ui.notifications import card_place, in_the_corner
 from tests.support.window_check import text_flaws
 from tests.ui.conftest import click, find, freshen
 from tests.ui.fake_console import FakeConsole

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from PySide6.QtGui import QUndoStack
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario, save_layout
@@ -16,7 +17,7 @@ from caris_desktop.ui.layout.dock_geometry import place
 from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_data, arrangement_from, arrangement_of
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.layout.layout_tree import panels_in, tidy
-from caris_desktop.ui.layout_store import LayoutHistory
+from caris_desktop.ui.layout_store import LayoutEdit
 from caris_desktop.ui.panel_table import PANELS
 from tests.ui.layout.edits import EDIT, WINDOW, edited, room
 from tests.ui.samples import MENTAL_LAYOUT, TOUR_LAYOUT
@@ -34,7 +35,13 @@ def through_json(arrangement: DockLayout) -> DockLayout:
 @pytest.mark.long
 def test_500_edits_are_saved_undone_and_done_again(made: list[Any], layout: Any) -> None:
     """Ten times fifty edits, each saved and loaded, placed with every panel, and all undone at the end."""
-    arrangement, history = arrangement_of(layout), LayoutHistory()
+    arrangement, history = arrangement_of(layout), QUndoStack()
+    present = [arrangement]
+
+    def exchange(layout: DockLayout) -> DockLayout:
+        before, present[0] = present[0], layout
+        return before
+
     began, seen = arrangement, []
     for edit in made:
         spare: list[PanelName] = [name for name in PANELS if name not in arrangement.panels]
@@ -48,19 +55,17 @@ def test_500_edits_are_saved_undone_and_done_again(made: list[Any], layout: Any)
         assert {panel for group in placing.groups for panel in group.panels} == after.docked
         rects = [group.rect for group in placing.groups]
         assert not any(one.overlap(other) for i, one in enumerate(rects) for other in rects[i + 1 :])
-        history.note(edit[0], arrangement)
+        history.push(LayoutEdit(edit[0], arrangement, exchange))
         seen.append(after)
-        arrangement = after
+        present[0] = arrangement = after
     last = arrangement
     for expected in [*reversed(seen[:-1]), began]:
-        undone = history.undo(arrangement)
-        assert undone == expected
-        arrangement = undone
+        history.undo()
+        assert present[0] == expected
     for expected in seen:
-        again = history.redo(arrangement)
-        assert again == expected
-        arrangement = again
-    assert arrangement == last
+        history.redo()
+        assert present[0] == expected
+    assert present[0] == last
 
 
 @settings(max_examples=3, deadline=None, suppress_health_check=list(HealthCheck))

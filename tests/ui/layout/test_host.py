@@ -7,11 +7,11 @@ import pytest
 from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtGui import QEnterEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QMenu, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QApplication, QMenu, QPlainTextEdit, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, TabNode
-from caris_desktop.ui.dock_host import DockHost
+from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_geometry import GroupPlace, place
 from caris_desktop.ui.layout.dock_layout import (
@@ -23,7 +23,6 @@ from caris_desktop.ui.layout.dock_layout import (
 )
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.layout.layout_tree import panels_in
-from caris_desktop.ui.layout.panel_size import RESIZE_PX, resizer
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.widgets.buttons import ActionButton
@@ -205,37 +204,40 @@ def test_a_locked_panel_keeps_its_size(window: MainWindow, host: DockHost) -> No
     host.fill_menu(menu, "map")
     assert not [action for action in menu.actions() if action.text() in ("Larger", "Smaller") and action.isEnabled()]
     assert not [entry.text for entry in window.palette_entries() if entry.text == "Map: larger"]
-    resizer(host, "map", RESIZE_PX)()
+    host.resize_panel("map", RESIZE_PX)
     assert arranged(host) == before and len(refused) == 1
 
 
-def test_a_panel_that_is_too_small_says_what_is_cut_off_and_opens_as_a_drawer(
-    window: MainWindow, host: DockHost, qtbot: QtBot
-) -> None:
+def test_what_a_panel_that_is_too_small_cuts_off_can_be_scrolled_to(window: MainWindow, host: DockHost) -> None:
     window.resize(1000, 420)
     QApplication.processEvents()
-    cut = [dock for dock in host.docks.values() if dock.isVisible() and dock.is_cut]
+    cut = 0
+    for name, dock in host.docks.items():
+        panel, scroll = window.panels[name], dock.findChild(QScrollArea, "panel_scroll")
+        if not dock.isVisible() or scroll.viewport().rect().contains(panel.geometry()):
+            continue
+        cut += 1
+        assert panel.height() >= panel.minimumSizeHint().height(), "it keeps the room that it needs"
+        corner = panel.rect().bottomRight()
+        scroll.ensureVisible(corner.x(), corner.y(), 1, 1)
+        assert scroll.viewport().rect().contains(panel.mapToParent(corner)), name
+        assert scroll.focusPolicy() is Qt.FocusPolicy.NoFocus
     assert cut, "so little room is not enough for all"
-    dock = next((dock for dock in cut if dock.cut_off()), cut[0])
-    button = dock.findChild(QWidget, "drawer_button")
-    assert button is not None and button.isVisible()
-    assert "drawer" in button.accessibleName()
-    for name in dock.cut_off():
-        assert name in button.accessibleName()
-    small = dock.geometry()
-    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
-    assert dock.height() > small.height() or dock.width() > small.width()
-    assert host.rect().contains(dock.geometry())
-    assert button.accessibleName() == "Close the drawer"
-    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
-    assert dock.geometry() == small
-    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
-    host.give_up()
-    assert dock.geometry() == small, "Esc puts it back"
-    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
-    other = next(name for name in ("video", "speak") if dock.name != name and not window.panels[name].active)  # type: ignore[index]
-    window.panels[other].focus_target().setFocus()  # type: ignore[index]
-    assert dock.geometry() == small, "and so does going on in another panel"
+
+
+def test_tab_scrolls_to_what_it_reaches(window: MainWindow, host: DockHost) -> None:
+    window.resize(1000, 420)
+    QApplication.processEvents()
+    panel, reached = window.panels["speak"], 0
+    panel.focus_target().setFocus()
+    for _ in range(20):
+        focused = QApplication.focusWidget()
+        assert focused is not None
+        if panel.isAncestorOf(focused):
+            reached += 1
+            assert not focused.visibleRegion().isEmpty(), focused.objectName()
+        QTest.keyClick(focused, Qt.Key.Key_Tab)
+    assert reached > 2
 
 
 def test_every_panel_has_its_button_to_float(host: DockHost) -> None:

@@ -30,7 +30,7 @@ from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.layout.layout_tree import panels_in, tidy
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.window_menus import LayoutMenu, TitleDialog
+from caris_desktop.ui.window_menus import TitleDialog
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find
 from tests.ui.fake_console import FakeConsole
@@ -103,7 +103,7 @@ def test_changes_of_the_layout_are_temporary_until_saved(
     host.close_panel("drive")
     mine = arranged(window)
     assert keeper.is_unsaved
-    assert window.menus._layout.title() == "Layout (changed, not saved)"
+    assert window.menus.layout_title() == "Layout (changed, not saved)"
     assert "unsaved changes" in window._top_bar.window_button.accessibleName()
     other = again(qtbot, settings, theme)
     assert arranged(other) == mine, "it comes back, and so does the window of its own"
@@ -274,8 +274,9 @@ def test_small_and_large_screens_get_a_layout_of_their_own(qtbot: QtBot, theme: 
         window.resize(*size)
         QApplication.processEvents()
         shown[size[0]] = arranged(window)
-        groups = window.dock_host.placing.groups
-        assert not any(window.dock_host.docks[group.current].is_cut for group in groups)
+        for group in window.dock_host.placing.groups:
+            panel = window.panels[group.current]
+            assert panel.parentWidget().rect().contains(panel.geometry()), "no panel is cut off"
     assert shown[1920] == arrangement_of(scenario.layout)
     assert {*shown[1366].panels} == {*shown[1920].panels} == {*shown[2560].panels}
     count = {width: tabs_in(arrangement.tree) for width, arrangement in shown.items()}
@@ -354,8 +355,7 @@ def test_the_window_menu_fits_a_small_screen(window: MainWindow) -> None:
 def test_one_menu_has_it_all(window: MainWindow, settings: MemorySettings) -> None:
     window.dock_host.move_panel("map", "video", "right")
     menu = QMenu(window)
-    layout: LayoutMenu = window.menus._layout
-    layout.fill(menu)
+    window.menus.fill_layout_menu(menu)
     texts = {action.text(): action.isEnabled() for action in menu.actions()}
     assert {
         "Undo: Move Map\t⇧Ctrl D": True, "Redo": False,

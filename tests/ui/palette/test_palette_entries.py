@@ -20,8 +20,7 @@ from caris_desktop.ui.action_rows import go_to_nth_place
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.palette.palette_item import PaletteItem
-from caris_desktop.ui.palette.palette_search import Finder
+from caris_desktop.ui.palette.palette_search import Finder, PaletteItem
 from caris_desktop.ui.session_table import local_time
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
@@ -133,12 +132,12 @@ def test_a_double_click_is_one_act(window: MainWindow, console: FakeConsole) -> 
     console.emergency_stop()
     palette = palette_of(window, "release")
     first = QPoint(60, 20)
-    QTest.mouseClick(palette.list, Qt.MouseButton.LeftButton, pos=first)
-    QTest.mouseDClick(palette.list, Qt.MouseButton.LeftButton, pos=first)
-    QTest.mouseRelease(palette.list, Qt.MouseButton.LeftButton, pos=first)
+    QTest.mouseClick(palette.list.viewport(), Qt.MouseButton.LeftButton, pos=first)
+    QTest.mouseDClick(palette.list.viewport(), Qt.MouseButton.LeftButton, pos=first)
+    QTest.mouseRelease(palette.list.viewport(), Qt.MouseButton.LeftButton, pos=first)
     assert console.state.drive.value.emergency_stop
     assert palette.isVisible()
-    QTest.mouseClick(palette.list, Qt.MouseButton.LeftButton, pos=first)
+    QTest.mouseClick(palette.list.viewport(), Qt.MouseButton.LeftButton, pos=first)
     assert not console.state.drive.value.emergency_stop
 
 

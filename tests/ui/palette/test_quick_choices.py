@@ -9,7 +9,7 @@ from PySide6.QtTest import QTest
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.palette.quick_choices import nearest_person
+from caris_desktop.ui.palette.palette_entries import nearest_person
 from tests.ui import samples
 from tests.ui.fake_console import FakeConsole
 

@@ -18,11 +18,12 @@ from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, Hearing
 from caris_desktop.live.state import LiveState, PresentClock
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow
-from caris_desktop.ui.conversation.transcript_view import TranscriptView, words_rect
+from caris_desktop.ui.conversation.transcript_view import BUTTONS, TranscriptView, words_rect
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.conversation_panel import ConversationPanel
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
 from caris_desktop.ui.widgets.submit_text_edit import SubmitTextEdit
 from tests.support.yardstick import in_yardsticks
@@ -329,8 +330,11 @@ def test_a_click_selects_a_turn_and_gives_the_list_the_keys(qtbot: QtBot, panel:
     )
     assert panel.view.current == "t5"
     assert panel.view.hasFocus()
-    assert [button.act for button, _rect in panel.view.buttons(last)] == ["text", "who", "tags", "mark"]
-    assert {button.icon for button, _rect in panel.view.buttons(last)} <= icon_names()
+    assert panel.view.acts("t5") == ("text", "who", "tags", "mark")
+    shown = [part for part in panel.view.viewport().findChildren(ActionButton) if part.isVisible()]
+    assert [part.objectName() for part in shown] == ["turn_text", "turn_who", "turn_tags", "turn_mark"]
+    assert all(panel.view.row_rect(last).contains(part.parentWidget().geometry()) for part in shown)
+    assert {button.icon for button in BUTTONS} <= icon_names()
 
 
 def test_the_console_is_not_believed_over_the_wizard(panel: ConversationPanel, console: FakeConsole) -> None:

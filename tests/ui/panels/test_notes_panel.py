@@ -37,11 +37,11 @@ def write(panel: NotesPanel, text: str) -> None:
 
 
 def shown(panel: NotesPanel) -> list[str]:
-    return [str(panel.model.index(row).data()) for row in range(panel.model.rowCount())]
+    return [str(panel.model.index(row, 0).data()) for row in range(panel.model.rowCount())]
 
 
 def choose(panel: NotesPanel, row: int) -> None:
-    place = panel.view.visualRect(panel.model.index(row)).center()
+    place = panel.view.visualRect(panel.model.index(row, 0)).center()
     QTest.mouseClick(panel.view.viewport(), Qt.MouseButton.LeftButton, pos=place)
 
 

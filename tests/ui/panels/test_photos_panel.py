@@ -55,7 +55,7 @@ def panel(qtbot: QtBot, settings: MemorySettings, theme: Theme) -> PhotosPanel:
 
 
 def shown(panel: PhotosPanel) -> list[str]:
-    return [entry.file_name for entry in panel.model.photos]
+    return [entry.file_name for entry in panel.model.values]
 
 
 def color_at(widget: QWidget, x: int, y: int) -> tuple[int, int, int]:
@@ -78,7 +78,7 @@ def test_the_newest_photo_comes_first_and_is_seen(panel: PhotosPanel) -> None:
     panel.state.photos.set((photo(2), photo(1, GREEN)))
     assert shown(panel) == ["photos/0002.png", "photos/0001.png"]
     assert panel.fact[0] == "2 photos"
-    first = panel.grid.visualRect(panel.model.index(0)).center()
+    first = panel.grid.visualRect(panel.model.index(0, 0)).center()
     assert reddish(color_at(panel.grid.viewport(), first.x(), first.y() - 20))
 
 
@@ -112,7 +112,7 @@ def test_one_choice_shows_those_with_a_person_or_a_tag(panel: PhotosPanel) -> No
 
 def test_a_click_shows_it_large_and_escape_goes_back_and_stops(qtbot: QtBot, panel: PhotosPanel) -> None:
     panel.state.photos.set((photo(1, person_ids=("p-unknown",), pose_in_map=Pose2D(1.24, 2.0, 0.0)),))
-    at = panel.grid.visualRect(panel.model.index(0)).center()
+    at = panel.grid.visualRect(panel.model.index(0, 0)).center()
     QTest.mouseClick(panel.grid.viewport(), Qt.MouseButton.LeftButton, pos=at)
     assert panel.large.isVisible() and not panel.grid.isVisible()
     assert panel.large.about.text().endswith("Front camera · 1 person · robot at 1.2, 2.0 m")

@@ -1,1 +1,0 @@
-"""Alarms in the window."""

@@ -1,0 +1,41 @@
+"""Dialogs of fields above a row of buttons."""
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import QSize
+from PySide6.QtWidgets import QDialog, QWidget
+
+from caris_desktop.ui import layouts
+from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.scroll_areas import Scrolled
+
+_MARGINS_PX = (24, 20, 24, 20)
+_AROUND = QSize(40, 60)  # what a window leaves free of its screen
+
+
+def lay_out_form(
+    window: QWidget, *content: layouts.Item, buttons: Sequence[layouts.Item], scrolls: bool = True, spacing_px: int = 12
+) -> None:
+    """Lay out a window: the content, which scrolls where the screen is small, above the buttons."""
+    foot = layouts.hbox(None, *buttons, spacing_px=8)
+    if scrolls:
+        holder = QWidget()
+        layouts.vbox(holder, *content, margins_px=0, spacing_px=spacing_px)
+        content = ((Scrolled(holder), 1),)
+    layouts.vbox(window, *content, foot, margins_px=_MARGINS_PX, spacing_px=12)
+
+
+def resize_to(window: QWidget, size: QSize) -> None:
+    """Resize to ``size``, as far as the screen has it: Qt limits a first window to two thirds of the screen."""
+    window.resize(size.boundedTo(window.screen().availableSize() - _AROUND))
+
+
+class FormDialog(VisualTabOrderMixin, QDialog):
+    """Non-modal: the robot can be driven and stopped meanwhile."""
+
+    def __init__(self, theme: Theme, parent: QWidget, name: str, title: str) -> None:
+        super().__init__(parent)
+        self.setObjectName(name)
+        self.setWindowTitle(title)
+        self._theme = theme

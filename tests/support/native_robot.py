@@ -1,0 +1,128 @@
+"""Robot on the real rclpy, and the console's process that reaches it without rosbridge.
+
+``CARIS_ROS2_PYTHON`` names a Python with rclpy and test_msgs: ``packaging/ros2.sh`` makes one. Tests are skipped
+without it.
+"""
+
+import json
+import os
+import random
+import re
+import subprocess
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from caris_desktop.domain.control_definitions import CallService, RobotControl, SendActionGoal
+from caris_desktop.robot.profile import (
+    EmergencyStopInterface,
+    RobotProfile,
+    SpeechInterface,
+    TopicSource,
+    VelocityTopic,
+    load_profile,
+)
+from caris_desktop.robot.ros2_robot import PYTHON_VARIABLE
+from tests.support.polling import wait_for
+
+PYTHON = os.environ.get(PYTHON_VARIABLE, "")
+needs_rclpy = pytest.mark.skipif(not PYTHON, reason=f"{PYTHON_VARIABLE} names no Python with rclpy")
+
+
+class NativeRobot:
+    """``rclpy_robot.py`` in a domain of its own; of ``log`` each line is what it executed."""
+
+    def __init__(self, folder: Path, *, domain: int | None = None) -> None:
+        self.domain = random.randint(1, 100) if domain is None else domain  # noqa: S311 - no secret
+        self.address = f"ros2:{self.domain}"
+        self._log = folder / f"rclpy-{self.domain}.jsonl"
+        self._position = 0
+        self._lines: list[dict[str, Any]] = []
+        environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+        self._process = subprocess.Popen(
+            [PYTHON, str(Path(__file__).with_name("rclpy_robot.py")), str(self._log)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            env={**environment, "ROS_DOMAIN_ID": str(self.domain)},
+        )  # fmt: skip
+        assert self._process.stdout is not None
+        assert self._process.stdout.readline() == "ready\n"
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def profile(self) -> RobotProfile:
+        profile = load_profile(self.address)
+        fibonacci = "test_msgs/action/Fibonacci"
+        return replace(
+            profile, name="native", title="Native", cameras=(), navigation=None, tf=None, tf_static=None, pose=None,
+            path=None, battery=None, initial_pose=None,
+            velocity=VelocityTopic("/cmd_vel", timeout_s=None),
+            scan=TopicSource("/scan"), odometry=TopicSource("/odom"), map=TopicSource("/map"),
+            speech=SpeechInterface(topic="/tts"),
+            emergency_stop=EmergencyStopInterface(service="/e_stop"),
+            controls=(
+                RobotControl("slow", "Slow", "button", CallService("/slow", "std_srvs/srv/Trigger", {})),
+                RobotControl("goal", "Goal", "button", SendActionGoal("/spin", fibonacci, {"order": 1})),
+                RobotControl("refused", "Refused", "button", SendActionGoal("/refuse", fibonacci, {"order": 1})),
+                RobotControl("never", "Never", "button", SendActionGoal("/nobody", fibonacci, {"order": 1})),
+            ),
+        )  # fmt: skip
+
+    def lines(self) -> list[dict[str, Any]]:
+        """Everything that it executed so far."""
+        if self._log.exists():
+            with self._log.open("rb") as stream:
+                stream.seek(self._position)
+                for raw in stream:
+                    if not raw.endswith(b"\n"):
+                        break
+                    self._position += len(raw)
+                    self._lines.append(json.loads(raw))
+        return self._lines
+
+    @property
+    def goals(self) -> int:
+        """Goals that have not ended."""
+        ends = [line["goal"] for line in self.lines() if "goal" in line]
+        return ends.count("begun") - ends.count("cancelled")
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
+
+
+def bridges_below(pid: int) -> list[int]:
+    """Processes of robot plug-ins of the links of this process, oldest first; the control link starts first."""
+    children: dict[int, list[int]] = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+        except OSError:
+            continue
+        children.setdefault(parent, []).append(int(folder.name))
+    return [child for child in _below(pid, children) if re.search(r"bridge_server\.py|run_plugin", _command(child))]
+
+
+def _below(pid: int, children: dict[int, list[int]]) -> Iterator[int]:
+    for child in sorted(children.get(pid, ())):
+        yield child
+        yield from _below(child, children)
+
+
+def _command(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text("utf-8", "replace")
+    except OSError:
+        return ""
+
+
+def wait_for_bridge(pid: int) -> int:
+    """First of :func:`bridges_below`, once it is there."""
+    return wait_for(lambda: bridges_below(pid), "a bridge process", timeout_s=30.0)[0]
