@@ -16,7 +16,7 @@ from caris_desktop.ui.announcing import announce
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
+from caris_desktop.ui.widgets.labels import ElidedLabel
 
 _BUTTON_PX = 28
 _HEIGHT_PX, _EDGE_PX = 38, 4

@@ -10,8 +10,8 @@ from caris_desktop.ui import layouts
 from caris_desktop.ui.form_dialog import FormDialog, lay_out_form
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.labels import label
-from caris_desktop.ui.widgets.scroll_areas import list_area
 
 _SELECTABLE = Qt.TextInteractionFlag.TextSelectableByMouse
 

@@ -17,7 +17,7 @@ from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panel_table import possible_panels
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.labels import label
 
 SPAN_S = 60.0

@@ -19,10 +19,9 @@ from caris_desktop.ui.form_dialog import lay_out_form, resize_to
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.check_box import TEXT_LEFT_PX, CheckBox
-from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.containers import list_area
+from caris_desktop.ui.widgets.inputs import TEXT_LEFT_PX, CheckBox, DropDown
 from caris_desktop.ui.widgets.labels import label, line_edit, restyle
-from caris_desktop.ui.widgets.scroll_areas import list_area
 
 _LICENCES = (
     (QT_TR_NOOP("No licence chosen"), ""),

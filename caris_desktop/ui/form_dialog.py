@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QDialog, QWidget
 from caris_desktop.ui import layouts
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.scroll_areas import Scrolled
+from caris_desktop.ui.widgets.containers import Scrolled
 
 _MARGINS_PX = (24, 20, 24, 20)
 _AROUND = QSize(40, 60)  # what a window leaves free of its screen

@@ -29,8 +29,8 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.form_dialog import FormDialog, lay_out_form, resize_to
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.labels import label, restyle
-from caris_desktop.ui.widgets.scroll_areas import list_area
 
 _LEAST_ROWS_PX, _BESIDE_ROWS_PX, _BETWEEN_PX = 160, 96, 32
 _AXIS_TEXTS: dict[AxisAction, tuple[str, str]] = {

@@ -16,7 +16,7 @@ from caris_desktop.ui.focus_widget import focused_widget
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.inputs import DropDown
 from caris_desktop.ui.window_place import bring_up
 
 _PICTURE_MARGIN_PX, _ABOVE_HEADING_PX = 40, 18

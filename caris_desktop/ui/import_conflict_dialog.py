@@ -17,9 +17,9 @@ from caris_desktop.ui import layouts
 from caris_desktop.ui.form_dialog import FormDialog, lay_out_form
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.containers import list_area
+from caris_desktop.ui.widgets.inputs import DropDown
 from caris_desktop.ui.widgets.labels import label, line_edit
-from caris_desktop.ui.widgets.scroll_areas import list_area
 
 _ASKED = {
     "scenario": QT_TR_NOOP("A scenario called “{name}” already exists with different content."),

@@ -45,13 +45,11 @@ from caris_desktop.ui.layout_store import LayoutStore
 from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.notifications import AlarmList, AlarmsButton, NotificationLine, NotificationPopups
 from caris_desktop.ui.observer.observer_window import ObserverWindows
-from caris_desktop.ui.palette.command_palette import CommandPalette
+from caris_desktop.ui.palette.command_palette import CommandPalette, PaletteItem, PaletteMemory
 from caris_desktop.ui.palette.palette_entries import PaletteEntries, QuickChoices
-from caris_desktop.ui.palette.palette_search import PaletteItem, PaletteMemory
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.panel_manager import PanelManager
-from caris_desktop.ui.people.pending_identity_question import PendingIdentityQuestion
-from caris_desktop.ui.people.shown_people import name_of
+from caris_desktop.ui.people.shown_people import PendingIdentityQuestion, name_of
 from caris_desktop.ui.practice.practice_strip import PracticeStrip
 from caris_desktop.ui.preferences import Preferences
 from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
@@ -75,7 +73,7 @@ from caris_desktop.ui.window_place import Settings, WindowPlace
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 if TYPE_CHECKING:  # imported at first use
-    from caris_desktop.ui.replay.replay_parts import ReplayWidgets
+    from caris_desktop.ui.replay.timeline_view import ReplayWidgets
     from caris_desktop.ui.robot_dialog import RobotExplorer
 
 
@@ -279,7 +277,7 @@ class MainWindow(PanelWindow, QWidget):
 
     def use_replay(self, replay: ReplayControls) -> None:
         """Show a recorded session, with the timeline and the replay bar below the panels."""
-        from caris_desktop.ui.replay.replay_parts import ReplayWidgets
+        from caris_desktop.ui.replay.timeline_view import ReplayWidgets
 
         self._replay = replay
         self.actions_table.drop_all_but((SAFETY_GROUP, WINDOW_GROUP, SPEAKING_GROUP))

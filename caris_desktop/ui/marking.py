@@ -25,11 +25,10 @@ from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.text_formatting import ESC_CLOSES
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.flow_layout import FlowRow
-from caris_desktop.ui.widgets.icon_label import IconLabel
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.containers import FlowRow
+from caris_desktop.ui.widgets.inputs import SubmitLineEdit
+from caris_desktop.ui.widgets.labels import IconLabel, label
 from caris_desktop.ui.widgets.popups import Popup
-from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 from caris_desktop.ui.window_above import clear_place, windows_above
 
 HELD_AFTER_S = 0.4

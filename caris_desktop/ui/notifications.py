@@ -26,13 +26,11 @@ from caris_desktop.ui.layout.dock_geometry import TITLE_PX, GroupPlace
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.icon_label import IconLabel
-from caris_desktop.ui.widgets.keyed_rows import show_rows
-from caris_desktop.ui.widgets.labels import label, restyle
+from caris_desktop.ui.widgets.buttons import ActionButton, StatusButton
+from caris_desktop.ui.widgets.containers import list_area
+from caris_desktop.ui.widgets.labels import IconLabel, label, restyle
 from caris_desktop.ui.widgets.popups import Popup
-from caris_desktop.ui.widgets.scroll_areas import list_area
-from caris_desktop.ui.widgets.status_button import StatusButton
+from caris_desktop.ui.widgets.rows import show_rows
 from caris_desktop.ui.window_above import PLACE_CHANGES, InSight, windows_above
 from caris_desktop.ui.wrapped_tip import wrapped_tip
 

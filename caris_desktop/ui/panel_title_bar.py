@@ -10,7 +10,7 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, draw_card
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
+from caris_desktop.ui.widgets.labels import ElidedLabel
 
 _LEAST_TITLE_PX, _ANY_PX = 40, 16_777_215
 

@@ -24,11 +24,10 @@ from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.protocol.step_pills import DisplayedStep, StepPills, StepState
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.check_box import CheckBox
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.containers import list_area
+from caris_desktop.ui.widgets.inputs import CheckBox
+from caris_desktop.ui.widgets.labels import ElidedLabel, label
 from caris_desktop.ui.widgets.popups import FloatingCard
-from caris_desktop.ui.widgets.scroll_areas import list_area
 
 if TYPE_CHECKING:
     # Imported late: the window is shown before session files are read.

@@ -13,7 +13,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import event_messages, layouts, tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton, ButtonRole
-from caris_desktop.ui.widgets.check_box import CheckBox
+from caris_desktop.ui.widgets.inputs import CheckBox
 from caris_desktop.ui.widgets.popups import DockCard
 
 _ASKED: dict[AsBefore, str] = {

@@ -28,11 +28,9 @@ from caris_desktop.ui import layouts, text_formatting
 from caris_desktop.ui.form_dialog import FormDialog, lay_out_form, resize_to
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
-from caris_desktop.ui.widgets.icon_label import IconLabel
-from caris_desktop.ui.widgets.labels import label, line_edit, restyle
-from caris_desktop.ui.widgets.scroll_areas import list_area
+from caris_desktop.ui.widgets.containers import list_area
+from caris_desktop.ui.widgets.inputs import DropDown
+from caris_desktop.ui.widgets.labels import ElidedLabel, IconLabel, label, line_edit, restyle
 
 if TYPE_CHECKING:  # importing its sockets takes 0.25 s and would delay the first window
     from caris_desktop.robot.discovery import Exploration, StreamCheck

@@ -57,9 +57,8 @@ from caris_desktop.ui.session_table import (
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.clear_button import add_clear_button
-from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.containers import FlowRow
+from caris_desktop.ui.widgets.inputs import DropDown, add_clear_button
 from caris_desktop.ui.widgets.labels import label, line_edit, restyle
 
 _TYPING_PAUSE_MS = 120

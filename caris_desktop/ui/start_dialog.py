@@ -18,10 +18,9 @@ from caris_desktop.ui.preflight.preflight_list import PreflightList
 from caris_desktop.ui.preflight.preflight_words import open_words, summary
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.check_box import CheckBox
-from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.containers import Scrolled
+from caris_desktop.ui.widgets.inputs import CheckBox, DropDown
 from caris_desktop.ui.widgets.labels import label, line_edit, restyle
-from caris_desktop.ui.widgets.scroll_areas import Scrolled
 
 _FIELDS = (
     ("study", QT_TR_NOOP("Study"), QT_TR_NOOP("for example Lab visit")),

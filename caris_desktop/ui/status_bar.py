@@ -28,7 +28,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.input.key_owner import KeyOwnerChip
 from caris_desktop.ui.robot_motion import RobotMotion
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.status_button import StatusButton
+from caris_desktop.ui.widgets.buttons import StatusButton
 from caris_desktop.ui.window_above import InSight
 
 HEIGHT_PX = 28

@@ -17,8 +17,7 @@ from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.input.drive_input_filter import STOPS
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.labels import ElidedLabel, label
 from caris_desktop.ui.wrapped_tip import set_wrapped_tip
 
 HEIGHT_PX = 44

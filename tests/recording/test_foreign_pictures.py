@@ -19,7 +19,7 @@ from caris_desktop.recording.forgetting.media import UnreadableMediaError, cover
 from caris_desktop.recording.photo_file import PhotoFileError, previews
 from caris_desktop.recording.replay.video_reader import _Video
 from caris_desktop.ros.message_fields import MessageError
-from caris_desktop.ui.widgets.foreign_picture import image_of
+from caris_desktop.ui.widgets.pictures import image_of
 
 WHOLE = np.full((48, 64, 3), 90, np.uint8)
 

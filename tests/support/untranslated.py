@@ -97,8 +97,11 @@ EXEMPT: dict[str, dict[str, str]] = {
     "ui/shortcuts/shortcut_reference.py": {"*": _GUIDE},
     "ui/shortcuts/shortcut_sheet.py": {"Enter": _CAP},
     "ui/shortcuts/wizard_keys.py": {"shortcuts unread": "key of the settings"},
-    "ui/speak/speak_field.py": {"Enter": _CAP},
-    "ui/speak/voice_choices.py": {"{} (eSpeak)": "names of a voice and its engine", "At usual speed": _ID},
+    "ui/speak/speak_field.py": {
+        "Enter": _CAP,
+        "{} (eSpeak)": "names of a voice and its engine",
+        "At usual speed": _ID,
+    },
     "ui/theme.py": {"*": "names of fonts"},
 }
 """Texts that are the same in every language, with the reason, by file ("": all files; "*": all texts)."""

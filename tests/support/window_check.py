@@ -26,8 +26,8 @@ from PySide6.QtWidgets import (
 
 from caris_desktop.ui.notifications import NotificationPopup
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
+from caris_desktop.ui.widgets.inputs import DropDown
+from caris_desktop.ui.widgets.labels import ElidedLabel
 from caris_desktop.ui.widgets.popups import FloatingCard
 
 _SPARE_PX = 1.5

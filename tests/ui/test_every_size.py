@@ -16,7 +16,7 @@ from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.inputs import DropDown
 from tests.support.window_check import text_flaws
 from tests.ui import samples
 from tests.ui.conftest import freshen

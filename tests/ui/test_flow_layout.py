@@ -5,7 +5,7 @@ from PySide6.QtCore import QRect, QSize
 from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.ui.widgets.flow_layout import FlowLayout, FlowRow
+from caris_desktop.ui.widgets.containers import FlowLayout, FlowRow
 
 
 class Item(QWidget):

@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QApplication
 
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
+from caris_desktop.ui.widgets.labels import ElidedLabel
 from tests.support.window_check import painted_by
 from tests.ui.conftest import find
 

@@ -55,7 +55,7 @@ from caris_desktop.ui.widgets.frame_view import (
     detections_fit,
     moved_since,
 )
-from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
+from caris_desktop.ui.widgets.pictures import PhotoThumbnail
 from tests.ui import samples
 from tests.ui.conftest import click, find, freshen
 from tests.ui.fake_console import FakeConsole, FakeLibrary

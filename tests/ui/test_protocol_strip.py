@@ -27,7 +27,7 @@ from caris_desktop.ui.palette.palette_entries import step_entries
 from caris_desktop.ui.protocol_strip import ProtocolStrip, short_time, time_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.check_box import CheckBox
+from caris_desktop.ui.widgets.inputs import CheckBox
 from tests.support.polling import wait_for
 from tests.support.tab_order_check import tab_order
 from tests.support.window_check import text_flaws

@@ -15,7 +15,7 @@ from caris_desktop.live.status import LiveRobotsStatus
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, SplitNode, TabNode
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.video_panel import VideoPanel
-from caris_desktop.ui.replay.replay_parts import lower_edge
+from caris_desktop.ui.replay.timeline_view import lower_edge
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from tests.ui import samples

@@ -13,7 +13,7 @@ from caris_desktop.live.status import CrashRecoveryStatus, LevelsStatus, Recordi
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.panels.people_panel import PeoplePanel
-from caris_desktop.ui.widgets.check_box import CheckBox
+from caris_desktop.ui.widgets.inputs import CheckBox
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 from tests.ui.preflight.test_preflight import CHECKS

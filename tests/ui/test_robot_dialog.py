@@ -17,7 +17,7 @@ from caris_desktop.robot.profile_proposal import RobotOffer, propose
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.robot_dialog import RobotDialog
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
+from caris_desktop.ui.widgets.labels import ElidedLabel
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 

@@ -22,7 +22,7 @@ from caris_desktop.ui import text_formatting
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.people_panel import PeoplePanel
 from caris_desktop.ui.panels.video_panel import VideoPanel, guard_chip
-from caris_desktop.ui.widgets.floor_spot import FARTHEST_M, FloorSpot, ring_px, spot_at
+from caris_desktop.ui.widgets.frame_view import FARTHEST_M, FloorSpot, ring_px, spot_at
 from tests.support.yardstick import in_yardsticks
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole

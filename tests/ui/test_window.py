@@ -42,7 +42,7 @@ from caris_desktop.ui.connection_card import ConnectionCard
 from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.notifications import SHOWN_AT_ONCE
-from caris_desktop.ui.palette.palette_search import Finder, PaletteItem
+from caris_desktop.ui.palette.command_palette import Finder, PaletteItem
 from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.status_bar import StatusItem
 from caris_desktop.ui.theme import Theme

@@ -15,8 +15,7 @@ from caris_desktop.domain.events import GoalChanged, GoalState, Severity
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.live.status import Alarm, PreflightCheck, PreflightState, RecordingStatus
 from caris_desktop.people.presence import PersonRow, Suggestion
-from caris_desktop.ui.conversation.transcript_rows import TranscriptRow, who_spoke
-from caris_desktop.ui.conversation.transcript_view import RowHighlight, RowPainter
+from caris_desktop.ui.conversation.transcript_view import RowHighlight, RowPainter, TranscriptRow, who_spoke
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.notifications import AlarmRow
 from caris_desktop.ui.panels.map_panel import MapPanel

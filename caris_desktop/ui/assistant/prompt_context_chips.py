@@ -11,7 +11,7 @@ from caris_desktop.live.status import ContextPartStatus
 from caris_desktop.ui import tokens
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.containers import FlowRow
 
 _HEIGHT_PX = 26
 

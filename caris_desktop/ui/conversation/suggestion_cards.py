@@ -12,8 +12,7 @@ from caris_desktop.ui.panel import PanelContext
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
-from caris_desktop.ui.widgets.labels import label, restyle
+from caris_desktop.ui.widgets.labels import draw_key_cap, key_cap_width, label, restyle
 
 _ROW_PX, _LOW_ROW_PX = 40, 28
 LOW_BELOW_PX = 300

@@ -30,9 +30,9 @@ from caris_desktop.ui.face.face_view import FaceView
 from caris_desktop.ui.form_dialog import FormDialog
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.containers import list_area
+from caris_desktop.ui.widgets.inputs import DropDown
 from caris_desktop.ui.widgets.labels import label
-from caris_desktop.ui.widgets.scroll_areas import list_area
 
 _STEPS = 200
 _DRAW_EVERY_MS = 40

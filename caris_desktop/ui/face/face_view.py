@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.conversation.face.drawing import Box, Drawing, Lips, Words
 from caris_desktop.domain.translation import tr
-from caris_desktop.ui.widgets.foreign_picture import image_of
+from caris_desktop.ui.widgets.pictures import image_of
 
 
 class FaceView(QWidget):

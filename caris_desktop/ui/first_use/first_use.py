@@ -20,8 +20,7 @@ from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.icon_label import IconLabel
-from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.labels import IconLabel, label
 from caris_desktop.ui.window_place import Settings
 
 if TYPE_CHECKING:  # imported at first use

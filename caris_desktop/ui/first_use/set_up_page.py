@@ -18,10 +18,8 @@ from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.text_formatting import ESC_CLOSES
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
-from caris_desktop.ui.widgets.icon_label import IconLabel
-from caris_desktop.ui.widgets.labels import label, restyle
-from caris_desktop.ui.widgets.scroll_areas import Scrolled
+from caris_desktop.ui.widgets.containers import Scrolled
+from caris_desktop.ui.widgets.labels import ElidedLabel, IconLabel, label, restyle
 
 _WIDTH_PX, _WELCOME_PX, _HEIGHT_PX, _STEPS_PX = 880, 430, 600, 220
 _BESIDE_FROM_PX, _NARROW_STEPS_PX = 700, 184

@@ -18,12 +18,12 @@ from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.preflight.preflight_list import PreflightRow
 from caris_desktop.ui.robot_choice import RobotChooser
-from caris_desktop.ui.speak.voice_choices import voice_choices
+from caris_desktop.ui.speak.speak_field import voice_choices
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import shrunk
-from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.containers import FlowRow
+from caris_desktop.ui.widgets.inputs import DropDown
 from caris_desktop.ui.widgets.labels import label
 
 _PICTURE_EVERY_MS = 200

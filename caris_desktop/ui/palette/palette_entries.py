@@ -40,13 +40,11 @@ from caris_desktop.ui.app_context import THEME_WORDS, AppContext
 from caris_desktop.ui.banners import QuestionBanner
 from caris_desktop.ui.control_messages import question_for
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
-from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.palette.palette_search import PaletteItem
+from caris_desktop.ui.palette.command_palette import CommandPalette, PaletteItem
 from caris_desktop.ui.panel_table import PANELS
-from caris_desktop.ui.people.pending_identity_question import is_asked
-from caris_desktop.ui.people.shown_people import everyone
+from caris_desktop.ui.people.shown_people import everyone, is_asked
 from caris_desktop.ui.sound_menu import sound_choices
-from caris_desktop.ui.speak.voice_choices import voice_choices
+from caris_desktop.ui.speak.speak_field import voice_choices
 from caris_desktop.ui.text_formatting import UNDER_WAY
 from caris_desktop.ui.theme import SCALES, ThemeChoice
 from caris_desktop.ui.window_appearance import percent_of, scale_words

@@ -30,12 +30,10 @@ from caris_desktop.ui.focus_widget import focused_widget
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
-from caris_desktop.ui.widgets.flow_layout import FlowRow
-from caris_desktop.ui.widgets.keyed_rows import show_rows
-from caris_desktop.ui.widgets.labels import label, restyle
-from caris_desktop.ui.widgets.submit_text_edit import SubmitTextEdit
+from caris_desktop.ui.widgets.containers import FlowRow
+from caris_desktop.ui.widgets.inputs import DropDown, SubmitTextEdit
+from caris_desktop.ui.widgets.labels import ElidedLabel, label, restyle
+from caris_desktop.ui.widgets.rows import show_rows
 
 _MOST_TYPED = 32_000
 _ROOMY_PX = 380

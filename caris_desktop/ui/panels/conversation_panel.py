@@ -18,18 +18,16 @@ from caris_desktop.scenario.scenario_model import levels_up_to
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.banners import Banner
 from caris_desktop.ui.conversation.suggestion_cards import LOW_BELOW_PX, SuggestionCards
-from caris_desktop.ui.conversation.transcript_rows import RowMaker, found_in
-from caris_desktop.ui.conversation.transcript_view import TranscriptView
+from caris_desktop.ui.conversation.transcript_view import RowMaker, TranscriptView, found_in
 from caris_desktop.ui.event_messages import FUNCTIONS, LEVELS
 from caris_desktop.ui.focus_widget import focus_widget
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted
 from caris_desktop.ui.top_bar import as_menu
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.foreign_picture import image_of
+from caris_desktop.ui.widgets.inputs import SubmitLineEdit
 from caris_desktop.ui.widgets.labels import label
-from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail
-from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+from caris_desktop.ui.widgets.pictures import PhotoThumbnail, image_of
 
 _EMPTY = QT_TR_NOOP("The conversation between the robot and the participant appears here.")
 _TICK_MS = 100

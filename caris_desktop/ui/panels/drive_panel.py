@@ -30,8 +30,7 @@ from caris_desktop.ui.panel import Panel, PanelContext, card_margins
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.joystick import Joystick
-from caris_desktop.ui.widgets.key_cap import HEIGHT_PX, KeyCap, draw_key_cap, key_cap_width
-from caris_desktop.ui.widgets.labels import label, restyle
+from caris_desktop.ui.widgets.labels import HEIGHT_PX, KeyCap, draw_key_cap, key_cap_width, label, restyle
 
 _CELLS = (
     ("strafe_left", 0, 0), ("drive_forward", 0, 1), ("strafe_right", 0, 2),

@@ -15,9 +15,9 @@ from caris_desktop.ui.action_rows import EXPRESSION_COUNT
 from caris_desktop.ui.face.face_view import FaceView, show_on
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.containers import FlowRow
+from caris_desktop.ui.widgets.inputs import SubmitLineEdit
 from caris_desktop.ui.widgets.labels import label
-from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 _LOW_PX, _NARROW_PX = 330, 430
 

@@ -23,10 +23,14 @@ from caris_desktop.ui.map.map_state import Layer, legend
 from caris_desktop.ui.obstacle_ahead import nearest_words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import as_permitted
-from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
-from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, sentences, warnings_in
+from caris_desktop.ui.widgets.accessible_descriptions import (
+    TOLD_EVERY_MS,
+    ThrottledAccessibleDescription,
+    sentences,
+    warnings_in,
+)
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.containers import FlowRow
 
 GOAL_ENDED_SHOWN_S = 8.0
 _PATH_BEFORE_GOAL_NS = 500_000_000  # the goal event may follow its first path

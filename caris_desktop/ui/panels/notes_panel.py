@@ -30,11 +30,10 @@ from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.flow_layout import FlowRow
-from caris_desktop.ui.widgets.keyed_items import VALUE_ROLE, KeyedItems
+from caris_desktop.ui.widgets.containers import FlowRow
+from caris_desktop.ui.widgets.inputs import SubmitLineEdit
 from caris_desktop.ui.widgets.labels import label
-from caris_desktop.ui.widgets.row_delegate import Index, RowDelegate
-from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDelegate
 
 _TIME_PX, _SIDE_PX, _ABOVE_PX = 72, 12, 5
 _TIME_ROLE = VALUE_ROLE + 1

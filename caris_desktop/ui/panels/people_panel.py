@@ -18,24 +18,23 @@ from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import cap_text
 from caris_desktop.ui.focus_widget import focus_widget, main_of, window_of
 from caris_desktop.ui.panel import Panel, PanelContext
-from caris_desktop.ui.people.pending_identity_question import IdentityQuestion, with_one_question
 from caris_desktop.ui.people.people_list import PeopleList, PeopleModel
 from caris_desktop.ui.people.person_card import PersonCard
 from caris_desktop.ui.people.portraits import PortraitPixmaps
 from caris_desktop.ui.people.shown_people import (
+    IdentityQuestion,
     as_permitted,
     everyone,
     found,
     is_nameless_past,
     name_of,
     seen_elsewhere,
+    with_one_question,
 )
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.clear_button import add_clear_button
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
-from caris_desktop.ui.widgets.labels import label
-from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+from caris_desktop.ui.widgets.inputs import SubmitLineEdit, add_clear_button
+from caris_desktop.ui.widgets.labels import ElidedLabel, label
 
 _LATE_S = 1.5
 """Detection delay in s from which the panel shows it, as recent arrivals are missing."""

@@ -45,14 +45,10 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.clear_button import add_clear_button
-from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
-from caris_desktop.ui.widgets.foreign_picture import image_of
-from caris_desktop.ui.widgets.keyed_items import VALUE_ROLE, KeyedItems
-from caris_desktop.ui.widgets.labels import label
-from caris_desktop.ui.widgets.row_delegate import Index, RowDelegate
-from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+from caris_desktop.ui.widgets.inputs import DropDown, SubmitLineEdit, add_clear_button
+from caris_desktop.ui.widgets.labels import ElidedLabel, label
+from caris_desktop.ui.widgets.pictures import image_of
+from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDelegate
 
 _TILE = QSize(160, 148)
 _PICTURE_PX = 100

@@ -16,8 +16,8 @@ from caris_desktop.ui.control_messages import question_for
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.control_widgets import create_control_widget, row_direction
-from caris_desktop.ui.widgets.flow_layout import FlowRow
 from caris_desktop.ui.widgets.labels import label, restyle
 
 ASKING_ENDS_AFTER_MS = 10_000

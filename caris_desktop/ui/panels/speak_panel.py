@@ -25,14 +25,12 @@ from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted, name_of
 from caris_desktop.ui.speak.queue_list import ROW_PX, QueueList
-from caris_desktop.ui.speak.speak_field import SpeakField
-from caris_desktop.ui.speak.voice_choices import VoiceLine, voice_choices
+from caris_desktop.ui.speak.speak_field import SpeakField, VoiceLine, voice_choices
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.flow_layout import FlowRow
-from caris_desktop.ui.widgets.key_cap import KeyCap
-from caris_desktop.ui.widgets.labels import label
-from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+from caris_desktop.ui.widgets.containers import FlowRow
+from caris_desktop.ui.widgets.inputs import SubmitLineEdit
+from caris_desktop.ui.widgets.labels import KeyCap, label
 
 _HINT = QT_TR_NOOP("Type what the robot says…")
 

@@ -19,17 +19,19 @@ from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.obstacle_ahead import ahead_of, ahead_words, gaze_is_away
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, PanelContext, show_part
-from caris_desktop.ui.people.pending_identity_question import IdentityQuestion, with_one_question
-from caris_desktop.ui.people.shown_people import as_permitted
+from caris_desktop.ui.people.shown_people import IdentityQuestion, as_permitted, with_one_question
 from caris_desktop.ui.robot_motion import RobotMotion
-from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
-from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, RecentlyVisible, video_description
+from caris_desktop.ui.widgets.accessible_descriptions import (
+    TOLD_EVERY_MS,
+    RecentlyVisible,
+    ThrottledAccessibleDescription,
+    video_description,
+)
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.camera_strip import CameraStrip, strip_place, strip_thickness_px
-from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.floor_spot import FloorSpot, model_for, spot_at
-from caris_desktop.ui.widgets.frame_view import FrameView
-from caris_desktop.ui.widgets.photo_thumbnail import PhotoThumbnail, thumbnail_of
+from caris_desktop.ui.widgets.frame_view import FloorSpot, FrameView, model_for, spot_at
+from caris_desktop.ui.widgets.inputs import DropDown
+from caris_desktop.ui.widgets.pictures import PhotoThumbnail, thumbnail_of
 from caris_desktop.ui.widgets.popups import ChoiceCard
 
 _DRIVE_ENDED_SHOWN_S = 5.0

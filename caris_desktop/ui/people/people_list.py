@@ -23,7 +23,7 @@ from caris_desktop.live.state import PresentClock
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting, tokens
 from caris_desktop.ui.focus_widget import focus_widget
-from caris_desktop.ui.people.portraits import PortraitPixmaps
+from caris_desktop.ui.people.portraits import AVATAR_PX, PortraitPixmaps, draw_avatar
 from caris_desktop.ui.people.shown_people import (
     SPEAKING,
     UNCONFIRMED,
@@ -35,11 +35,9 @@ from caris_desktop.ui.people.shown_people import (
     what_is_seen,
 )
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets import avatar
 from caris_desktop.ui.widgets.buttons import ActionButton, ButtonRole
-from caris_desktop.ui.widgets.fast_table_view import FastTableView
-from caris_desktop.ui.widgets.row_delegate import Index, RowDelegate
-from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+from caris_desktop.ui.widgets.inputs import SubmitLineEdit
+from caris_desktop.ui.widgets.rows import FastTableView, Index, RowDelegate
 from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 ROW_PX = 52
@@ -48,7 +46,7 @@ _SIDE_PX = 14
 _GAP_PX = 12
 _BUTTON_PX = 30
 _BETWEEN_PX = 6
-_TEXT_LEFT_PX = _SIDE_PX + avatar.SIZE_PX + _GAP_PX
+_TEXT_LEFT_PX = _SIDE_PX + AVATAR_PX + _GAP_PX
 _TEXT_AT_LEAST_PX = 96
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
@@ -525,10 +523,10 @@ class PersonDelegate(RowDelegate):
         if self._view.hasFocus() and index.row() == self._view.currentIndex().row():
             painter.setPen(QPen(theme.color("blue"), 2))
             painter.drawRoundedRect(QRectF(rect).adjusted(3, 1, -3, -1), 6, 6)
-        mark = QRect(rect.left() + _SIDE_PX, rect.center().y() - avatar.SIZE_PX // 2, avatar.SIZE_PX, avatar.SIZE_PX)
+        mark = QRect(rect.left() + _SIDE_PX, rect.center().y() - AVATAR_PX // 2, AVATAR_PX, AVATAR_PX)
         if not self._portraits.draw(painter, mark, person.portrait, may_wait=True):
             named = text_formatting.has_given_name(person)
-            avatar.draw_avatar(painter, theme, mark.toRectF(), person.name, known=named, here=person.here)
+            draw_avatar(painter, theme, mark.toRectF(), person.name, known=named, here=person.here)
         if naming or self._people.is_unconfirmed(person.person_id):
             pen = QPen(theme.color("blue"), 2.5)
             if self._people.is_unconfirmed(person.person_id):

@@ -37,14 +37,11 @@ from caris_desktop.ui.people.portraits import PortraitPixmaps, PortraitView
 from caris_desktop.ui.people.shown_people import found, in_order, is_identified, what_is_seen
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton, ButtonRole
-from caris_desktop.ui.widgets.check_box import CheckBox
-from caris_desktop.ui.widgets.clear_button import add_clear_button
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
-from caris_desktop.ui.widgets.fast_table_view import FastTableView
-from caris_desktop.ui.widgets.flow_layout import FlowRow
+from caris_desktop.ui.widgets.containers import FlowRow, Scrolled
+from caris_desktop.ui.widgets.inputs import CheckBox, SubmitLineEdit, add_clear_button
+from caris_desktop.ui.widgets.labels import ElidedLabel
 from caris_desktop.ui.widgets.popups import FloatingCard
-from caris_desktop.ui.widgets.scroll_areas import Scrolled
-from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+from caris_desktop.ui.widgets.rows import FastTableView
 
 WIDTH_PX = 400
 _BELOW_TOP_BAR_PX = 62

@@ -1,19 +1,44 @@
-"""Portraits of people: decoded, cached, and as a widget."""
+"""Portraits of people: decoded, cached, as a widget, and as an avatar without a picture."""
 
 import math
 import time
 from collections.abc import Callable
 
 from PySide6.QtCore import QRect, QRectF, QSize, Qt
-from PySide6.QtGui import QPainter, QPainterPath, QPixmap
+from PySide6.QtGui import QPainter, QPainterPath, QPen, QPixmap
 from PySide6.QtWidgets import QLabel
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.ui import text_formatting
+from caris_desktop.ui import text_formatting, tokens
+from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets import avatar
-from caris_desktop.ui.widgets.foreign_picture import image_of
+from caris_desktop.ui.widgets.pictures import image_of
+
+AVATAR_PX = 38
+
+
+def draw_avatar(painter: QPainter, theme: Theme, place: QRectF, name: str, *, known: bool, here: bool) -> None:
+    """Draw an avatar: solid outline for a named person, dashed without a name, hollow for one who left."""
+    role = "dim" if not here else ("green" if known else "blue")
+    painter.save()
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    pen = QPen(theme.color(role), 1.6)
+    if not known:
+        pen.setDashPattern([3, 2.4])
+    painter.setPen(pen)
+    painter.setBrush(theme.color(f"{role}_soft") if here else Qt.BrushStyle.NoBrush)
+    rect = place.adjusted(1, 1, -1, -1)
+    painter.drawEllipse(rect)
+    if known:
+        initials = "".join(word[0] for word in name.split()[:2]).upper()
+        painter.setFont(theme.font(tokens.STATUS_PX + 1, tokens.WEIGHT_SEMIBOLD))
+        painter.setPen(theme.color(role))
+        painter.drawText(rect, Qt.AlignmentFlag.AlignCenter, initials)
+    else:
+        draw_icon(painter, rect.adjusted(9, 9, -9, -9), "user", theme.color(role))
+    painter.restore()
+
 
 _AT_MOST = 600
 _DETAIL = 2
@@ -109,6 +134,6 @@ class PortraitView(QLabel):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if not self._portraits.draw(painter, self.rect(), person.portrait):
             named = text_formatting.has_given_name(person)
-            avatar.draw_avatar(painter, self._theme, QRectF(self.rect()), person.name, known=named, here=person.here)
+            draw_avatar(painter, self._theme, QRectF(self.rect()), person.name, known=named, here=person.here)
         painter.end()
         self.setPixmap(pixmap)

@@ -11,8 +11,8 @@ from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.preflight.preflight_list import PreflightList
 from caris_desktop.ui.preflight.preflight_words import ICONS, ROLES, STATES, summary, worst
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.buttons import StatusButton
 from caris_desktop.ui.widgets.labels import label
-from caris_desktop.ui.widgets.status_button import StatusButton
 
 _WIDTH_PX, _CHROME_PX, _SIDES_PX = 680, 96, 32
 

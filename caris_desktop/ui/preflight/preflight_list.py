@@ -12,9 +12,8 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.preflight.preflight_words import ICONS, ROLES, STATES, state_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.check_box import CheckBox
-from caris_desktop.ui.widgets.icon_label import IconLabel
-from caris_desktop.ui.widgets.labels import label, restyle
+from caris_desktop.ui.widgets.inputs import CheckBox
+from caris_desktop.ui.widgets.labels import IconLabel, label, restyle
 
 _ICON_PX = 20
 

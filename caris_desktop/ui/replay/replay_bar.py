@@ -35,7 +35,7 @@ from caris_desktop.ui.action_rows import REPLAY_ACTIONS
 from caris_desktop.ui.replay.timeline_items import exact_text
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.inputs import DropDown
 
 RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 _HINT_MS = 2500

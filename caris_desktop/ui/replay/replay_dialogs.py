@@ -36,8 +36,8 @@ from caris_desktop.ui.replay.timeline_items import SCENARIO_LABELS, vocabulary_n
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.scroll_areas import Scrolled
+from caris_desktop.ui.widgets.containers import Scrolled
+from caris_desktop.ui.widgets.inputs import DropDown
 
 FREE_TEXT = QT_TR_NOOP("Free text")
 OWN_LIST = QT_TR_NOOP("A list of labels…")

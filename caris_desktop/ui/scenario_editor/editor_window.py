@@ -42,7 +42,7 @@ from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.tokens import Colors
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
+from caris_desktop.ui.widgets.labels import ElidedLabel
 
 _NAV_PX, _NARROW_NAV_PX = 208, 176
 _NARROW_PX, _LEAST_PX, _LEAST_TITLE_PX = 900, (560, 280), 140

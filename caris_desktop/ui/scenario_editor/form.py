@@ -34,9 +34,8 @@ from caris_desktop.ui.action_rows import ACTIONS
 from caris_desktop.ui.scenario_editor.saving import EditedDocument
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.check_box import CheckBox
-from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.key_cap import KeyCap
+from caris_desktop.ui.widgets.inputs import CheckBox, DropDown
+from caris_desktop.ui.widgets.labels import KeyCap
 
 W = TypeVar("W", bound=QWidget)
 _MORE_PX = 104

@@ -34,7 +34,7 @@ from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, drop, named, part_for, show_at_once
 from caris_desktop.ui.scenario_editor.preview import difference_words
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.inputs import DropDown
 
 _WIDEST_PX, _LEAST_WORDS_PX, _SIDE_PX = 900, 200, 24
 _TYPING_PAUSE_MS = 200

@@ -28,8 +28,7 @@ from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
-from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
+from caris_desktop.ui.widgets.labels import ElidedLabel, draw_key_cap, key_cap_width
 
 _WIDTH_PX = 1120
 _BESIDE_FROM_PX = 900

@@ -17,11 +17,9 @@ from caris_desktop.ui.key_choices import normalized
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.elided_label import ElidedLabel
-from caris_desktop.ui.widgets.key_cap import KeyCap
-from caris_desktop.ui.widgets.keyed_rows import show_rows
-from caris_desktop.ui.widgets.labels import label, restyle
-from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+from caris_desktop.ui.widgets.inputs import SubmitLineEdit
+from caris_desktop.ui.widgets.labels import ElidedLabel, KeyCap, label, restyle
+from caris_desktop.ui.widgets.rows import show_rows
 
 ROW_PX = 30
 

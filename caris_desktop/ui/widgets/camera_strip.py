@@ -1,4 +1,4 @@
-"""Camera strip: thumbnails of the other cameras with name, people and age."""
+"""Strip of small camera pictures below the large one."""
 
 import math
 import time

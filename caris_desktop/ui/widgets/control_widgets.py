@@ -13,9 +13,8 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.control_messages import value_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.drop_down import DropDown
-from caris_desktop.ui.widgets.flow_layout import FlowRow
-from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
+from caris_desktop.ui.widgets.containers import FlowRow
+from caris_desktop.ui.widgets.inputs import DropDown, SubmitLineEdit
 
 SEND_EVERY_MS = 100
 _SETTLE_S = 1.5  # maximum delay until a robot reports a value that was just set

@@ -12,7 +12,7 @@ from caris_desktop.live.teleop_command import AT_REST, TeleopCommand
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
+from caris_desktop.ui.widgets.accessible_descriptions import ThrottledAccessibleDescription
 
 StickUse = Literal["base", "head"]
 

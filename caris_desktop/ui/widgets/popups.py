@@ -14,8 +14,8 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.focus_widget import give_focus_back, window_of
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.inputs import SubmitLineEdit
 from caris_desktop.ui.widgets.labels import label
-from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
 
 _WIDTH_PX, _FROM_EDGE_PX = 520, 20
 _FROM_TOP_PX = 82

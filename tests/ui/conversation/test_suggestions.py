@@ -15,7 +15,7 @@ from caris_desktop.scenario.scenario_model import AssistanceSettings
 from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.conversation_panel import LevelsButton
-from caris_desktop.ui.people.pending_identity_question import IdentityQuestion
+from caris_desktop.ui.people.shown_people import IdentityQuestion
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 

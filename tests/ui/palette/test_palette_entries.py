@@ -19,8 +19,7 @@ from caris_desktop.scenario.scenario_model import AssistanceSettings
 from caris_desktop.ui.action_rows import go_to_nth_place
 from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.palette.palette_search import Finder, PaletteItem
+from caris_desktop.ui.palette.command_palette import CommandPalette, Finder, PaletteItem
 from caris_desktop.ui.session_table import local_time
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples

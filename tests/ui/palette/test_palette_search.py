@@ -8,8 +8,15 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.ui.palette.command_palette import CommandPalette
-from caris_desktop.ui.palette.palette_search import OFTEN, RECENT, Finder, PaletteItem, PaletteMemory, Used
+from caris_desktop.ui.palette.command_palette import (
+    OFTEN,
+    RECENT,
+    CommandPalette,
+    Finder,
+    PaletteItem,
+    PaletteMemory,
+    Used,
+)
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 from tests.support.yardstick import in_yardsticks

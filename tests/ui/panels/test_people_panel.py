@@ -18,10 +18,16 @@ from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.scenario.scenario_model import Permissions
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.people_panel import PeoplePanel, UndoBar
-from caris_desktop.ui.people.pending_identity_question import TO_READ_NS, IdentityQuestion, next_asked
 from caris_desktop.ui.people.people_list import CAPTION_PX, ROW_PX, PeopleModel
 from caris_desktop.ui.people.portraits import PortraitPixmaps
-from caris_desktop.ui.people.shown_people import direction, found, what_is_seen
+from caris_desktop.ui.people.shown_people import (
+    TO_READ_NS,
+    IdentityQuestion,
+    direction,
+    found,
+    next_asked,
+    what_is_seen,
+)
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from tests.ui import people_samples, samples

@@ -2,7 +2,7 @@
 
 from caris_desktop.domain.intents import SetVoice
 from caris_desktop.live.status import VoiceStatus
-from caris_desktop.ui.speak.voice_choices import voice_choices
+from caris_desktop.ui.speak.speak_field import voice_choices
 
 SPOKEN = VoiceStatus(
     "computer", "", "en", 1.0, 0.5, used="piper:joe", choices=(("piper:joe", "en-US"), ("espeak:gmw/de", "de"))

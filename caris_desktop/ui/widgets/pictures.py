@@ -1,4 +1,4 @@
-"""Thumbnail of a photo just taken, shown briefly in the corner of the picture."""
+"""Pictures from sessions, robots and other computers: safe decoding, thumbnail of a photo just taken."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,9 +6,20 @@ from PySide6.QtCore import QEvent, QObject, QRectF, Qt, QTimer
 from PySide6.QtGui import QAccessible, QFontMetrics, QImage, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
+from caris_desktop.domain.picture_checks import PictureError, checked_size
 from caris_desktop.ui import tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.theme import Theme
+
+
+def image_of(content: bytes) -> QImage:
+    """Decode a JPEG or PNG; a null image for anything else or oversized, checked before Qt reads it."""
+    try:
+        checked_size(content)
+    except PictureError:
+        return QImage()
+    return QImage.fromData(content, "JPG" if content[:2] == b"\xff\xd8" else "PNG")  # type: ignore[arg-type]
+
 
 SHOWN_MS = 4000
 _PICTURE_PX = 168
