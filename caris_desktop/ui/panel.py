@@ -6,8 +6,8 @@ from itertools import product
 from operator import attrgetter
 from typing import Any, Literal
 
-from PySide6.QtCore import QPointF, QRectF, QSizeF, QTimer, Signal
-from PySide6.QtGui import QAccessible, QPainter, QPainterPath, QPaintEvent, QPen
+from PySide6.QtCore import QPointF, QRectF, QSize, QSizeF, QTimer, Signal, SignalInstance
+from PySide6.QtGui import QAccessible, QPainter, QPainterPath, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QWidget
 
 from caris_desktop.domain.translation import tr
@@ -43,13 +43,14 @@ class PanelContext(Value):
 class Panel(QWidget):
     """Content of a panel below its title bar. Subclasses add widgets and a status text.
 
-    A hidden panel (closed, or behind another tab) does no work: handlers check ``in_view`` first, and ``update_view``
-    refreshes the panel once it is visible again.
+    A hidden panel (closed, or behind another tab) does no work: it connects what it shows with ``watch``, and
+    ``update_view`` refreshes it once it is visible again.
     """
 
     accessible_role = QAccessible.Role.Grouping
 
     title = ""
+    preferred_size, least_size = QSize(), QSize()  # invalid: as the layout says
     drives = False  # bare drive keys work while this panel has the focus
     reads: tuple[str, ...] | None = None
     """Scenario fields (dotted names) that require a rebuild, because ``show_scenario`` cannot apply their change; None:
@@ -71,16 +72,26 @@ class Panel(QWidget):
         self.theme = context.theme
         self.table = context.actions
         self.hold = context.hold
-        self._active = False
+        self.active = False
         self._goes_by_itself = 0
-        self._in_view = True
+        self.in_view = True
+        """Whether the panel is visible, as set by the panel manager."""
         self._ticking: list[QTimer] = []
-        self._fact = ("", "")
-        self._fact_lead = 0
+        self._watched: list[tuple[SignalInstance, Callable[..., object]]] = []
+        self.fact = ("", "")
+        self.fact_lead = 0
+        """Number of leading characters of the status text in its colour; the rest is dimmed."""
         self.title = tr(type(self).title)
-        self._shown_title = self.title
+        self.shown_title = self.title
+        """Current text of the title bar; menus use ``title``."""
         self.setAccessibleName(self.title)
         self.theme.changed.connect(self.update)
+
+    def sizeHint(self) -> QSize:
+        return self.preferred_size if self.preferred_size.isValid() else super().sizeHint()
+
+    def minimumSizeHint(self) -> QSize:
+        return self.least_size if self.least_size.isValid() else super().minimumSizeHint()
 
     def title_widgets(self) -> list[QWidget]:
         """Controls at the right end of the title bar."""
@@ -92,33 +103,39 @@ class Panel(QWidget):
         """
         return None
 
-    @property
-    def shown_title(self) -> str:
-        """Current text of the title bar; menus use ``title``."""
-        return self._shown_title
-
     def show_title(self, text: str) -> None:
-        if text != self._shown_title:
-            self._shown_title = text
+        if text != self.shown_title:
+            self.shown_title = text
             self.setAccessibleName(text)
             self.title_changed.emit(text)
 
-    @property
-    def in_view(self) -> bool:
-        """Whether the panel is visible, as set by the panel manager."""
-        return self._in_view
-
     def set_in_view(self, in_view: bool) -> None:
-        if in_view == self._in_view:
+        if in_view == self.in_view:
             return
-        self._in_view = in_view
+        self.in_view = in_view
         for timer in self._ticking:
             if in_view:
                 timer.start()
             else:
                 timer.stop()
+        for signal, slot in self._watched:
+            (signal.connect if in_view else signal.disconnect)(slot)
         if in_view:
             self.update_view()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.fit()
+
+    def fit(self) -> None:
+        """Adapt the contents to the size of the panel."""
+
+    def watch(self, slot: Callable[..., object], *signals: SignalInstance) -> None:
+        """Connect the slot while the panel is in view; ``update_view`` makes up for what it missed."""
+        for signal in signals:
+            self._watched.append((signal, slot))
+            if self.in_view:
+                signal.connect(slot)
 
     def update_view(self) -> None:
         """Refresh everything after the panel becomes visible again."""
@@ -195,34 +212,21 @@ class Panel(QWidget):
         timer = QTimer(self, interval=interval_ms)
         timer.timeout.connect(slot)
         self._ticking.append(timer)
-        if self._in_view:
+        if self.in_view:
             timer.start()
         return timer
 
-    @property
-    def fact(self) -> tuple[str, str]:
-        return self._fact
-
-    @property
-    def fact_lead(self) -> int:
-        """Number of leading characters of the status text in its colour; the rest is dimmed."""
-        return self._fact_lead
-
     def set_fact(self, text: str, role: str = "dim", *, rest: str = "") -> None:
         """Set the status text on the right of the title bar; ``rest`` is dimmed."""
-        full_text, self._fact_lead = f"{text} {rest}".strip(), len(text)
-        if (full_text, role) != self._fact:
-            self._fact = (full_text, role)
+        full_text, self.fact_lead = f"{text} {rest}".strip(), len(text)
+        if (full_text, role) != self.fact:
+            self.fact = (full_text, role)
             self.fact_changed.emit(full_text, role)
-
-    @property
-    def active(self) -> bool:
-        return self._active
 
     def set_active(self, active: bool) -> None:
         """Set whether the keyboard focus is inside."""
-        if active != self._active:
-            self._active = active
+        if active != self.active:
+            self.active = active
             self.active_changed.emit(active)
             self.update()
 
@@ -232,7 +236,7 @@ class Panel(QWidget):
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
-        draw_card(painter, self.theme, QRectF(self.rect()), top=False, active=self._active)
+        draw_card(painter, self.theme, QRectF(self.rect()), top=False, active=self.active)
 
 
 def show_part(part: QWidget, visible: bool) -> None:

@@ -274,9 +274,10 @@ QLabel[role="hint"] {{
     padding: 10px;
 }}
 QLabel[role="caption"] {{ font-size: {status}px; font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
-QLabel[role="detail"], QLabel[role="fine"], QLineEdit#queue_editor, QTableView#sessions_table {{
-    font-size: {status + 1}px;
-}}
+QLabel[role="detail"], QLabel[role="fine"], QLineEdit#queue_editor, QPlainTextEdit#person_note,
+QTableView#sessions_table {{ font-size: {status + 1}px; }}
+QLabel#person_card_name {{ font-size: {tokens.BODY_PX + 2}px; font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
+QTableView#person_history {{ font-size: {status}px; }}
 QLabel[role="fine"] {{ color: {colors.dim}; }}
 QLabel[role="title"], QLabel[role="heading"], QLabel[role="time"] {{ font-weight: {tokens.WEIGHT_SEMIBOLD}; }}
 QLabel[role="heading"], QLabel[role="time"] {{ font-size: {tokens.SPEECH_PX}px; }}
@@ -319,6 +320,10 @@ QLabel#replay_title {{
 QFrame#moment_bubble {{
     background: {colors.panel}; border: 1px solid {colors.line_strong}; border-radius: {radius}px;
 }}
+QFrame#photo_thumbnail {{
+    background: {colors.video_chip}; border: 1px solid {colors.video_line}; border-radius: {radius}px;
+}}
+QFrame#photo_thumbnail > QLabel[role="small"] {{ color: {colors.video_text}; }}
 QLabel#moment_picture {{ background: {colors.video_ground}; }}
 QSlider#replay_scrubber:focus {{ border: 2px solid {colors.blue}; border-radius: {radius}px; }}
 QSlider::groove:horizontal {{ height: 4px; border-radius: 2px; background: {colors.line_strong}; }}

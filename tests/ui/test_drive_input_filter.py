@@ -366,7 +366,7 @@ def test_a_drive_that_the_link_ended_needs_a_new_press(view: QWidget, console: F
 
 
 def chips(view: QWidget) -> list[str]:
-    return [text for text, _role in view._chips]  # type: ignore[attr-defined]
+    return [text for text, _role in view.chips]  # type: ignore[attr-defined]
 
 
 def test_a_key_that_is_still_down_after_the_end_is_to_be_let_go(

@@ -38,9 +38,7 @@ class SuggestionCards(QWidget):
         )
         self._dismiss.setObjectName("suggestions_dismiss")
         self._dismiss.bind(context.actions, "no_suggestion")
-        foot = layouts.hbox(spacing_px=tokens.GRID_PX)
-        foot.addWidget(self._from, 1)
-        foot.addWidget(self._dismiss)
+        foot = layouts.hbox(None, (self._from, 1), self._dismiss, spacing_px=tokens.GRID_PX)
         column = layouts.vbox(self, margins_px=(0, 2, 0, 0), spacing_px=4)
         for card in self.cards:
             column.addWidget(card)

@@ -83,39 +83,30 @@ class TranscriptRow(Value):
         return " · ".join(part for part in (sentence, *state) if part)
 
 
-class _Made(Value):
-    """A row with its inputs."""
-
-    turn: Turn
-    hearing: Hearing | None
-    named: object
-    row: TranscriptRow
-
-
 class RowMaker:
     """Makes rows from turns; unchanged rows are reused, as an hour has two thousand turns."""
 
     def __init__(self, anchor: ClockAnchor, *, with_tags: bool = True) -> None:
         self._anchor = anchor
         self._with_tags = with_tags
-        self._made: dict[str, _Made] = {}
+        self._made: dict[str, tuple[Turn, Hearing | None, object, TranscriptRow]] = {}
 
     def rows(
         self, turns: Iterable[Turn], names: Mapping[str, str], hearings: Mapping[str, Hearing]
     ) -> list[TranscriptRow]:
         """Rows of ``turns``, sorted by start; ``hearings``: partial results by utterance id."""
-        made: dict[str, _Made] = {}
+        made = {}
         for turn in turns:
             hearing = hearings.get(turn.utterance_id)
             if not turn.text and (hearing is None or not (hearing.committed or hearing.tentative)):
                 continue
             named = names if "{" in turn.text else names.get(turn.person_id)
             before = self._made.get(turn.utterance_id)
-            if before is None or before.turn is not turn or before.hearing is not hearing or before.named != named:
-                before = _Made(turn, hearing, named, self._row(turn, names, hearing))
+            if before is None or before[0] is not turn or before[1] is not hearing or before[2] != named:
+                before = (turn, hearing, named, self._row(turn, names, hearing))
             made[turn.utterance_id] = before
         self._made = made
-        return [each.row for each in made.values()]
+        return [row for *_inputs, row in made.values()]
 
     def _row(self, turn: Turn, names: Mapping[str, str], hearing: Hearing | None) -> TranscriptRow:
         def name_of(person_id: str) -> str:

@@ -11,9 +11,9 @@ from difflib import SequenceMatcher
 from itertools import accumulate, chain
 from typing import Any
 
-from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QRectF, QSize, QStringListModel, Qt
+from PySide6.QtCore import QModelIndex, QRect, QRectF, QSize, QStringListModel, Qt
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QPainter
-from PySide6.QtWidgets import QLabel, QLineEdit, QListView, QStyledItemDelegate, QStyleOptionViewItem, QWidget
+from PySide6.QtWidgets import QLineEdit, QListView, QStyleOptionViewItem, QWidget
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
@@ -22,7 +22,8 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.key_positions import key_code, position_of
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.labels import draw_key_cap, key_cap_width
+from caris_desktop.ui.widgets.labels import draw_key_cap, key_cap_width, label
+from caris_desktop.ui.widgets.rows import Index, RowDelegate
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 RECENT = 5
@@ -261,7 +262,6 @@ def _in_order(entries: Sequence[PaletteItem], used: Used) -> tuple[tuple[Palette
 
 _ROW_PX = 40
 _ROWS = 9
-Index = QModelIndex | QPersistentModelIndex
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
@@ -282,12 +282,8 @@ class CommandPalette(Overlay):
         self.field.setMinimumHeight(46)
         self.field.textChanged.connect(self._on_text_changed)
         self.list = _ItemList(theme, self)
-        self._nothing = QLabel(tr("No matching entries."), alignment=Qt.AlignmentFlag.AlignCenter)
-        self._nothing.setEnabled(False)
-        layout = layouts.vbox(self.card, margins_px=12, spacing_px=8)
-        layout.addWidget(self.field)
-        layout.addWidget(self.list, 1)
-        layout.addWidget(self._nothing, 1)
+        self._nothing = label(tr("No matching entries."), alignment=Qt.AlignmentFlag.AlignCenter, enabled=False)
+        layouts.vbox(self.card, self.field, (self.list, 1), (self._nothing, 1), margins_px=12, spacing_px=8)
 
     def card_height_px(self) -> int:
         return 46 + 32 + _ROWS * _ROW_PX
@@ -342,11 +338,6 @@ class CommandPalette(Overlay):
         if self._new is None:
             self._memory.note(entry)
         entry.do()
-
-    def report_current(self) -> None:
-        """Describe the current item on the field, the only widget that a screen reader follows."""
-        entry = self.list.current
-        self.field.setAccessibleDescription("" if entry is None else entry.spoken)
 
     def _on_text_changed(self, text: str) -> None:
         typed = " ".join(text.split())
@@ -461,7 +452,8 @@ class _ItemList(QListView):
                 row = self.entries.index(self.pending_entry)
                 self._spoken.setData(self._spoken.index(row), self.pending_entry.spoken)
             self.pending_entry = None
-        self._owner.report_current()
+        # The field is the only widget that a screen reader follows.
+        self._owner.field.setAccessibleDescription("" if self.current is None else self.current.spoken)
 
     def _on_selected(self) -> None:
         """Follow a selection by a screen reader."""
@@ -478,19 +470,17 @@ class _ItemList(QListView):
             self._owner.choose(self.current)
 
 
-class _ItemDelegate(QStyledItemDelegate):
+class _ItemDelegate(RowDelegate):
     def __init__(self, theme: Theme, items: _ItemList) -> None:
-        super().__init__(items)
-        self._theme = theme
+        super().__init__(theme, items)
         self._items = items
 
     def sizeHint(self, _option: QStyleOptionViewItem, _index: Index) -> QSize:
         return QSize(0, _ROW_PX)
 
-    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
-        theme, entry, rect = self._theme, self._items.entries[index.row()], QRectF(option.rect)
+    def paint_row(self, painter: QPainter, row: QRect, index: Index) -> None:
+        theme, entry, rect = self._theme, self._items.entries[index.row()], QRectF(row)
         again = entry == self._items.pending_entry
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if index.row() and index.row() in self._items.breaks:
             painter.setPen(theme.color("line"))
             painter.drawLine(rect.topLeft(), rect.topRight())
@@ -505,9 +495,5 @@ class _ItemDelegate(QStyledItemDelegate):
         painter.setPen(theme.color("dim"))
         kind_rect = rect.adjusted(0, 0, -cap - 24, 0)
         painter.drawText(kind_rect, int(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter), entry.kind)
-        painter.setFont(theme.font(tokens.BODY_PX))
-        painter.setPen(theme.color("text"))
-        words = entry.again if again else entry.text
-        room = int(rect.width() - cap - 160)
-        text = painter.fontMetrics().elidedText(words, Qt.TextElideMode.ElideRight, room)
-        painter.drawText(rect.adjusted(42, 0, 0, 0), int(Qt.AlignmentFlag.AlignVCenter), text)
+        room = QRect(row.left() + 42, row.top(), int(rect.width() - cap - 160), row.height())
+        self.paint_text(painter, room, entry.again if again else entry.text, theme.font(tokens.BODY_PX), "text")

@@ -1,7 +1,8 @@
 """Assistant panel: ask the language model, read streamed answers, and say them or not."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, cast
+from functools import partial
+from typing import Any, Literal
 
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QAccessible, QKeyEvent, QMouseEvent, QResizeEvent
@@ -49,6 +50,7 @@ class AssistantPanel(Panel):
     """Assistant panel. No model output is spoken without the wizard's command."""
 
     title = QT_TR_NOOP("Assistant")
+    preferred_size, least_size = QSize(420, 240), QSize(260, 136)
     reads = ()
 
     def __init__(self, context: PanelContext) -> None:
@@ -59,29 +61,27 @@ class AssistantPanel(Panel):
         self._editing = False
         self._too_long = 0
         self._offered: list[ActionButton] = []
-        self.field = _QuestionField()
+        # A pasted text is not truncated: excess length is reported instead.
+        self.field = _QuestionField(maxLength=_MOST_TYPED)
         self.field.stepped.connect(self._step)
         self.field.setObjectName("assistant_field")
         self.field.setAccessibleName(tr("Question to the assistant"))
         self.field.hints = (tr("Ask the assistant…"), tr("Ask…"))
         self.field.setMinimumHeight(40)
-        # A pasted text is not truncated: excess length is reported instead.
-        self.field.setMaxLength(_MOST_TYPED)
         self.field.returnPressed.connect(self._on_ask)
         self.field.textChanged.connect(self._on_question_changed)
-        self._ask = ActionButton(self.theme, tr("Ask"), key="Enter", height_px=40)
-        self._ask.setObjectName("assistant_ask")
+        self._ask = ActionButton(self.theme, tr("Ask"), key="Enter", height_px=40, objectName="assistant_ask")
         self._ask.clicked.connect(self._on_ask)
         self.setup_bar = SetupBar(self.theme, self.state, self.console.do)
         self.setup_bar.template_chosen.connect(self._on_template)
         self.along = PromptContextChips(self.theme)
         self.setup_bar.picture_chosen.connect(self.along.add_picture)
         self.setup_bar.words_requested.connect(self._open_words)
-        self.setup_button = ActionButton(self.theme, "", icon="sliders-horizontal", role="ghost", height_px=30)
-        self.setup_button.setObjectName("assistant_with_what")
-        self.setup_button.setCheckable(True)
-        self.setup_button.setToolTip(tr("Model, role, style, prepared questions, pictures"))
-        self.setup_button.setAccessibleName(tr("Question options"))
+        self.setup_button = ActionButton(
+            self.theme, "", icon="sliders-horizontal", role="ghost", height_px=30, objectName="assistant_with_what",
+            checkable=True, accessibleName=tr("Question options"),
+            toolTip=tr("Model, role, style, prepared questions, pictures"),
+        )  # fmt: skip
         self.setup_button.toggled.connect(lambda _on: self._show_parts())
         self._rows = ExchangeRows(self.theme)
         self._rows.chosen.connect(self._choose)
@@ -97,61 +97,40 @@ class AssistantPanel(Panel):
         self._answer.setTabChangesFocus(True)
         self._answer.setMinimumHeight(30)
         self._note = label("", "small", wraps=True, objectName="assistant_note")
-        self._say = self._button(tr("Say it"), "assistant_say", self._on_say, icon="speaker-high", primary=True)
-        self._edit = self._button(tr("Edit first"), "assistant_edit", self._on_edit, icon="pencil-simple")
-        self._again = self._button(tr("Ask again"), "assistant_again", self._on_again, icon="arrow-clockwise")
-        self._dismiss = self._button(
-            tr("Dismiss"), "assistant_dismiss", lambda: self._on_away(self._exchange.exchange_id)
-        )
-        self._cancel = self._button(
-            tr("Cancel"),
-            "assistant_cancel",
-            lambda: self.console.do(intents.CancelAnswer(self._exchange.exchange_id)),
-            icon="x",
-        )
+        button = partial(ActionButton, self.theme, may_shrink=True)
+        self._say = ActionButton(
+            self.theme, tr("Say it"), icon="speaker-high", role="primary", objectName="assistant_say",
+            clicked=self._on_say,
+        )  # fmt: skip
+        self._edit = button(tr("Edit first"), icon="pencil-simple", objectName="assistant_edit", clicked=self._on_edit)
+        self._again = button(tr("Ask again"), icon="arrow-clockwise", objectName="assistant_again")
+        self._again.clicked.connect(self._on_again)
+        self._dismiss = button(tr("Dismiss"), objectName="assistant_dismiss")
+        self._dismiss.clicked.connect(lambda: self._on_away(self._exchange.exchange_id))
+        self._cancel = button(tr("Cancel"), icon="x", objectName="assistant_cancel")
+        self._cancel.clicked.connect(lambda: self.console.do(intents.CancelAnswer(self._exchange.exchange_id)))
         self._arrange()
-        self.state.assistant.changed.connect(self._on_assistant_changed)
-        self.state.assistant_setup.changed.connect(self._on_setup_changed)
+        self.watch(self._on_assistant_changed, self.state.assistant.changed)
+        self.watch(self._on_setup_changed, self.state.assistant_setup.changed)
         app = QApplication.instance()
         if isinstance(app, QApplication):
-            app.focusChanged.connect(self._on_focus_changed)
+            self.watch(self._on_focus_changed, app.focusChanged)
         self.update_view()
 
-    def _button(self, text: str, name: str, act: Any, *, icon: str = "", primary: bool = False) -> ActionButton:
-        button = ActionButton(
-            self.theme, text, icon=icon, role="primary" if primary else "plain", may_shrink=not primary
-        )
-        button.setObjectName(name)
-        button.clicked.connect(act)
-        return button
-
     def _arrange(self) -> None:
-        top = layouts.hbox(spacing_px=8)
-        top.addWidget(self.field, 1)
-        top.addWidget(self._ask)
-        self._buttons = QBoxLayout(QBoxLayout.Direction.LeftToRight)
-        self._buttons.setSpacing(8)
-        for button in (self._say, self._edit, self._again, self._cancel, self._dismiss):
-            self._buttons.addWidget(button)
-        self._buttons.addStretch(1)
-        self._middle = QBoxLayout(QBoxLayout.Direction.TopToBottom)
-        self._middle.setSpacing(8)
-        self._middle.addWidget(self._answer, 1)
-        self._middle.addLayout(self._buttons)
+        top = layouts.hbox(None, (self.field, 1), self._ask, spacing_px=8)
+        buttons = (self._say, self._edit, self._again, self._cancel, self._dismiss)
+        self._buttons: QBoxLayout = layouts.hbox(None, *buttons, 1, spacing_px=8)
+        self._middle: QBoxLayout = layouts.vbox(None, (self._answer, 1), self._buttons, spacing_px=8)
         self._main = QWidget()
-        self._column = layouts.vbox(self._main, margins_px=0, spacing_px=8)
-        self._column.addLayout(top)
-        self._column.addWidget(self.setup_bar)
-        self._column.addWidget(self.along)
-        self._column.addWidget(self._rows)
-        self._column.addWidget(self._question)
-        self._column.addLayout(self._middle, 1)
-        self._column.addWidget(self._note)
+        layouts.vbox(
+            self._main, top, self.setup_bar, self.along, self._rows, self._question, (self._middle, 1), self._note,
+            margins_px=0, spacing_px=8,
+        )  # fmt: skip
         self._words = SystemPromptPage(self.theme, self.console.do)
         self._words.closed.connect(self._close_words)
-        self._frame = layouts.vbox(self, margins_px=(14, 12, 14, 12))
         self._pages = QStackedLayout()
-        self._frame.addLayout(self._pages)
+        self._frame = layouts.vbox(self, self._pages, margins_px=(14, 12, 14, 12))
         self._pages.addWidget(self._main)
         self._pages.addWidget(self._words)
 
@@ -161,12 +140,6 @@ class AssistantPanel(Panel):
     def title_widgets(self) -> list[QWidget]:
         return [self.setup_button]
 
-    def sizeHint(self) -> QSize:
-        return QSize(420, 240)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(260, 136)
-
     def show_scenario(self) -> None:
         self._chosen = ""
         self._stop_editing()
@@ -174,7 +147,7 @@ class AssistantPanel(Panel):
         # Edited prompts belong to the former scenario and must not leak into this one.
         self._words.forget()
         self._pages.setCurrentWidget(self._main)
-        self.update_view()
+        super().show_scenario()
 
     def use_settings(self, settings: PanelSettings) -> None:
         self.along.restore(settings.assistant.left_out, self.along.pictures)
@@ -187,8 +160,7 @@ class AssistantPanel(Panel):
         self.field.setText(text)
         self.along.restore(left_out, pictures)
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
+    def fit(self) -> None:
         # In a low panel the buttons are next to the answer, which must be read before it is said.
         low = self.height() < _LOW_PX
         self._middle.setDirection(QBoxLayout.Direction.LeftToRight if low else QBoxLayout.Direction.TopToBottom)
@@ -209,8 +181,7 @@ class AssistantPanel(Panel):
         self._show_parts()
 
     def _on_focus_changed(self, _before: QWidget | None, _now: QWidget | None) -> None:
-        if self.in_view:
-            self._show_parts()
+        self._show_parts()
 
     def _on_template(self, text: str) -> None:
         last_utterance = next(
@@ -337,8 +308,6 @@ class AssistantPanel(Panel):
         self.field.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def _on_setup_changed(self, setup: AssistantSetup) -> None:
-        if not self.in_view:
-            return
         if not setup.pictures:
             self.along.forget_pictures()
         self.along.show_parts(setup.parts)
@@ -353,8 +322,6 @@ class AssistantPanel(Panel):
         self._on_assistant_changed(self.state.assistant.value)
 
     def _on_assistant_changed(self, status: AssistantStatus) -> None:
-        if not self.in_view:
-            return
         exchanges = status.exchanges or _the_one_of(status)
         chosen = next((each for each in exchanges if each.exchange_id == self._chosen), None)
         exchange = chosen or (exchanges[0] if exchanges else _NO_EXCHANGE)
@@ -535,8 +502,7 @@ class ExchangeRows(QScrollArea):
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         inner = QWidget()
-        self._column = layouts.vbox(inner, margins_px=0, spacing_px=2)
-        self._column.addStretch(1)
+        self._column = layouts.vbox(inner, 1, margins_px=0, spacing_px=2)
         self.setWidget(inner)
 
     def sizeHint(self) -> QSize:
@@ -594,13 +560,8 @@ class _Row(QFrame):
         self._question = ElidedLabel(role="small")
         self.say = ActionButton(theme, "", icon="speaker-high", role="ghost", height_px=26)
         self.say.setObjectName("assistant_row_say")
-        self.away = ActionButton(theme, "", icon="x", role="ghost", height_px=26)
-        self.away.setObjectName("assistant_row_away")
-        line = layouts.hbox(self, margins_px=(7, 0, 1, 0), spacing_px=6)
-        line.addWidget(self._state)
-        line.addWidget(self._question, 1)
-        line.addWidget(self.say)
-        line.addWidget(self.away)
+        self.away = ActionButton(theme, "", icon="x", role="ghost", height_px=26, objectName="assistant_row_away")
+        layouts.hbox(self, self._state, (self._question, 1), self.say, self.away, margins_px=(7, 0, 1, 0), spacing_px=6)
 
     def show_exchange(self, exchange: ExchangeStatus, *, current: bool, live: bool, speaks: bool) -> None:
         words = tr(_USED.get(exchange.use) or _WORDS[exchange.state])
@@ -651,8 +612,7 @@ class SetupBar(FlowRow):
         self.style_choice = DropDown(theme, "assistant_style", tr("Answer style"))
         self.template = DropDown(theme, "assistant_template", tr("Prepared questions"))
         self.picture = DropDown(theme, "assistant_picture", tr("Add a picture"))
-        self.words = ActionButton(theme, "", icon="note-pencil", height_px=_HEIGHT_PX)
-        self.words.setObjectName("assistant_words")
+        self.words = ActionButton(theme, "", icon="note-pencil", height_px=_HEIGHT_PX, objectName="assistant_words")
         self.words.setToolTip(tr("Prompt for the model: view it or change it for this session"))
         self.words.setAccessibleName(tr("Prompt for the model"))
         self.words.clicked.connect(self.words_requested)
@@ -718,14 +678,7 @@ def _model_words(choice: ModelChoice) -> str:
 
 
 def _fill(drop_down: DropDown, items: Sequence[tuple[str, str]], current: str) -> None:
-    """Fill a drop-down only if it changed, so that an open list stays open."""
-    if [(drop_down.itemText(at), drop_down.itemData(at)) for at in range(drop_down.count())] != list(items):
-        drop_down.clear()
-        for text, data in items:
-            drop_down.addItem(text, data)
-    at = drop_down.findData(current)
-    if at != drop_down.currentIndex():
-        drop_down.setCurrentIndex(at)
+    drop_down.fill(items, current)
     drop_down.setToolTip(drop_down.currentText())
 
 
@@ -744,8 +697,8 @@ class SystemPromptPage(QWidget):
     def __init__(self, theme: Theme, do: Callable[[Intent], str]) -> None:
         super().__init__()
         self._do = do
-        self._setup = AssistantSetup()
-        self._selected: tuple[str, str] = ("", "")
+        self._texts: dict[tuple[_Kind, str], str] = {}
+        self._selected: tuple[_Kind, str] = ("system_prompt", "")
         self.which = DropDown(theme, "assistant_which_words", tr("Prompt text"))
         self.which.activated.connect(self._on_which)
         self.field = QPlainTextEdit(tabChangesFocus=True)
@@ -762,88 +715,63 @@ class SystemPromptPage(QWidget):
         self.back = ActionButton(theme, tr("Back"), icon="arrow-left", height_px=_BUTTON_PX)
         self.back.setObjectName("assistant_words_back")
         self.back.clicked.connect(self.closed)
-        top = layouts.hbox(spacing_px=6)
-        top.addWidget(self.back)
-        top.addWidget(self.which, 1)
-        bottom = layouts.hbox(spacing_px=6)
-        bottom.addWidget(self.save)
-        bottom.addWidget(self.reset)
-        bottom.addStretch(1)
-        column = layouts.vbox(self, margins_px=0, spacing_px=6)
-        column.addLayout(top)
-        column.addWidget(self.field, 1)
-        column.addLayout(bottom)
+        top = layouts.hbox(None, self.back, (self.which, 1), spacing_px=6)
+        bottom = layouts.hbox(None, self.save, self.reset, 1, spacing_px=6)
+        layouts.vbox(self, top, (self.field, 1), bottom, margins_px=0, spacing_px=6)
 
     def forget(self) -> None:
         """Discard an edit; the next setup is shown from its beginning."""
         self.which.clear()
-        self._selected = ("", "")
+        self._texts = {}
 
     def show_setup(self, setup: AssistantSetup) -> None:
         """Show the setup; an unsaved edit stays in the field."""
         changed = self._changed
-        self._setup = setup
-        items = [(tr("Instructions"), ("system_prompt", "")), (tr("Notes"), ("notes", ""))]
-        items += [(tr("Role: {name}").format(name=each.name), ("role", each.name)) for each in setup.roles]
-        items += [(tr("Style: {name}").format(name=each.name), ("style", each.name)) for each in setup.styles]
-        if [self.which.itemText(at) for at in range(self.which.count())] != [text for text, _ in items]:
+        roles, styles = tr("Role: {name}"), tr("Style: {name}")
+        shown: list[tuple[str, _Kind, str, str]] = [
+            (tr("Instructions"), "system_prompt", "", setup.system_prompt),
+            (tr("Notes"), "notes", "", setup.notes),
+            *((roles.format(name=each.name), "role", each.name, each.text) for each in setup.roles),
+            *((styles.format(name=each.name), "style", each.name, each.text) for each in setup.styles),
+        ]  # fmt: skip
+        self._texts = {(kind, name): text.strip() for _title, kind, name, text in shown}
+        titles = [title for title, *_ in shown]
+        if [self.which.itemText(at) for at in range(self.which.count())] != titles:
             self.which.clear()
-            for text, key in items:
-                self.which.addItem(text, key)
-            self._selected = items[0][1]
+            self.which.addItems(titles)
+            self._selected = ("system_prompt", "")
             changed = False
         if not changed:
             self._fill()
         self._show_buttons()
+        self.reset.setEnabled(setup.edited)
 
     @property
     def _changed(self) -> bool:
-        return bool(self._selected[0]) and self.field.toPlainText().strip() != self._text_of(self._selected)
-
-    def _text_of(self, key: tuple[str, str]) -> str:
-        kind, name = key
-        if kind == "system_prompt":
-            return self._setup.system_prompt.strip()
-        if kind == "notes":
-            return self._setup.notes.strip()
-        named = self._setup.roles if kind == "role" else self._setup.styles
-        return next((each.text.strip() for each in named if each.name == name), "")
+        text = self._texts.get(self._selected)
+        return text is not None and self.field.toPlainText().strip() != text
 
     def _fill(self) -> None:
-        text = self._text_of(self._selected)
-        if self.field.toPlainText().strip() != text:
-            self.field.setPlainText(text)
+        if self._changed:
+            self.field.setPlainText(self._texts[self._selected])
 
     def _show_buttons(self) -> None:
         self.save.setEnabled(self._changed)
-        self.reset.setEnabled(self._setup.edited)
 
     def _on_which(self, at: int) -> None:
+        keys = list(self._texts)
         if self._changed and not self._save():
-            self.which.setCurrentIndex(self.which.findText(self._name_of_shown()))
+            self.which.setCurrentIndex(keys.index(self._selected))
             return
-        kind, name = self.which.itemData(at)
-        self._selected = (kind, name)
+        self._selected = keys[at]
         self._fill()
         self._show_buttons()
-
-    def _name_of_shown(self) -> str:
-        kind, name = self._selected
-        match kind:
-            case "system_prompt":
-                return tr("Instructions")
-            case "notes":
-                return tr("Notes")
-            case "role":
-                return tr("Role: {name}").format(name=name)
-            case _:
-                return tr("Style: {name}").format(name=name)
 
     def _save(self) -> bool:
         """Save the edit; False if refused, with the text left in the field."""
         kind, name = self._selected
-        return not self._do(intents.EditPrompt(cast(_Kind, kind), self.field.toPlainText().strip(), name))
+        return not self._do(intents.EditPrompt(kind, self.field.toPlainText().strip(), name))
 
     def _on_reset(self) -> None:
-        self.field.setPlainText(self._text_of(self._selected))
+        self.field.setPlainText(self._texts.get(self._selected, ""))
         self._do(intents.ResetPrompts())

@@ -4,7 +4,7 @@ from bisect import bisect_right
 from functools import partial
 
 from PySide6.QtCore import QSize, Qt, QTimer
-from PySide6.QtGui import QActionGroup, QKeyEvent, QResizeEvent
+from PySide6.QtGui import QActionGroup, QKeyEvent
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.conversation.conversation_transcript import Turn, in_order, next_speaker
@@ -44,6 +44,7 @@ class ConversationPanel(Panel):
     """Transcript, suggested replies below it, and a search field."""
 
     title = QT_TR_NOOP("Conversation")
+    preferred_size, least_size = QSize(420, 300), QSize(240, 110)
     reads = ("permissions.assistant", "assisted")
 
     def __init__(self, context: PanelContext) -> None:
@@ -64,34 +65,25 @@ class ConversationPanel(Panel):
         self.view.given.connect(self._on_given)
         self.hold.escape_pressed.connect(self.view.give_up_writing)
         self.hold.escape_pressed.connect(self.close_search)
-        self._find = ActionButton(self.theme, "", icon="magnifying-glass", height_px=30)
+        tip = tr("Search the transcript")
+        self._find = ActionButton(self.theme, icon="magnifying-glass", height_px=30, toolTip=tip)
         self._find.setObjectName("transcript_find")
-        self._find.setAccessibleName(tr("Search the transcript"))
-        self._find.setToolTip(tr("Search the transcript"))
         self._find.bind(self.table, "find_said")
         self._search = _SearchLine(self)
         self._search.hide()
         # Autonomy levels apply to the language model only.
         levels = context.console.scenario.permissions.assistant and context.console.scenario.assisted
         self._title_widgets: list[QWidget] = [LevelsButton(context), self._find] if levels else [self._find]
-        under_newest = layouts.vbox(margins_px=(14, 0, 14, 0), spacing_px=6)
         assisted = context.console.scenario.assisted
         self._could_follow: list[SuggestionCards | ProposalCard] = []
         if "replies" in assisted or "fillers" in assisted:
             self._could_follow.append(SuggestionCards(context, self))
         if "actions" in assisted:
             self._could_follow.append(ProposalCard(context, self))
-        for widget in self._could_follow:
-            under_newest.addWidget(widget)
-        layout = layouts.vbox(self, margins_px=(1, 6, 1, 8), spacing_px=4)
-        layout.addWidget(self._search)
-        layout.addWidget(self.view, 1_000)
-        layout.addLayout(under_newest)
-        layout.addStretch(1)
-        self.state.transcript.changed.connect(self._refresh)
-        self.state.stream("hearing").changed.connect(self._refresh)
-        self.state.persons.changed.connect(self._on_persons_changed)
-        self.state.everybody.changed.connect(self._on_persons_changed)
+        under_newest = layouts.vbox(None, *self._could_follow, margins_px=(14, 0, 14, 0), spacing_px=6)
+        layouts.vbox(self, self._search, (self.view, 1_000), under_newest, 1, margins_px=(1, 6, 1, 8), spacing_px=4)
+        self.watch(self._refresh, self.state.transcript.changed, self.state.stream("hearing").changed)
+        self.watch(self._on_persons_changed, self.state.persons.changed, self.state.everybody.changed)
         self.state.time_jumped.connect(self._on_time_jumped)
         self.every(_TICK_MS, self._tick)
         self.update_view()
@@ -105,16 +97,9 @@ class ConversationPanel(Panel):
     def accessible_parts(self) -> list[QWidget]:
         return self.view.parts()
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
+    def fit(self) -> None:
         for widget in self._could_follow:
             widget.fit(self.height())
-
-    def sizeHint(self) -> QSize:
-        return QSize(420, 300)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(240, 110)
 
     # ---- display
 
@@ -181,8 +166,6 @@ class ConversationPanel(Panel):
         self.view.follow()
 
     def _tick(self) -> None:
-        if not self.in_view:
-            return
         now_ns = self.state.present.now_ns()
         if not self.state.present.live:
             if self._under_way != self._heard():  # the turn ended without an event
@@ -320,13 +303,9 @@ class _SearchLine(QWidget):
         self.field.setAccessibleName(tr("Search the transcript"))
         self.field.textChanged.connect(panel.search)
         self._found = label("", "note", objectName="transcript_found")
-        close = ActionButton(panel.theme, "", icon="x", height_px=30)
-        close.setAccessibleName(tr("Close the search"))
+        close = ActionButton(panel.theme, "", icon="x", height_px=30, accessibleName=tr("Close the search"))
         close.clicked.connect(panel.close_search)
-        row = layouts.hbox(self, margins_px=(14, 2, 8, 2), spacing_px=8)
-        row.addWidget(self.field, 1)
-        row.addWidget(self._found)
-        row.addWidget(close)
+        layouts.hbox(self, (self.field, 1), self._found, close, margins_px=(14, 2, 8, 2), spacing_px=8)
 
     def show_count(self, match: int, count: int, query: str) -> None:
         if not query.strip():
@@ -414,11 +393,9 @@ class ProposalCard(Banner):
         self.setParent(parent)
         self._context = context
         self._state = context.console.state
-        self.yes = ActionButton(context.theme, tr("Do it"), role="primary", height_px=32)
-        self.yes.setObjectName("proposal_yes")
+        self.yes = ActionButton(context.theme, tr("Do it"), role="primary", height_px=32, objectName="proposal_yes")
         self.yes.clicked.connect(lambda: self._answer(intents.ConfirmProposal))
-        self.no = ActionButton(context.theme, tr("No"), height_px=32)
-        self.no.setObjectName("proposal_no")
+        self.no = ActionButton(context.theme, tr("No"), height_px=32, objectName="proposal_no")
         self.no.clicked.connect(lambda: self._answer(intents.VetoProposal))
         self.row.addWidget(self.yes)
         self.row.addWidget(self.no)

@@ -7,7 +7,6 @@ from typing import Any
 from PySide6.QtCore import (
     QAbstractTableModel,
     QModelIndex,
-    QPersistentModelIndex,
     QSize,
     QSortFilterProxyModel,
     Qt,
@@ -30,6 +29,7 @@ from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.labels import label
+from caris_desktop.ui.widgets.rows import Index
 
 _COLUMNS = (
     QT_TR_NOOP("Topic"),
@@ -61,7 +61,6 @@ _OLD_MEASUREMENT_S = 3.0
 _HEAVY_BYTES_PER_S = 1e6
 _TAKEN_TOGETHER_MS, _NOTHING_TOLD_MS = 200, 1500
 _SORT_ROLE = int(Qt.ItemDataRole.UserRole)
-_Index = QModelIndex | QPersistentModelIndex
 
 
 class TopicRow(Value):
@@ -193,10 +192,10 @@ class TrafficModel(QAbstractTableModel):
                 self._usual_hz[key] = max(self._usual_hz.get(key, 0.0), min(rates))
         return self._usual_hz.get(key, 0.0)
 
-    def rowCount(self, _parent: _Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
+    def rowCount(self, _parent: Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
         return len(self._rows)
 
-    def columnCount(self, _parent: _Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
+    def columnCount(self, _parent: Index = QModelIndex()) -> int:  # noqa: B008 (Qt's own default)
         return len(_COLUMNS)
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
@@ -211,7 +210,7 @@ class TrafficModel(QAbstractTableModel):
                 return int(_alignment(section))
         return None
 
-    def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+    def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         row, column = self._rows[index.row()], index.column()
         match role:
             case Qt.ItemDataRole.DisplayRole:
@@ -238,25 +237,17 @@ def _alignment(column: int) -> Qt.AlignmentFlag:
 
 def cell_text(row: TopicRow, column: int) -> str:
     traffic = row.traffic
-    match column:
-        case 0:
-            return traffic.topic
-        case 1:
-            return row.state
-        case 2:
-            return f"{traffic.rate_hz:.1f} Hz"
-        case 3:
-            return "–" if traffic.last_heard_s is None else text_formatting.age(traffic.last_heard_s)
-        case 4:
-            return "–" if traffic.age_ms is None else f"{traffic.age_ms:.0f} ms"
-        case 5:
-            return bandwidth(traffic.bytes_per_s)
-        case 6:
-            return str(traffic.refused)
-        case 7:
-            return f"{traffic.type} · {_ENCODINGS[traffic.encoding]}" if traffic.encoding else traffic.type
-        case _:
-            return _LINK_WORDS.get(row.link, row.link)
+    return (
+        traffic.topic,
+        row.state,
+        f"{traffic.rate_hz:.1f} Hz",
+        "–" if traffic.last_heard_s is None else text_formatting.age(traffic.last_heard_s),
+        "–" if traffic.age_ms is None else f"{traffic.age_ms:.0f} ms",
+        bandwidth(traffic.bytes_per_s),
+        str(traffic.refused),
+        f"{traffic.type} · {_ENCODINGS[traffic.encoding]}" if traffic.encoding else traffic.type,
+        _LINK_WORDS.get(row.link, row.link),
+    )[column]
 
 
 def _sort_key(row: TopicRow, column: int) -> float | str:
@@ -337,6 +328,7 @@ class DiagnosticsPanel(Panel):
     """Sortable topic table below the totals of each link."""
 
     title = QT_TR_NOOP("Diagnostics")
+    preferred_size, least_size = QSize(520, 260), QSize(220, 90)
     reads = ()
 
     def __init__(self, context: PanelContext) -> None:
@@ -378,19 +370,16 @@ class DiagnosticsPanel(Panel):
         self._copy.setObjectName("diagnostics_copy")
         self._copy.setToolTip(tr("Copy all values as text"))
         self._copy.clicked.connect(self.copy_report)
-        layout = layouts.vbox(self, margins_px=(12, 6, 12, 8), spacing_px=4)
-        layout.addWidget(self._summary)
-        layout.addWidget(self.view, 1)
-        layout.addWidget(self._empty, 1)
+        layouts.vbox(self, self._summary, (self.view, 1), (self._empty, 1), margins_px=(12, 6, 12, 8), spacing_px=4)
         # Both links report once a second, and ages grow: one update soon after the first report, as the table is slow
         # to paint.
         self._soon = QTimer(self, singleShot=True, interval=_TAKEN_TOGETHER_MS)
         self._soon.timeout.connect(self.refresh)
         self._overdue = self.every(_NOTHING_TOLD_MS, self.refresh)
-        self.state.traffic.changed.connect(self._on_traffic_changed)
-        self.state.link.changed.connect(self._on_link_changed)
+        self.watch(self._on_traffic_changed, self.state.traffic.changed)
+        self.watch(self._on_link_changed, self.state.link.changed)
+        self.watch(self.refresh, self.state.health.changed)
         self.state.robot.changed.connect(self._on_robot_changed)
-        self.state.health.changed.connect(self.refresh)
         self.refresh()
 
     def title_widgets(self) -> list[QWidget]:
@@ -398,12 +387,6 @@ class DiagnosticsPanel(Panel):
 
     def focus_target(self) -> QWidget:
         return self.view
-
-    def sizeHint(self) -> QSize:
-        return QSize(520, 260)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(220, 90)
 
     def copy_report(self) -> None:
         rows = tuple(

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QPushButton, QSiz
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.status import DriveStatus
+from caris_desktop.live.status import DriveStatus, HeadStatus
 from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import layouts, speed_steps, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
@@ -58,6 +58,7 @@ class DrivePanel(Panel):
     """
 
     title = QT_TR_NOOP("Drive")
+    preferred_size, least_size = QSize(340, 260), QSize(250, 104)
     drives = True
     reads = ("permissions.driving",)
 
@@ -75,13 +76,11 @@ class DrivePanel(Panel):
         self._head = HeadControl(self.theme, self.table)
         self._head.setObjectName("head_control")
         self._head.stick.moved.connect(partial(self.hold.motion.push_onscreen, "head"))
-        self._stop = ActionButton(self.theme, tr("Stop"), icon="hand-palm", height_px=30)
-        self._stop.setObjectName("stop_button")
+        self._stop = ActionButton(self.theme, tr("Stop"), icon="hand-palm", height_px=30, objectName="stop_button")
         self._stop.setProperty(STOPS, True)
         self._stop.clicked.connect(lambda: self.console.do(intents.Stop()))
         self._stop.set_key(self.table.key_text("stop"))
-        self._other = ActionButton(self.theme, "", icon="game-controller", height_px=30)
-        self._other.setObjectName("drive_other_view")
+        self._other = ActionButton(self.theme, "", icon="game-controller", height_px=30, objectName="drive_other_view")
         self._other.clicked.connect(self._on_other_view)
         self._speed = SpeedSteps(self.table)
         self._speed.setObjectName("speed_steps")
@@ -97,48 +96,29 @@ class DrivePanel(Panel):
         # View shown if arrows, stick and head do not all fit.
         self._chosen_view = 0
         self._words = QWidget()
-        words_column = layouts.vbox(self._words, margins_px=0, spacing_px=2)
-        words_column.addWidget(self._line)
-        words_column.addWidget(self._reason)
-        words_column.addStretch(1)
+        layouts.vbox(self._words, self._line, self._reason, 1, margins_px=0, spacing_px=2)
         self._settings = QWidget()
-        settings_row = layouts.hbox(self._settings, margins_px=0, spacing_px=tokens.GRID_PX)
-        settings_row.addWidget(self._speed, 1)
-        settings_row.addWidget(self._guard)
+        layouts.hbox(self._settings, (self._speed, 1), self._guard, margins_px=0, spacing_px=tokens.GRID_PX)
         self._views = QWidget()
-        views_row = layouts.hbox(self._views, margins_px=0, spacing_px=_GAP_PX)
-        views_row.addWidget(self._pad, 3)
-        views_row.addWidget(self._stick, 2)
-        views_row.addWidget(self._head, 2)
-        self._first = layouts.vbox(spacing_px=tokens.GRID_PX)
-        self._first.addWidget(self._words, 1)
-        self._second = layouts.vbox(spacing_px=tokens.GRID_PX)
-        self._second.addWidget(self._views, 1)
-        self._second.addWidget(self._settings)
+        layouts.hbox(self._views, (self._pad, 3), (self._stick, 2), (self._head, 2), margins_px=0, spacing_px=_GAP_PX)
+        self._first = layouts.vbox(None, (self._words, 1), spacing_px=tokens.GRID_PX)
+        self._second = layouts.vbox(None, (self._views, 1), self._settings, spacing_px=tokens.GRID_PX)
         self._layout = QBoxLayout(QBoxLayout.Direction.TopToBottom, self)
         card_margins(self._layout)
         self._layout.addLayout(self._first)
         self._layout.addLayout(self._second, 1)
-        self.state.drive.changed.connect(self._show_now)
-        self.state.goal.changed.connect(self._show_now)
+        self.watch(
+            self._show_now, self.state.drive.changed, self.state.goal.changed, self.hold.motion.held_changed,
+            self.hold.key_owner_changed, self.table.keys_changed,
+        )  # fmt: skip
         self.state.robot.changed.connect(self._on_robot_changed)
-        self.state.look.changed.connect(self._on_head_changed)
-        self.hold.motion.held_changed.connect(self._show_now)
-        self.hold.key_owner_changed.connect(self._show_now)
-        self.table.keys_changed.connect(self._show_now)
+        self.watch(self._on_head_changed, self.state.look.changed)
         self._on_robot_changed(self.state.robot.value)
 
     def title_widgets(self) -> list[QWidget]:
         return [self._other, self._stop]
 
-    def minimumSizeHint(self) -> QSize:
-        return QSize(250, 104)
-
-    def sizeHint(self) -> QSize:
-        return QSize(340, 260)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
+    def fit(self) -> None:
         # Low and wide: text and speed next to the arrows instead of above and below.
         beside = self.height() < _LOW_PX and self.width() >= 400
         direction = QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom
@@ -204,10 +184,8 @@ class DrivePanel(Panel):
         self._on_head_changed(self.state.look.value)
         self._show_now()
 
-    def _on_head_changed(self, _head: object) -> None:
-        if not self.in_view:
-            return
-        self._head.show_angles(self.state.look.value.pan_rad, self.state.look.value.tilt_rad)
+    def _on_head_changed(self, head: HeadStatus) -> None:
+        self._head.show_angles(head.pan_rad, head.tilt_rad)
 
     def _going_to(self) -> str:
         """Name of the navigation goal; empty without one."""
@@ -350,10 +328,7 @@ class SpeedSteps(QWidget):
             step.clicked.connect(partial(self._on_clicked, fraction))
             steps.addWidget(step)
             self._steps.append(step)
-        row = layouts.hbox(self, margins_px=0, spacing_px=6)
-        row.addWidget(self._slower)
-        row.addWidget(frame, 1)
-        row.addWidget(self._faster)
+        layouts.hbox(self, self._slower, (frame, 1), self._faster, margins_px=0, spacing_px=6)
         self._show()
         actions.keys_changed.connect(self._show_keys)
 
@@ -400,18 +375,13 @@ class HeadControl(QWidget):
         self.stick = Joystick(theme, use="head")
         self.stick.setObjectName("head_stick")
         self._angles = label("", "small", objectName="head_angles", alignment=Qt.AlignmentFlag.AlignCenter)
-        ahead = ActionButton(theme, tr("Ahead"), height_px=28, text_px=tokens.STATUS_PX)
-        ahead.setObjectName("look_ahead_button")
+        ahead = ActionButton(theme, tr("Ahead"), height_px=28, text_px=tokens.STATUS_PX, objectName="look_ahead_button")
         ahead.setMinimumWidth(128)  # includes its longest key cap
         ahead.bind(actions, "look_ahead")
-        column = layouts.vbox(spacing_px=4)
-        column.addStretch(1)
-        column.addWidget(self._angles)
+        column = layouts.vbox(None, 1, self._angles, spacing_px=4)
         column.addWidget(ahead, 0, Qt.AlignmentFlag.AlignHCenter)
         column.addStretch(1)
-        row = layouts.hbox(self, margins_px=0, spacing_px=6)
-        row.addWidget(self.stick, 1)
-        row.addLayout(column)
+        layouts.hbox(self, (self.stick, 1), column, margins_px=0, spacing_px=6)
 
     def minimumSizeHint(self) -> QSize:
         return QSize(self.stick.minimumSizeHint().width() + 138, self.stick.minimumSizeHint().height())

@@ -1,7 +1,9 @@
 """Face panel: the robot's face as the participant sees it, and the expressions with their keys."""
 
+from functools import partial
+
 from PySide6.QtCore import QSize, Qt
-from PySide6.QtGui import QGuiApplication, QResizeEvent
+from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.conversation.face.drawing import drawing_of
@@ -26,6 +28,7 @@ class FacePanel(Panel):
     """Displays ``state.face_drawing``; in a replay, the face at rest."""
 
     title = QT_TR_NOOP("Robot’s face")
+    preferred_size, least_size = QSize(360, 320), QSize(200, 140)
     reads = ()
 
     def __init__(self, context: PanelContext) -> None:
@@ -37,53 +40,32 @@ class FacePanel(Panel):
         self._row = FlowRow(gap_px=6)
         self._chips: list[ActionButton] = []
         self._recorded: Face | None = None
-        self._text = SubmitLineEdit()
-        self._text.setObjectName("face_text")
-        self._text.setPlaceholderText(tr("Show text instead…"))
-        self._text.setAccessibleName(tr("Text to show instead of the face"))
-        self._text.setMinimumWidth(
-            max(180, self._text.fontMetrics().horizontalAdvance(self._text.placeholderText()) + 28)
+        self._text = SubmitLineEdit(
+            objectName="face_text", placeholderText=tr("Show text instead…"), maxLength=200, returnPressed=self._on_text
         )
-        self._text.setMaxLength(200)
-        self._text.returnPressed.connect(self._on_text)
-        self._back = ActionButton(self.theme, tr("Show face"), icon="smiley", height_px=30)
-        self._back.setObjectName("face_again")
-        self._back.clicked.connect(self._on_back)
-        self._live = ActionButton(self.theme, tr("Live picture"), icon="video-camera", height_px=30)
-        self._live.setObjectName("face_live")
-        self._live.clicked.connect(self._on_live)
-        self._window = ActionButton(self.theme, tr("Window"), icon="monitor", height_px=30)
-        self._window.setObjectName("face_window_button")
-        self._window.setCheckable(True)
+        self._text.setAccessibleName(tr("Text to show instead of the face"))
+        hint_px = self._text.fontMetrics().horizontalAdvance(self._text.placeholderText())
+        self._text.setMinimumWidth(max(180, hint_px + 28))
+        button = partial(ActionButton, self.theme, height_px=30)
+        self._back = button(tr("Show face"), icon="smiley", objectName="face_again", clicked=self._on_back)
+        self._live = button(tr("Live picture"), icon="video-camera", objectName="face_live", clicked=self._on_live)
+        self._window = button(tr("Window"), icon="monitor", objectName="face_window_button", clicked=self._on_window)
         self._window.setToolTip(tr("Show the face in a separate window, for a screen on the robot"))
-        self._window.clicked.connect(self._on_window)
-        self._page = ActionButton(self.theme, tr("Page"), icon="device-mobile", height_px=30)
-        self._page.setObjectName("face_page_button")
-        self._page.setCheckable(True)
+        self._page = button(tr("Page"), icon="device-mobile", objectName="face_page_button", clicked=self._on_serve)
         self._page.setToolTip(tr("Serve the face as a web page, for a phone or tablet on the robot"))
-        self._page.clicked.connect(self._on_serve)
-        self._copy = ActionButton(self.theme, tr("Copy the address"), icon="copy", height_px=30)
-        self._copy.setObjectName("face_copy_address")
-        self._copy.clicked.connect(self._on_copy)
-        self._edit = ActionButton(self.theme, tr("Edit…"), icon="pencil-simple", height_px=30)
-        self._edit.setObjectName("face_edit")
-        self._edit.clicked.connect(self._on_edit)
+        for served in (self._window, self._page):
+            served.setCheckable(True)
+        copy = tr("Copy the address")
+        self._copy = button(copy, icon="copy", objectName="face_copy_address", clicked=self._on_copy)
+        self._edit = button(tr("Edit…"), icon="pencil-simple", objectName="face_edit", clicked=self._on_edit)
         self._address = label("", "note", wraps=True, objectName="face_address")
         self._address.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self._more = FlowRow(gap_px=6)
-        for control in (self._text, self._back, self._live, self._copy, self._edit):
-            self._more.add(control)
-        layout = layouts.vbox(self, margins_px=(2, 0, 2, 8), spacing_px=8)
-        layout.addWidget(self._view, 1)
-        rest = QWidget()
-        column = layouts.vbox(rest, margins_px=(12, 0, 12, 0), spacing_px=8)
-        for row in (self._row, self._more, self._address):
-            column.addWidget(row)
-        layout.addWidget(rest)
-        live = self.state.present.live
-        self._row.setVisible(live)
-        self.state.face.changed.connect(self._on_face)
-        self.state.face_drawing.changed.connect(self._on_drawing)
+        self._more = FlowRow(self._text, self._back, self._live, self._copy, self._edit, gap_px=6)
+        rest = layouts.vbox(None, self._row, self._more, self._address, margins_px=(12, 0, 12, 0), spacing_px=8)
+        layouts.vbox(self, (self._view, 1), rest, margins_px=(2, 0, 2, 8), spacing_px=8)
+        self._row.setVisible(self.state.present.live)
+        self.watch(self._on_face, self.state.face.changed)
+        self.watch(self._on_drawing, self.state.face_drawing.changed)
         self.state.face_page.changed.connect(self._on_page)
         self.table.rows_changed.connect(self._fill)
         self._fill()
@@ -92,19 +74,12 @@ class FacePanel(Panel):
     def show_scenario(self) -> None:
         self._text.clear()
         self._fill()
-        self.update_view()
+        super().show_scenario()
 
     def title_widgets(self) -> list[QWidget]:
         return [self._window, self._page] if self.state.present.live else []
 
-    def sizeHint(self) -> QSize:
-        return QSize(360, 320)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(200, 140)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
+    def fit(self) -> None:
         self._show_more()
         for chip in self._chips:
             self._fit(chip)
@@ -149,8 +124,6 @@ class FacePanel(Panel):
             self._chips.append(chip)
 
     def _on_face(self, face: FaceStatus) -> None:
-        if not self.in_view:
-            return
         doing = tr("speaking") if face.speaking else tr("listening") if face.listening else ""
         words = {"text": tr("showing text"), "photo": tr("showing a photo"), "live": tr("showing the live picture")}
         face_text = words.get(face.what, face.expression)
@@ -178,7 +151,7 @@ class FacePanel(Panel):
         self._view.show_drawing(drawing_of(self._recorded, motion.at(0)))
 
     def _on_drawing(self, contents: object) -> None:
-        if self.in_view and self.state.present.live:
+        if self.state.present.live:
             show_on(self._view, contents)
 
     def _on_page(self, address: str) -> None:

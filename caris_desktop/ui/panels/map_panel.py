@@ -7,14 +7,13 @@ from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
-from PySide6.QtGui import QKeyEvent, QResizeEvent
+from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QBoxLayout, QLabel, QMenu, QSizePolicy, QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import GoalChanged
-from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, Odometry, PeopleInMap, PlannedPath, RobotPose
+from caris_desktop.domain.sensing import OccupancyGrid, Odometry, PeopleInMap, PlannedPath, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import DriveStatus, MapStatus
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.scenario_model import PanelSettings, Place
@@ -58,6 +57,7 @@ class MapPanel(Panel):
     """
 
     title = QT_TR_NOOP("Map")
+    preferred_size, least_size = QSize(420, 300), QSize(240, 96)
     reads = ("permissions.driving",)
     drives = True
 
@@ -79,9 +79,7 @@ class MapPanel(Panel):
         self.tools.reported.connect(self._on_reported)
         self.tools.changed.connect(self._refresh)
         self._make_buttons()
-        self._layout = layouts.vbox(self, margins_px=(8, 6, 8, 8), spacing_px=6)
-        self._layout.addWidget(self.view, 1)
-        self._layout.addWidget(self._aside)
+        self._layout = layouts.vbox(self, (self.view, 1), self._aside, margins_px=(8, 6, 8, 8), spacing_px=6)
         self._confirm = ActionButton(self.theme, tr("Confirm position"), icon="check", role="primary", height_px=32)
         self._confirm.setObjectName("map_confirm")
         self._confirm.setToolTip(tr("The robot is where the map shows it"))
@@ -93,8 +91,8 @@ class MapPanel(Panel):
         view.rotate_changed.connect(self._refresh)
         view.refreshed.connect(self._show_legend)
         self.theme.changed.connect(self._show_legend)
-        view.follow_changed.connect(self._on_view_chosen)
-        view.rotate_changed.connect(self._on_view_chosen)
+        view.follow_changed.connect(self.report_choices)
+        view.rotate_changed.connect(self.report_choices)
         self._listen()
         self.every(250, self._refresh)
 
@@ -103,22 +101,20 @@ class MapPanel(Panel):
         state.map.changed.connect(self._on_map_changed)
         state.pose.changed.connect(self._on_pose_changed)
         state.odometry.changed.connect(self._on_odometry_changed)
-        state.scan.changed.connect(self._on_scan_changed)
-        state.path.changed.connect(self._on_path_changed)
         state.goal.changed.connect(self._on_goal_changed)
-        self.table.rebuilt.connect(self._on_table_rebuilt)
+        self.table.rebuilt.connect(self._on_robot_changed)
         state.places.changed.connect(self._on_places_changed)
-        state.people_in_map.changed.connect(self._on_people_changed)
-        state.persons.changed.connect(self._on_people_changed)
-        state.selected_person.changed.connect(self._on_people_changed)
         state.robot.changed.connect(self._on_robot_changed)
-        state.mapping.changed.connect(self._refresh)
-        state.drive.changed.connect(self._on_drive_changed)
-        state.link.changed.connect(self._refresh)
-        state.going_on.changed.connect(self._show_unconfirmed)
         state.event_happened.connect(self._on_event)
-        for stream in (state.map, state.pose, state.scan, state.people_in_map, state.path, state.odometry):
-            stream.freshness_changed.connect(self._on_freshness_changed)
+        self.watch(self.view.show_scan, state.scan.changed)
+        self.watch(self._on_path_changed, state.path.changed)
+        people = (state.people_in_map.changed, state.persons.changed, state.selected_person.changed)
+        self.watch(self._on_people_changed, *people)
+        self.watch(self._refresh, state.mapping.changed, state.link.changed)
+        self.watch(self._on_drive_changed, state.drive.changed)
+        self.watch(self._show_unconfirmed, state.going_on.changed)
+        streams = (state.map, state.pose, state.scan, state.people_in_map, state.path, state.odometry)
+        self.watch(self._on_freshness_changed, *(stream.freshness_changed for stream in streams))
         self.update_view()
 
     def update_view(self) -> None:
@@ -129,7 +125,7 @@ class MapPanel(Panel):
             view.show_pose(state.pose.value)
         if state.scan.value is not None:
             view.show_scan(state.scan.value)
-        self._on_robot_changed(state.robot.value)
+        self._on_robot_changed()
         self._on_places_changed(state.places.value)
         self._on_drive_changed(state.drive.value)
         self._on_people_changed()
@@ -148,8 +144,6 @@ class MapPanel(Panel):
 
     def _show_unconfirmed(self, _status: object = None) -> None:
         """Mark the pose as unconfirmed after a crash: the robot may have been moved."""
-        if not self.in_view:
-            return
         unconfirmed = "map" in self.state.going_on.value.unconfirmed
         self.view.update_state(unconfirmed=unconfirmed)
         show_part(self._confirm, unconfirmed)
@@ -165,24 +159,17 @@ class MapPanel(Panel):
     def _make_buttons(self) -> None:
         self._go_menu = QMenu(self)
         self._go_menu.setObjectName("map_go_menu")
-        self._go = ActionButton(self.theme, tr("Go to"), icon="navigation-arrow", height_px=30, menu_arrow=True)
-        self._go.setObjectName("map_go_button")
+        button = partial(ActionButton, self.theme, height_px=30)
+        self._go = button(tr("Go to"), icon="navigation-arrow", menu_arrow=True, objectName="map_go_button")
         self._go.clicked.connect(self._open_go_menu)
-        self._cancel = ActionButton(self.theme, tr("Cancel"), icon="x", height_px=30)
-        self._cancel.setObjectName("goal_cancel")
-        self._cancel.setToolTip(tr("Cancel this goal"))
+        self._cancel = button(tr("Cancel"), icon="x", objectName="goal_cancel", toolTip=tr("Cancel this goal"))
         self._cancel.clicked.connect(lambda: self.console.do(intents.CancelGoal()))
-        self._aside = FlowRow(gap_px=8)
+        self._aside = FlowRow(self._go, self._cancel)
         self._aside.setParent(self)
-        for button in (self._go, self._cancel):
-            self._aside.add(button)
         self._legend: list[QLabel] = []
         self._menu = QMenu(self)
         self._menu.setObjectName("map_menu")
-        self._more = ActionButton(self.theme, "", icon="dots-three-vertical", height_px=30)
-        self._more.setObjectName("map_menu_button")
-        self._more.setAccessibleName(tr("Map tools and view"))
-        self._more.setToolTip(tr("Map tools and view"))
+        self._more = button(icon="dots-three-vertical", objectName="map_menu_button", toolTip=tr("Map tools and view"))
         self._more.clicked.connect(self._open_menu)
 
     def title_widgets(self) -> list[QWidget]:
@@ -216,9 +203,8 @@ class MapPanel(Panel):
                 f"{html.escape(word)}</span>"
             )
         while len(self._legend) < len(texts):
-            label = QLabel(self._aside)
+            label = QLabel(self._aside, textFormat=Qt.TextFormat.RichText)
             label.setObjectName("map_legend")
-            label.setTextFormat(Qt.TextFormat.RichText)
             label.setMinimumHeight(28)  # as high as a button in the same line
             self._legend.append(label)
             self._aside.add(label)
@@ -231,14 +217,7 @@ class MapPanel(Panel):
     def focus_target(self) -> QWidget:
         return self.view
 
-    def sizeHint(self) -> QSize:
-        return QSize(420, 300)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(240, 96)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
+    def fit(self) -> None:
         self._show_legend()
         self._arrange()
         self._place_confirm()
@@ -269,9 +248,6 @@ class MapPanel(Panel):
         self.view.set_follow(follow)
         if followed and not follow:
             self.view.fit()
-
-    def _on_view_chosen(self, _on: bool) -> None:
-        self.report_choices()
 
     def _open_go_menu(self) -> None:
         menu = self._go_menu
@@ -336,10 +312,8 @@ class MapPanel(Panel):
 
     # ---- state
 
-    def _on_table_rebuilt(self) -> None:
-        self._on_robot_changed(self.state.robot.value)
-
-    def _on_robot_changed(self, robot: RobotProfile | None) -> None:
+    def _on_robot_changed(self, _robot: object = None) -> None:
+        robot: RobotProfile | None = self.state.robot.value
         self.view.update_state(outline_m=robot.footprint_outline_m if robot is not None else ())
         self._on_goal_changed(self.state.goal.value)
 
@@ -351,10 +325,6 @@ class MapPanel(Panel):
         self._draw_by_odometry(False)
         if self.in_view:
             self.view.show_map(grid)
-
-    def _on_scan_changed(self, scan: LaserScan) -> None:
-        if self.in_view:
-            self.view.show_scan(scan)
 
     def _on_pose_changed(self, pose: RobotPose) -> None:
         self._draw_by_odometry(False)
@@ -449,8 +419,6 @@ class MapPanel(Panel):
             self._refresh()
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
-        if not self.in_view:
-            return
         self.view.update_state(guard=(drive.guard, drive.guard_distance_m))
 
     def _on_freshness_changed(self, _freshness: str = "") -> None:
@@ -471,17 +439,14 @@ class MapPanel(Panel):
         self._on_path_changed()
         self._refresh()
 
-    def _aging_layers(self) -> tuple[tuple[str, LiveStream], ...]:
-        state = self.state
-        position = state.odometry if self.tools.by_odometry else state.pose
-        return ((tr("LIDAR"), state.scan), (tr("Position"), position), (tr("People"), state.people_in_map))
-
     def _chips(self) -> list[tuple[str, str]]:
         """Map labels: ages of stale layers, and the outcome of the last goal."""
         state = self.state
+        position = state.odometry if self.tools.by_odometry else state.pose
+        layers = ((tr("LIDAR"), state.scan), (tr("Position"), position), (tr("People"), state.people_in_map))
         chips = [
             (tr("{layer} {age} old").format(layer=name, age=text_formatting.age(stream.age_s() or 0.0)), "warning")
-            for name, stream in self._aging_layers()
+            for name, stream in layers
             if stream.freshness in ("stale", "lost")
         ]
         if self.view.map_state.unconfirmed:

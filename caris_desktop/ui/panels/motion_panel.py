@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSize, Qt
-from PySide6.QtGui import QAccessible, QBrush, QColor, QPen, QResizeEvent
+from PySide6.QtGui import QAccessible, QBrush, QColor, QPen
 from PySide6.QtWidgets import QGraphicsItem, QSizePolicy, QVBoxLayout, QWidget
 
 from caris_desktop.domain.events import CommandSent
@@ -71,6 +71,7 @@ class MotionPanel(Panel):
     """Two plots, forward and turning: commanded dashed, measured by odometry solid."""
 
     title = QT_TR_NOOP("Motion")
+    preferred_size, least_size = QSize(420, 260), QSize(240, 120)
     reads = ()
 
     def __init__(self, context: PanelContext) -> None:
@@ -88,8 +89,7 @@ class MotionPanel(Panel):
         self._limits: tuple[float, float] | None = None
         self._odometry_line = label("", "note", objectName="motion_odometry")
         self._odometry_line.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self._pause = ActionButton(self.theme, tr("Pause"), icon="pause", height_px=30)
-        self._pause.setObjectName("motion_pause")
+        self._pause = ActionButton(self.theme, tr("Pause"), icon="pause", height_px=30, objectName="motion_pause")
         self._pause.setCheckable(True)
         self._pause.toggled.connect(self._on_pause_toggled)
         self._widget = pyqtgraph.GraphicsLayoutWidget()
@@ -137,14 +137,7 @@ class MotionPanel(Panel):
     def title_widgets(self) -> list[QWidget]:
         return [self._pause]
 
-    def sizeHint(self) -> QSize:
-        return QSize(420, 260)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(240, 120)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
+    def fit(self) -> None:
         low = self.height() < _LOW_PX
         self._odometry_line.setVisible(not low)
         self._arrange(side_by_side=low and self.width() > self.height())

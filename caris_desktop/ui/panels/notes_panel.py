@@ -53,6 +53,7 @@ class NotesPanel(Panel):
     """
 
     title = QT_TR_NOOP("Notes")
+    preferred_size, least_size = QSize(320, 240), QSize(200, 110)
     reads = ()
 
     def __init__(self, context: PanelContext) -> None:
@@ -74,22 +75,16 @@ class NotesPanel(Panel):
         self._of_study.setAccessibleName(tr("Notes from the scenario"))
         self._of_study.setFrameShape(QFrame.Shape.NoFrame)
         self._unfolded: bool | None = None  # None: automatic, shown if there is room and no note
-        self._fold = ActionButton(self.theme, tr("Scenario"), height_px=30, text_px=tokens.STATUS_PX + 1)
-        self._fold.setObjectName("notes_fold")
+        self._fold = self._small_button("notes_fold", tr("Scenario"), "", self._on_fold)
         self._fold.setToolTip(tr("Show or hide the scenario's notes"))
-        self._fold.clicked.connect(self._on_fold)
         self._show_study()
         self._empty = label("", "note", wraps=True, objectName="notes_empty", alignment=Qt.AlignmentFlag.AlignCenter)
         self._empty.setContentsMargins(20, 4, 20, 4)
         self._change = self._small_button("notes_change", tr("Change"), "pencil-simple", self.change_current)
         self._remove = self._small_button("notes_remove", tr("Remove"), "trash", self.remove_current)
         self._undo = self._small_button("notes_undo", tr("Undo"), "arrow-u-up-left", self.undo)
-        self._acts = FlowRow(gap_px=6)
-        for button in (self._change, self._remove, self._undo):
-            self._acts.add(button)
-        self.field = SubmitLineEdit()
-        self.field.setObjectName("notes_field")
-        self.field.setMaxLength(_LONGEST)
+        self._acts = FlowRow(self._change, self._remove, self._undo, gap_px=6)
+        self.field = SubmitLineEdit(objectName="notes_field", maxLength=_LONGEST)
         self.field.setFixedHeight(tokens.CONTROL_HEIGHT_PX)
         self.field.textEdited.connect(self._on_edited)
         self.field.returnPressed.connect(self._on_entered)
@@ -98,29 +93,17 @@ class NotesPanel(Panel):
         self._stack = QStackedLayout(holder)
         self._stack.addWidget(self.view)
         self._stack.addWidget(self._empty)
-        below = layouts.vbox(margins_px=(_SIDE_PX, 0, _SIDE_PX, 2), spacing_px=6)
-        below.addWidget(self._acts)
-        below.addWidget(self.field)
-        layout = layouts.vbox(self, margins_px=(1, 4, 1, 8), spacing_px=4)
-        of_study = layouts.vbox(margins_px=(_SIDE_PX, 2, _SIDE_PX, 0))
-        of_study.addWidget(self._of_study)
-        layout.addLayout(of_study)
-        layout.addWidget(holder, 1)
-        layout.addLayout(below)
-        self.state.notes.changed.connect(self._on_changed)
-        self.state.recording.changed.connect(self._on_changed)
+        below = layouts.vbox(None, self._acts, self.field, margins_px=(_SIDE_PX, 0, _SIDE_PX, 2), spacing_px=6)
+        of_study = layouts.vbox(None, self._of_study, margins_px=(_SIDE_PX, 2, _SIDE_PX, 0))
+        layouts.vbox(self, of_study, (holder, 1), below, margins_px=(1, 4, 1, 8), spacing_px=4)
+        self.watch(self._on_changed, self.state.notes.changed, self.state.recording.changed)
         self.view.selectionModel().currentChanged.connect(self._on_changed)
         self.update_view()
 
     def _small_button(self, name: str, text: str, icon: str, slot: Any) -> ActionButton:
-        button = ActionButton(self.theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1)
-        button.setObjectName(name)
-        button.clicked.connect(slot)
-        return button
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self._fit()
+        return ActionButton(
+            self.theme, text, icon=icon, height_px=30, text_px=tokens.STATUS_PX + 1, objectName=name, clicked=slot
+        )
 
     def title_widgets(self) -> list[QWidget]:
         return [self._fold]
@@ -139,9 +122,9 @@ class NotesPanel(Panel):
 
     def _on_fold(self) -> None:
         self._unfolded = self._of_study.isHidden()
-        self._fit()
+        self.fit()
 
-    def _fit(self) -> None:
+    def fit(self) -> None:
         """Size the scenario's notes: as high as needed, at most half of the panel."""
         text = self._of_study
         unfolded = self._unfolded
@@ -155,12 +138,6 @@ class NotesPanel(Panel):
         wrapped = text.fontMetrics().boundingRect(room, int(Qt.TextFlag.TextWordWrap), text.toPlainText())
         needed = wrapped.height() + _AROUND_STUDY_PX // 2
         text.setFixedHeight(min(needed, round(self.height() * _SHARE_OF_STUDY)))
-
-    def sizeHint(self) -> QSize:
-        return QSize(320, 240)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(200, 110)
 
     def focus_target(self) -> QWidget:
         return self.field if self._may_write else self.view
@@ -177,7 +154,7 @@ class NotesPanel(Panel):
     def _on_changed(self, *_values: object) -> None:
         if not self.in_view:
             return
-        self._fit()
+        self.fit()
         notes: tuple[FinalMark, ...] = self.state.notes.value
         if self._changing and all(note.mark_id != self._changing for note in notes):
             self._give_up_changing()

@@ -44,6 +44,7 @@ class PeoplePanel(Panel):
     """One row per person, with the name edited in place."""
 
     title = QT_TR_NOOP("People")
+    preferred_size, least_size = QSize(340, 220), QSize(220, 68)  # one whole row
     reads = ()
 
     def __init__(self, context: PanelContext) -> None:
@@ -54,9 +55,7 @@ class PeoplePanel(Panel):
         self._unfold_button: ActionButton | None = None
         self._unfolded = False
         self._shortcuts: list[QShortcut] = []
-        self._search = SubmitLineEdit()
-        self._search.setObjectName("people_search")
-        self._search.setPlaceholderText(tr("Name, group or tag"))
+        self._search = SubmitLineEdit(objectName="people_search", placeholderText=tr("Name, group or tag"))
         self._search.setAccessibleName(tr("Find a person by name, group or tag"))
         add_clear_button(self._search)
         self._search.textChanged.connect(self._on_search_changed)
@@ -82,18 +81,14 @@ class PeoplePanel(Panel):
         self._stack = QStackedLayout(holder)
         self._stack.addWidget(self._empty)
         self._stack.addWidget(self.list)
-        layout = layouts.vbox(self, margins_px=(2, 6, 2, 8), spacing_px=4)
-        layout.addWidget(self._search)
-        layout.addWidget(holder, 1)
-        layout.addWidget(self._undo)
+        layouts.vbox(self, self._search, (holder, 1), self._undo, margins_px=(2, 6, 2, 8), spacing_px=4)
         self._offer_names()
         state = self.state
-        for changed in (
-            state.persons.changed, state.everybody.changed, state.camera.changed, state.perception.changed,
-            state.frame.freshness_changed, state.selected_person.changed, state.asked_person.changed,
-            state.going_on.changed, self.table.keys_changed, self.theme.changed,
-        ):  # fmt: skip
-            changed.connect(self._refresh)
+        self.watch(
+            self._refresh, state.persons.changed, state.everybody.changed, state.camera.changed,
+            state.perception.changed, state.frame.freshness_changed, state.selected_person.changed,
+            state.asked_person.changed, state.going_on.changed, self.table.keys_changed, self.theme.changed,
+        )  # fmt: skip
         state.event_happened.connect(self._on_event)
         state.person_history.changed.connect(self._on_history_found)
         self.every(1000, self._on_second)
@@ -159,12 +154,6 @@ class PeoplePanel(Panel):
     def _on_unfolded(self, unfolded: bool) -> None:
         self._unfolded = unfolded
         self._refresh()
-
-    def sizeHint(self) -> QSize:
-        return QSize(340, 220)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(220, 68)  # one whole row
 
     def set_in_view(self, in_view: bool) -> None:
         super().set_in_view(in_view)

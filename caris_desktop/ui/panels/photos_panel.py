@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from datetime import datetime
+from functools import partial
 from operator import attrgetter
 
 from PySide6.QtCore import (
@@ -27,7 +28,6 @@ from PySide6.QtWidgets import (
     QAbstractItemView,
     QBoxLayout,
     QFrame,
-    QHBoxLayout,
     QLabel,
     QListView,
     QSizePolicy,
@@ -64,6 +64,7 @@ class PhotosPanel(Panel):
     """Grid of photos, newest first, or the selected photo enlarged."""
 
     title = QT_TR_NOOP("Photos")
+    preferred_size, least_size = QSize(360, 320), QSize(220, 160)
     reads = ("permissions.assistant", "assistant.pictures")
 
     def __init__(self, context: PanelContext) -> None:
@@ -71,9 +72,7 @@ class PhotosPanel(Panel):
         self.setObjectName("photos_panel")
         self._names: dict[str, str] = {}
         self._open = ""  # file name of the enlarged photo
-        self.search = SubmitLineEdit()
-        self.search.setObjectName("photo_search")
-        self.search.setPlaceholderText(tr("Name, tag, camera or time"))
+        self.search = SubmitLineEdit(objectName="photo_search", placeholderText=tr("Name, tag, camera or time"))
         self.search.setAccessibleName(tr("Find photos by name, tag, camera or time"))
         add_clear_button(self.search)
         self.search.textChanged.connect(self._refresh)
@@ -81,9 +80,8 @@ class PhotosPanel(Panel):
         self.choice.setMinimumContentsLength(8)
         self.choice.activated.connect(self._refresh)
         self._finding = QWidget()
-        finding = layouts.hbox(self._finding, margins_px=(10, 6, 10, 2), spacing_px=tokens.GRID_PX)
-        finding.addWidget(self.search, 3)
-        finding.addWidget(self.choice, 2)
+        around = (10, 6, 10, 2)
+        layouts.hbox(self._finding, (self.search, 3), (self.choice, 2), margins_px=around, spacing_px=tokens.GRID_PX)
         self.model = KeyedItems[PhotoEntry](self, attrgetter("file_name"), self._fill)
         self.grid = PhotoGrid(self.theme, self.model)
         self.grid.chosen.connect(self.open)
@@ -100,24 +98,15 @@ class PhotosPanel(Panel):
         self._stack = QStackedLayout(holder)
         for part in (self.grid, self.large, self._empty):
             self._stack.addWidget(part)
-        layout = layouts.vbox(self, margins_px=(2, 0, 2, 8), spacing_px=2)
-        layout.addWidget(self._finding)
-        layout.addWidget(holder, 1)
+        layouts.vbox(self, self._finding, (holder, 1), margins_px=(2, 0, 2, 8), spacing_px=2)
         self.hold.escape_pressed.connect(self.close_photo)
-        self.state.photos.changed.connect(self._on_photos_changed)
-        self.state.persons.changed.connect(self._on_persons_changed)
-        self.table.keys_changed.connect(self._refresh)
+        self.watch(self._refresh, self.state.photos.changed, self.table.keys_changed)
+        self.watch(self._on_persons_changed, self.state.persons.changed)
         self.update_view()
-
-    def sizeHint(self) -> QSize:
-        return QSize(360, 320)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(220, 160)
 
     def update_view(self) -> None:
         self._on_persons_changed(self.state.persons.value)
-        self._on_photos_changed(self.state.photos.value)
+        self._refresh()
 
     def open(self, file_name: str) -> None:
         """Enlarge this photo."""
@@ -131,19 +120,13 @@ class PhotosPanel(Panel):
             self._refresh()
 
     def _on_persons_changed(self, persons: tuple[PersonRow, ...]) -> None:
-        if not self.in_view:
-            return
         names = {person.person_id: text_formatting.person_name(person) for person in persons}
         if names != self._names:
             self._names = names
             self.model.fill_again()
             self._refresh()
 
-    def _on_photos_changed(self, _photos: object) -> None:
-        if self.in_view:
-            self._refresh()
-
-    def _refresh(self) -> None:
+    def _refresh(self, _value: object = None) -> None:
         photos: tuple[PhotoEntry, ...] = self.state.photos.value
         self._offer_choices(photos)
         chosen = self.choice.currentData()
@@ -181,14 +164,9 @@ class PhotosPanel(Panel):
                 offered["camera", photo.camera] = text_formatting.camera_title(photo.camera)
         order = ("person", "tag", "camera")
         listed = sorted(offered.items(), key=lambda item: (order.index(item[0][0]), item[1].casefold()))
-        items = [(None, tr("All photos")), *listed]
-        if items == [(self.choice.itemData(row), self.choice.itemText(row)) for row in range(self.choice.count())]:
-            return
         chosen = self.choice.currentData()
-        self.choice.clear()
-        for data, text in items:
-            self.choice.addItem(text, data)
-        self.choice.setCurrentIndex(next((row for row, (data, _) in enumerate(items) if data == chosen), 0))
+        items = [(tr("All photos"), None), *((text, data) for data, text in listed)]
+        self.choice.fill(items, chosen if chosen in offered else None)
 
 
 def _nothing_words(photos: Sequence[PhotoEntry], *, live: bool, key: str) -> str:
@@ -329,41 +307,21 @@ class LargePhoto(QWidget):
         self.picture = _Picture()
         self.about = ElidedLabel()
         self.about.setObjectName("photo_about")
-        self.tags = SubmitLineEdit()
-        self.tags.setObjectName("photo_tags")
+        self.tags = SubmitLineEdit(objectName="photo_tags", maxLength=400, returnPressed=self._on_tags_entered)
         self.tags.setPlaceholderText(tr("Tags separated by commas, then Enter"))
         self.tags.setAccessibleName(tr("Tags of this photo"))
-        self.tags.setMaxLength(400)
-        self.tags.returnPressed.connect(self._on_tags_entered)
-        self.question = SubmitLineEdit()
-        self.question.setObjectName("photo_question")
-        self.question.setPlaceholderText(tr(_TO_ASK))
+        self.question = SubmitLineEdit(objectName="photo_question", maxLength=1000, placeholderText=tr(_TO_ASK))
         self.question.setAccessibleName(tr("Question to the assistant about this photo"))
-        self.question.setMaxLength(1000)
         self.question.returnPressed.connect(self._on_question_entered)
-        self._back = ActionButton(theme, tr("All photos"), icon="arrow-left", role="ghost", height_px=30)
-        self._back.setObjectName("photo_back")
-        self._back.clicked.connect(self.left)
-        self._delete = ActionButton(theme, tr("Delete"), icon="trash", role="ghost", height_px=30)
-        self._delete.setObjectName("photo_delete")
-        self._delete.clicked.connect(self._on_delete)
-        buttons = QHBoxLayout()
-        buttons.addWidget(self._back)
-        buttons.addStretch(1)
-        buttons.addWidget(self._delete)
+        button = partial(ActionButton, theme, role="ghost", height_px=30)
+        back = button(tr("All photos"), icon="arrow-left", objectName="photo_back", clicked=self.left)
+        self._delete = button(tr("Delete"), icon="trash", objectName="photo_delete", clicked=self._on_delete)
         fields = QWidget()
-        beside = layouts.vbox(fields, margins_px=0, spacing_px=6)
-        for part in (self.about, self.tags, self.question):
-            beside.addWidget(part)
-        beside.addStretch(1)
+        layouts.vbox(fields, self.about, self.tags, self.question, 1, margins_px=0, spacing_px=6)
         self.question.setHidden(not can_ask)
-        self._body = QBoxLayout(QBoxLayout.Direction.TopToBottom)
-        self._body.setSpacing(tokens.GRID_PX)
-        self._body.addWidget(self.picture, 1)
-        self._body.addWidget(fields)
-        column = layouts.vbox(self, margins_px=(10, 6, 10, 2), spacing_px=6)
-        column.addLayout(buttons)
-        column.addLayout(self._body, 1)
+        self._body: QBoxLayout = layouts.vbox(None, (self.picture, 1), fields, spacing_px=tokens.GRID_PX)
+        buttons = layouts.hbox(None, back, 1, self._delete)
+        layouts.vbox(self, buttons, (self._body, 1), margins_px=(10, 6, 10, 2), spacing_px=6)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """In a low panel, put the text next to the photo."""

@@ -3,7 +3,6 @@
 from collections import deque
 
 from PySide6.QtCore import QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QLabel, QScrollArea, QSizePolicy, QStackedLayout, QWidget
 
 from caris_desktop.domain import intents
@@ -38,6 +37,7 @@ class RobotPanel(Panel):
     """Creates a widget per control in ``state.controls``, by kind; not specific to any robot."""
 
     title = QT_TR_NOOP("Robot")
+    preferred_size, least_size = QSize(340, 260), QSize(180, 80)
     reads = ()
 
     def __init__(self, context: PanelContext) -> None:
@@ -58,13 +58,10 @@ class RobotPanel(Panel):
         holder = QWidget()
         self._stack = QStackedLayout(holder)
         centered = QWidget()
-        column = layouts.vbox(centered, margins_px=(24, 8, 24, 8))
-        column.addWidget(self._empty)
+        layouts.vbox(centered, self._empty, margins_px=(24, 8, 24, 8))
         self._stack.addWidget(centered)
         self._stack.addWidget(self._scroll)
-        layout = layouts.vbox(self, margins_px=(2, 0, 2, 2), spacing_px=0)
-        layout.addWidget(self._reason)
-        layout.addWidget(holder, 1)
+        layouts.vbox(self, self._reason, (holder, 1), margins_px=(2, 0, 2, 2), spacing_px=0)
         self._reason.setContentsMargins(12, 8, 12, 0)
         self.state.controls.changed.connect(self._on_controls_changed)
         self.state.control_states.changed.connect(self._on_states_changed)
@@ -76,17 +73,7 @@ class RobotPanel(Panel):
         self.hold.escape_pressed.connect(self._on_escape)
         self._on_controls_changed(self.state.controls.value)
 
-    def sizeHint(self) -> QSize:
-        return QSize(340, 260)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(180, 80)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self._fold()
-
-    def _fold(self) -> None:
+    def fit(self) -> None:
         for block in self._groups:
             block.set_narrow(self.width() < _NARROW_PX)
 
@@ -124,7 +111,7 @@ class RobotPanel(Panel):
             entry.used.connect(lambda control_id, value: self.console.do(intents.UseControl(control_id, value)))
             self._entries[control.id] = entry
             block.add(entry)
-        self._fold()
+        self.fit()
         self._on_states_changed(self.state.control_states.value)
         self._on_readings_changed(self.state.readings.value)
         if self._to_come:
@@ -204,17 +191,16 @@ class ControlEntry(QWidget):
         self._status: ControlStatus | None = None
         self._reason = ""
         self._asking: ControlValue | None = None
-        self._note = label("", "small", wraps=True, objectName="control_note")
-        self._note.hide()
+        self.note = label("", "small", wraps=True, objectName="control_note")
+        """State as text; for a small control, in the line below its row."""
+        self.note.hide()
         self._question = _Question(theme)
         self._question.answered.connect(self._on_answered)
         self._question.hide()
         self._face = create_control_widget(theme, control, self._on_used)
-        column = layouts.vbox(self, margins_px=0, spacing_px=4)
-        column.addWidget(self._face)
-        column.addWidget(self._question)
+        column = layouts.vbox(self, self._face, self._question, margins_px=0, spacing_px=4)
         if control.kind not in _COMPACT:
-            column.addWidget(self._note)
+            column.addWidget(self.note)
         if control.kind in _COMPACT:
             self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
         self._calm_down = QTimer(self, singleShot=True, interval=_DONE_SHOWN_MS)
@@ -222,11 +208,6 @@ class ControlEntry(QWidget):
         self._give_up_asking = QTimer(self, singleShot=True, interval=ASKING_ENDS_AFTER_MS)
         self._give_up_asking.timeout.connect(self.stop_asking)
         self._show()
-
-    @property
-    def note(self) -> QLabel:
-        """State as text; for a small control, in the line below its row."""
-        return self._note
 
     @property
     def busy(self) -> bool:
@@ -238,7 +219,7 @@ class ControlEntry(QWidget):
 
     @property
     def note_text(self) -> str:
-        return "" if self._note.isHidden() else self._note.text()
+        return "" if self.note.isHidden() else self.note.text()
 
     @property
     def value_text(self) -> str:
@@ -317,12 +298,12 @@ class ControlEntry(QWidget):
             words = tr("done: {detail}").format(detail=tr(status.detail))
         compact = control.kind in _COMPACT
         note_text = "" if compact and state == "requested" else words
-        self._note.setText(f"{control.title} {note_text}" if compact and note_text else note_text)
-        self._note.setVisible(bool(note_text) and not asking)
-        restyle(self._note, tone="amber" if state == "failed" else "dim")
+        self.note.setText(f"{control.title} {note_text}" if compact and note_text else note_text)
+        self.note.setVisible(bool(note_text) and not asking)
+        restyle(self.note, tone="amber" if state == "failed" else "dim")
         tip = self._reason or words
         self._face.setToolTip(f"{control.title}: {tip}" if tip else self._face.tip)
-        self._note.setToolTip(words)
+        self.note.setToolTip(words)
         self._face.setAccessibleDescription(tip)
         self.updateGeometry()
 
@@ -333,17 +314,11 @@ class _Question(QWidget):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self._words = label("", "medium")
-        self.yes = ActionButton(theme, tr("Do it"), role="amber", height_px=30)
-        self.yes.setObjectName("control_confirm")
+        self.yes = ActionButton(theme, tr("Do it"), role="amber", height_px=30, objectName="control_confirm")
         self.yes.clicked.connect(lambda: self.answered.emit(True))
-        no = ActionButton(theme, tr("Cancel"), role="ghost", height_px=30)
-        no.setObjectName("control_cancel")
+        no = ActionButton(theme, tr("Cancel"), role="ghost", height_px=30, objectName="control_cancel")
         no.clicked.connect(lambda: self.answered.emit(False))
-        row = layouts.hbox(self, margins_px=(0, 2, 0, 2), spacing_px=6)
-        row.addWidget(self._words)
-        row.addWidget(self.yes)
-        row.addWidget(no)
-        row.addStretch(1)
+        layouts.hbox(self, self._words, self.yes, no, 1, margins_px=(0, 2, 0, 2), spacing_px=6)
 
     def ask(self, words: str) -> None:
         self._words.setText(words)

@@ -4,6 +4,7 @@ import bisect
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,6 @@ from PySide6.QtWidgets import (
     QMenu,
     QStyleOptionViewItem,
     QToolTip,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -25,7 +25,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.scenario.scenario_model import PanelSettings
-from caris_desktop.ui import event_messages, text_formatting, tokens
+from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import name_of
@@ -66,68 +66,53 @@ class SessionPanel(Panel):
     """Start, pause and stop, mark labels, and the log."""
 
     title = QT_TR_NOOP("Session")
+    preferred_size, least_size = QSize(420, 220), QSize(240, 100)
     reads = ()
 
     def __init__(self, context: PanelContext) -> None:
         super().__init__(context)
         self.setObjectName("session_panel")
-        self._toggle = ActionButton(self.theme, tr("Start recording"), icon="record", role="primary")
-        self._toggle.setObjectName("session_toggle")
+        button = partial(ActionButton, self.theme)
+        self._toggle = button(tr("Start recording"), icon="record", role="primary", objectName="session_toggle")
         self._toggle.clicked.connect(self._on_toggle)
         self._summary = label("", "small", wraps=True, objectName="session_what")
-        self._folder = ActionButton(self.theme, "", icon="folder-open")
+        self._folder = button(icon="folder-open", objectName="session_folder", clicked=self._open_folder)
         self._folder.setAccessibleName(tr("Open folder"))
         self._folder.setToolTip(tr("Open the folder of the last session"))
-        self._folder.setObjectName("session_folder")
-        self._folder.clicked.connect(self._open_folder)
-        self._export = ActionButton(self.theme, tr("Export…"), icon="export")
-        self._export.setObjectName("session_export")
+        self._export = button(tr("Export…"), icon="export", objectName="session_export")
         self._export.setToolTip(tr("Export the last session as tables, for ELAN, as a report, …"))
         self._export.clicked.connect(lambda: self.window_requested.emit("export"))
-        self._sessions = ActionButton(self.theme, tr("All sessions"), icon="archive")
-        self._sessions.setObjectName("session_all")
+        self._sessions = button(tr("All sessions"), icon="archive", objectName="session_all")
         self._sessions.setToolTip(tr("Find, replay and export the sessions of this study"))
         self._sessions.clicked.connect(lambda: self.window_requested.emit("sessions"))
         self._has_library = False
-        self._pause = ActionButton(self.theme, tr("Pause"), icon="pause")
-        self._pause.setObjectName("session_pause")
-        self._pause.clicked.connect(self._on_pause)
-        self._note = ActionButton(self.theme, tr("Note"), icon="note-pencil")
-        self._note.setObjectName("session_note")
+        self._pause = button(tr("Pause"), icon="pause", objectName="session_pause", clicked=self._on_pause)
+        self._note = button(tr("Note"), icon="note-pencil", objectName="session_note")
         self._note.setToolTip(tr("Write a note about this moment"))
         self._note.bind(self.table, "note")
         self._labels = FlowRow(gap_px=6)
         self._label_buttons: list[ActionButton] = []
         self._show_labels()
-        self._filter = ActionButton(
-            self.theme, tr("Everything"), height_px=30, text_px=tokens.STATUS_PX + 1, menu_arrow=True
-        )
-        self._filter.setObjectName("log_filter")
-        self._filter.setToolTip(tr("Events to show"))
+        self._filter = button(
+            tr("Everything"), height_px=30, text_px=tokens.STATUS_PX + 1, menu_arrow=True, objectName="log_filter",
+            toolTip=tr("Events to show"), clicked=self._open_filter_menu,
+        )  # fmt: skip
         self._category = ""
         self._filter_menu = QMenu(self)
         self._filter_menu.setObjectName("log_filter_menu")
         for category in ("", *event_messages.CATEGORIES):
             action = self._filter_menu.addAction(tr(category or _EVERYTHING))
             action.triggered.connect(lambda _checked=False, chosen=category: self.show_category(chosen))
-        self._filter.clicked.connect(self._open_filter_menu)
         self._model = EventLogModel(self.state.present, self)
         self._log = EventLogView()
         self._log.setObjectName("event_log")
         self._log.setAccessibleName(tr("Event log"))
         self._log.setModel(self._model)
         self._log.setItemDelegate(EventDelegate(self.theme, self._log))
-        top = self._buttons = FlowRow(gap_px=8)
-        for button in (self._toggle, self._pause, self._note, self._folder, self._export, self._sessions):
-            top.add(button)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(14, _AROUND_PX // 2, 8, _AROUND_PX // 2)
-        layout.setSpacing(8)
-        layout.addWidget(top)
-        layout.addWidget(self._summary)
-        layout.addWidget(self._labels)
-        layout.addWidget(self._log, 1)
         self._log.setMinimumHeight(LOG_LEAST_LINES * LOG_LINE_PX)
+        self._buttons = FlowRow(self._toggle, self._pause, self._note, self._folder, self._export, self._sessions)
+        around = (14, _AROUND_PX // 2, 8, _AROUND_PX // 2)
+        layouts.vbox(self, self._buttons, self._summary, self._labels, (self._log, 1), margins_px=around, spacing_px=8)
         self.state.time_jumped.connect(self._on_time_jumped)
         self.state.recording.changed.connect(self._refresh)
         self.state.event_happened.connect(self._on_event)
@@ -136,12 +121,6 @@ class SessionPanel(Panel):
 
     def title_widgets(self) -> list[QWidget]:
         return [self._filter]
-
-    def sizeHint(self) -> QSize:
-        return QSize(420, 220)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(240, 100)
 
     def log_lines(self) -> list[str]:
         """Log sentences of the selected category, oldest first."""
@@ -313,13 +292,9 @@ class SessionPanel(Panel):
                 self.set_fact(tr("not recording"))
         self._summary.setText(text)
         restyle(self._summary, tone=role)
-        self._fit()
+        self.fit()
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self._fit()
-
-    def _fit(self) -> None:
+    def fit(self) -> None:
         """Divide a low panel: some log lines first, then labels; the recording line is dropped first.
 
         The top bar has the same commands as the buttons.

@@ -1,9 +1,10 @@
 """Speak panel: text field, phrases, current utterance and speech queue."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from PySide6.QtCore import QPoint, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QHideEvent, QResizeEvent
+from PySide6.QtGui import QHideEvent
 from PySide6.QtWidgets import QMenu, QScrollArea, QSizePolicy, QWidget
 
 from caris_desktop.conversation.spoken_text import NAME, PLACE
@@ -28,7 +29,7 @@ from caris_desktop.ui.speak.queue_list import ROW_PX, QueueList
 from caris_desktop.ui.speak.speak_field import SpeakField, VoiceLine, voice_choices
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
-from caris_desktop.ui.widgets.containers import FlowRow
+from caris_desktop.ui.widgets.containers import FlowRow, list_area
 from caris_desktop.ui.widgets.inputs import SubmitLineEdit
 from caris_desktop.ui.widgets.labels import KeyCap, label
 
@@ -71,20 +72,15 @@ _MANY = 12
 def _scrolled(inside: QWidget) -> QScrollArea:
     """Wrap a widget in a scroll area, aligned to the top."""
     body = QWidget()
-    column = layouts.vbox(body, margins_px=0, spacing_px=0)
-    column.addWidget(inside)
-    column.addStretch(1)
-    area = QScrollArea(widgetResizable=True)
-    area.setWidget(body)
-    area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-    area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-    return area
+    layouts.vbox(body, inside, 1, margins_px=0, spacing_px=0)
+    return list_area(body)
 
 
 class SpeakPanel(Panel):
     """Speak panel. Enter says the line and clears the field; refused text stays."""
 
     title = QT_TR_NOOP("Speak")
+    preferred_size, least_size = QSize(600, 220), QSize(270, 130)
     reads = ()
 
     def __init__(self, context: PanelContext) -> None:
@@ -105,18 +101,16 @@ class SpeakPanel(Panel):
         self._gap = PlaceholderPrompt(self.theme)
         self._gap.filled.connect(self._fill_gap)
         self._gap.given_up.connect(lambda: self._fill_gap(""))
-        self._silence = ActionButton(self.theme, tr("Silence"), icon="speaker-slash", height_px=30, may_lose_words=True)
+        button = partial(ActionButton, self.theme, height_px=30)
+        self._silence = button(tr("Silence"), icon="speaker-slash", may_lose_words=True, toolTip=tr("Silence"))
         self._silence.setObjectName("silence_button")
-        self._silence.setToolTip(tr("Silence"))
         self._silence.bind(self.table, "silence")
         self._talk: list[TalkButton] = []
         self._offer_talking()
-        self._voice = ActionButton(self.theme, icon="sliders-horizontal", height_px=30)
-        self._voice.setObjectName("voice_button")
+        self._voice = button(icon="sliders-horizontal", objectName="voice_button", clicked=self._open_voice_menu)
         self._voice.set_quiet(True)
         self._voice.setAccessibleName(tr("Voice"))
         self._voice.setToolTip(tr("Who speaks, voice, speed and volume"))
-        self._voice.clicked.connect(self._open_voice_menu)
         self._voice_menu = QMenu(self)
         self._voice_menu.setObjectName("voice_menu")
         self._phrases = PhraseRows(self.theme, self.console, self.table)
@@ -130,20 +124,15 @@ class SpeakPanel(Panel):
         self._hints = QWidget()
         self._hint_row = layouts.hbox(self._hints, margins_px=0, spacing_px=8)
         self._hinted: tuple[tuple[str, str], ...] = ()
-        layout = self._column = layouts.vbox(self, margins_px=(14, 10, 14, 6), spacing_px=8)
-        layout.addWidget(self.field)
-        layout.addWidget(self._gap)
-        layout.addWidget(phrases, 1)
-        layout.addWidget(queue)
-        layout.addWidget(self._hints)
-        self.state.speech.changed.connect(self._on_speech_changed)
-        self.state.selected_person.changed.connect(self._say_to_whom)
-        self.state.persons.changed.connect(self._say_to_whom)
+        self._column = layouts.vbox(
+            self, self.field, self._gap, (phrases, 1), queue, self._hints, margins_px=(14, 10, 14, 6), spacing_px=8
+        )
+        self.watch(self._on_speech_changed, self.state.speech.changed)
+        self.watch(self._say_to_whom, self.state.selected_person.changed, self.state.persons.changed)
+        self.watch(self._show_hints, self.table.keys_changed, self.table.availability_changed)
         self.state.event_happened.connect(self._on_event)
         self.state.hearing_of(WIZARD_MICROPHONE).changed.connect(self._on_wizard_heard)
-        self.table.keys_changed.connect(self._show_hints)
-        self.table.availability_changed.connect(self._show_hints)
-        self.table.rows_changed.connect(self._fit)
+        self.table.rows_changed.connect(self.fit)
         self.hold.escape_pressed.connect(self._on_escape)
         self.every(_TICK_MS, self._show_time_left)
         self._on_speech_changed(self.state.speech.value)
@@ -175,24 +164,14 @@ class SpeakPanel(Panel):
         self._say_instead = None  # a suggestion of the former scenario becomes ordinary text
         self._offer_talking()
         self._phrases.show_scenario()
-        self.update_view()
+        super().show_scenario()
 
     def edit_first(self, text: str, say: Callable[[str], bool]) -> None:
         self.field.bring(text)
         self._say_instead = say
         focus_widget(self.field)
 
-    def sizeHint(self) -> QSize:
-        return QSize(600, 220)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(270, 130)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self._fit()
-
-    def _fit(self) -> None:
+    def fit(self) -> None:
         """Choose the largest size level at which all phrases fit without scrolling."""
         for size in _SIZES:
             self._phrases.set_size(chip_px=size.chip_px, text_px=size.text_px, gap_px=size.gap_px, low=size.low)
@@ -313,21 +292,18 @@ class SpeakPanel(Panel):
 
     def _say_to_whom(self, _value: object = None) -> None:
         """Name the selected person in the placeholder: the utterance is added to their history."""
-        if self.in_view:
-            selected = self.state.selected_person.value
-            naming = self.console.scenario.permissions.naming_people
-            persons = as_permitted(self.state.persons.value, naming=naming)
-            name = next((text_formatting.person_name(row) for row in persons if row.person_id == selected), "")
-            to_name = tr("Type what the robot says to {name}…").format(name=name)
-            self.field.setPlaceholderText(to_name if name else tr(_HINT))
+        selected = self.state.selected_person.value
+        naming = self.console.scenario.permissions.naming_people
+        persons = as_permitted(self.state.persons.value, naming=naming)
+        name = next((text_formatting.person_name(row) for row in persons if row.person_id == selected), "")
+        to_name = tr("Type what the robot says to {name}…").format(name=name)
+        self.field.setPlaceholderText(to_name if name else tr(_HINT))
 
     def _on_speech_changed(self, speech: SpeechStatus) -> None:
-        if not self.in_view:
-            return
         self._ask_for_gap(speech.gap)
         self._show_time_left()
         self._queue.show_waiting(speech.waiting)
-        self._fit()
+        self.fit()
 
     def _show_time_left(self) -> None:
         speech: SpeechStatus = self.state.speech.value
@@ -346,8 +322,6 @@ class SpeakPanel(Panel):
         return tr("now saying “{said}” {left:.1f} s left").format(said=utterance, left=left_s)
 
     def _show_hints(self) -> None:
-        if not self.in_view:
-            return
         hints: tuple[tuple[str, str], ...]
         if self.table.available("queued_edit"):
             hints = _IN_QUEUE
@@ -385,10 +359,7 @@ class PlaceholderPrompt(QWidget):
         super().__init__()
         self.setObjectName("gap_row")
         self._question = label("", "title", tone="amber")
-        self.field = SubmitLineEdit()
-        self.field.setObjectName("gap_field")
-        self.field.setMaxLength(200)
-        self.field.setMinimumWidth(90)
+        self.field = SubmitLineEdit(objectName="gap_field", maxLength=200, minimumWidth=90)
         self.field.returnPressed.connect(self._on_return)
         self._say = ActionButton(theme, tr("Say it"), key="Enter", height_px=30, text_px=tokens.BODY_PX - 1)
         self._say.clicked.connect(self._on_return)
@@ -399,11 +370,7 @@ class PlaceholderPrompt(QWidget):
         self._leave.setToolTip(tr(text_formatting.ESC_CLOSES))
         self._leave.clicked.connect(self.given_up)
         self._question.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
-        row = layouts.hbox(self, margins_px=0, spacing_px=8)
-        row.addWidget(self._question)
-        row.addWidget(self.field, 1)
-        row.addWidget(self._say)
-        row.addWidget(self._leave)
+        layouts.hbox(self, self._question, (self.field, 1), self._say, self._leave, margins_px=0, spacing_px=8)
         self.hide()
 
     def ask(self, gap: OpenGap) -> None:
@@ -451,10 +418,7 @@ class PhraseRows(QWidget):
         self._next.bind(actions, "next_phrases")
         self._flow.add(self._next)
         self._keyless = label("", "warning", wraps=True)
-        column = layouts.vbox(self, margins_px=0, spacing_px=6)
-        column.addWidget(tabs)
-        column.addWidget(self._flow)
-        column.addWidget(self._keyless)
+        layouts.vbox(self, tabs, self._flow, self._keyless, margins_px=0, spacing_px=6)
         actions.rows_changed.connect(self._refresh)
         self.show_scenario()
 
@@ -491,8 +455,7 @@ class PhraseRows(QWidget):
         return [f"keyed_phrase_{number}" for number, phrase in keyed if phrase.say in steps]
 
     def _new_title(self, number: int) -> ActionButton:
-        title = ActionButton(self._theme, role="ghost", height_px=28)
-        title.setCheckable(True)
+        title = ActionButton(self._theme, role="ghost", height_px=28, checkable=True)
         title.setObjectName(f"phrase_group_{number + 1}")
         title.clicked.connect(lambda: self._choose(number))
         self._tabs_row.insertWidget(number, title)
@@ -501,8 +464,7 @@ class PhraseRows(QWidget):
 
     def _new_chip(self, action_id: str) -> ActionButton:
         icon = "hand-waving" if action_id in _GESTURES else ""
-        chip = ActionButton(self._theme, icon=icon, key_first=True, height_px=32, may_shrink=True)
-        chip.setObjectName(action_id)
+        chip = ActionButton(self._theme, icon=icon, key_first=True, height_px=32, may_shrink=True, objectName=action_id)
         chip.bind(self._actions, action_id)
         self._flow.add(chip)
         return chip

@@ -4,7 +4,7 @@ import math
 import time
 
 from PySide6.QtCore import QPointF, QSize, QTimer
-from PySide6.QtGui import QImage, QResizeEvent, QShowEvent
+from PySide6.QtGui import QImage, QShowEvent
 from PySide6.QtWidgets import QBoxLayout, QWidget
 
 from caris_desktop.domain import intents
@@ -12,10 +12,9 @@ from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import DriveEnded, PhotoTaken
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.intents import Intent
-from caris_desktop.domain.sensing import FrameRef, People, RobotPose
+from caris_desktop.domain.sensing import FrameRef, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
-from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.obstacle_ahead import ahead_of, ahead_words, gaze_is_away
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, PanelContext, show_part
@@ -62,6 +61,7 @@ class VideoPanel(Panel):
     """Video with labels on its edges, and a photo button where permitted."""
 
     title = QT_TR_NOOP("Video")
+    preferred_size, least_size = QSize(720, 480), QSize(260, 150)
     reads = ("permissions.driving",)
     drives = True
 
@@ -103,24 +103,19 @@ class VideoPanel(Panel):
         self.view.floor_clicked.connect(self._on_floor_clicked)
         self.hold.escape_pressed.connect(self._card.hide)
         state = self.state
-        state.frame.changed.connect(self._on_frame_changed)
-        state.frame.freshness_changed.connect(self._on_freshness_changed)
-        state.people.changed.connect(self._on_people_changed)
-        state.persons.changed.connect(self._on_persons_changed)
-        state.selected_person.changed.connect(self.view.show_selected)
-        state.named_person.changed.connect(self.view.show_naming)
-        state.asked_person.changed.connect(self._name_people)
+        self.watch(self._on_frame_changed, state.frame.changed)
+        self.watch(self._on_freshness_changed, state.frame.freshness_changed)
+        self.watch(self.view.show_people, state.people.changed)
+        self.watch(self._name_people, state.persons.changed, state.asked_person.changed, self.table.keys_changed)
+        self.watch(self.view.show_selected, state.selected_person.changed)
+        self.watch(self.view.show_naming, state.named_person.changed)
         # After a key, the command goes to the robot first; the display can wait.
         self._soon = QTimer(self, singleShot=True, interval=_AFTER_A_KEY_MS)
         self._soon.timeout.connect(self._refresh)
-        state.drive.changed.connect(self._refresh_soon)
-        state.goal.changed.connect(self._refresh_soon)
-        state.link.changed.connect(self._refresh)
+        self.watch(self._refresh_soon, state.drive.changed, state.goal.changed)
+        self.watch(self._refresh, state.link.changed, self.table.keys_changed)
+        self.watch(self._on_cameras_changed, state.cameras.changed, state.camera.changed)
         state.event_happened.connect(self._on_event)
-        state.cameras.changed.connect(self._on_cameras_changed)
-        state.camera.changed.connect(self._on_cameras_changed)
-        self.table.keys_changed.connect(self._refresh)
-        self.table.keys_changed.connect(self._name_people)
         self.table.asking.connect(self._on_asking)
         self.every(250, self._refresh)
         self.update_view()
@@ -128,11 +123,11 @@ class VideoPanel(Panel):
     def update_view(self) -> None:
         state = self.state
         self._on_cameras_changed(None)
-        self._on_persons_changed(state.persons.value)
+        self._name_people()
         self.view.show_selected(state.selected_person.value)
         self.view.show_naming(state.named_person.value)
         if state.people.value is not None:
-            self._on_people_changed(state.people.value)
+            self.view.show_people(state.people.value)
         # Frames are not read while hidden; an old one must not pass for the present.
         if state.frame.value is not None and state.frame.freshness == "fresh":
             self._on_frame_changed(state.frame.value)
@@ -141,7 +136,8 @@ class VideoPanel(Panel):
 
     def show_scenario(self) -> None:
         self._offer_photos()
-        self._name_people()
+        if self.in_view:
+            self._name_people()
 
     def _offer_photos(self) -> None:
         permitted = self.table.spec("photo") is not None
@@ -163,20 +159,16 @@ class VideoPanel(Panel):
         return [self._cameras, *([self._photo] if self._photo is not None else [])]
 
     def _on_cameras_changed(self, _value: object) -> None:
-        if not self.in_view:
-            return
         names: tuple[str, ...] = self.state.cameras.value
         self.show_title(text_formatting.camera_title(self.state.camera.value) or self.title)
-        self._cameras.clear()
-        for name in names:
-            self._cameras.addItem(text_formatting.camera_name(name), name)  # "camera" is implied by the title
-        self._cameras.setCurrentIndex(names.index(self.state.camera.value) if self.state.camera.value in names else -1)
+        # "camera" is implied by the title.
+        self._cameras.fill([(text_formatting.camera_name(name), name) for name in names], self.state.camera.value)
         show_part(self._cameras, len(names) > 1)
         self.view.show_camera(self.state.camera.value if len(names) > 1 else "")
         self.strip.show_cameras(names if len(names) > 1 else (), self.state.camera.value)
-        self._place_strip()
+        self.fit()
 
-    def _place_strip(self) -> None:
+    def fit(self) -> None:
         """Place the camera strip next to or below the image, whichever leaves more room; hide it in a small panel."""
         place = strip_place(self.size(), len(self.state.cameras.value) - 1, self._aspect)
         below = place.side == "below"
@@ -187,30 +179,18 @@ class VideoPanel(Panel):
         self.strip.use_place(place)
         self.strip.refresh_all()
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self._place_strip()
-
     def _on_camera_chosen(self, index: int) -> None:
         self.state.choose_camera(str(self._cameras.itemData(index)))
 
     def focus_target(self) -> QWidget:
         return self.view
 
-    def sizeHint(self) -> QSize:
-        return QSize(720, 480)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(260, 150)
-
     def _on_frame_changed(self, frame: FrameRef) -> None:
-        if not self.in_view:
-            return
         self._frame_times_s.append(time.monotonic())
         aspect = min(max(frame.width_px / max(1, frame.height_px), 1.0), 2.0)
         if aspect != self._aspect:
             self._aspect = aspect
-            self._place_strip()
+            self.fit()
         self.view.show_model(self._model(frame))
         self._hold_ring_in_place()
         if not self.view.isVisible() or self.state.frame.freshness == "lost":
@@ -224,18 +204,8 @@ class VideoPanel(Panel):
         if self.in_view:
             self.update_view()
 
-    def _on_people_changed(self, people: People) -> None:
-        if self.in_view:
-            self.view.show_people(people)
-
-    def _on_persons_changed(self, _persons: tuple[PersonRow, ...]) -> None:
-        if self.in_view:
-            self._name_people()
-
     def _name_people(self, _value: object = None) -> None:
         """Label the boxes with names; the one of the pending question with its suggestion and key."""
-        if not self.in_view:
-            return
         naming = self.console.scenario.permissions.naming_people
         question: IdentityQuestion | None = self.state.asked_person.value
         persons = with_one_question(as_permitted(self.state.persons.value, naming=naming), question)
@@ -254,12 +224,11 @@ class VideoPanel(Panel):
         )
 
     def _on_freshness_changed(self, freshness: str) -> None:
-        if self.in_view:
-            self.view.show_freshness(freshness)
-            self._refresh()
+        self.view.show_freshness(freshness)
+        self._refresh()
 
     def _refresh_soon(self, _status: object) -> None:
-        if self.in_view and not self._soon.isActive():
+        if not self._soon.isActive():
             self._soon.start()
 
     def _refresh(self) -> None:

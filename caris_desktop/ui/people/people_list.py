@@ -201,9 +201,7 @@ class PeopleList(FastTableView):
         self.controls: dict[str, RowControls] = {}
         self.setAccessibleName(tr("People"))
         self.setModel(model)
-        self._field = SubmitLineEdit(self.viewport())
-        self._field.setObjectName("person_name_field")
-        self._field.setMaxLength(60)
+        self._field = SubmitLineEdit(self.viewport(), objectName="person_name_field", maxLength=60)
         self._field.hide()
         self._field.returnPressed.connect(self._on_name_entered)
         # Leaving without Enter discards the name.

@@ -39,7 +39,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton, ButtonRole
 from caris_desktop.ui.widgets.containers import FlowRow, Scrolled
 from caris_desktop.ui.widgets.inputs import CheckBox, SubmitLineEdit, add_clear_button
-from caris_desktop.ui.widgets.labels import ElidedLabel
+from caris_desktop.ui.widgets.labels import ElidedLabel, label
 from caris_desktop.ui.widgets.popups import FloatingCard
 from caris_desktop.ui.widgets.rows import FastTableView
 
@@ -81,30 +81,20 @@ class PersonCard(FloatingCard):
         self._face = PortraitView(theme, portraits, _PORTRAIT_PX)
         self._name = ElidedLabel()
         self._name.setObjectName("person_card_name")
-        self._last_seen = ElidedLabel()
+        self._last_seen = ElidedLabel(role="note")
         self._last_seen.setObjectName("person_card_seen")
-        close = ActionButton(theme, "", icon="x", role="ghost", height_px=30)
-        close.setObjectName("person_card_close")
+        close = ActionButton(theme, "", icon="x", role="ghost", height_px=30, objectName="person_card_close")
         close.setAccessibleName(tr("Close the card"))
         close.clicked.connect(self.close_card)
         self.about, self._merge, self._forget = AboutPage(self), MergePage(self), ForgetPage(self)
         self._pages = QStackedWidget()
         for page in (self.about, self._merge, self._forget):
             self._pages.addWidget(Scrolled(page))
-        texts = layouts.vbox(spacing_px=2)
-        texts.addStretch(1)
-        texts.addWidget(self._name)
-        texts.addWidget(self._last_seen)
-        texts.addStretch(1)
-        head = layouts.hbox(margins_px=(14, 0, 8, 0), spacing_px=12)
-        head.addWidget(self._face)
-        head.addLayout(texts, 1)
+        texts = layouts.vbox(None, 1, self._name, self._last_seen, 1, spacing_px=2)
+        head = layouts.hbox(None, self._face, (texts, 1), margins_px=(14, 0, 8, 0), spacing_px=12)
         head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
-        column = layouts.vbox(self, margins_px=(1, 12, 1, 10), spacing_px=8)
-        column.addLayout(head)
-        column.addWidget(self._pages, 1)
+        layouts.vbox(self, head, (self._pages, 1), margins_px=(1, 12, 1, 10), spacing_px=8)
         window.installEventFilter(self)
-        theme.restyle_on_change(self._style)
 
     # ---- person
 
@@ -214,43 +204,28 @@ class PersonCard(FloatingCard):
     def mouseReleaseEvent(self, _event: QMouseEvent) -> None:
         self._dragged = None
 
-    def _style(self) -> None:
-        self._name.setFont(self._theme.font(tokens.BODY_PX + 2, tokens.WEIGHT_SEMIBOLD))
-        self._theme.style_text(self._last_seen, "dim", tokens.STATUS_PX)
-
 
 class _Page(QWidget):
-    """Page of the popup; makes its texts and buttons."""
+    """Page of the popup; makes its buttons."""
 
     def __init__(self, card: PersonCard) -> None:
         super().__init__()
         self._card = card
-        self._looks: list[tuple[QWidget, str, int, int]] = []
-        card.theme.changed.connect(self._style)
-
-    def _text(
-        self, name: str = "", text: str = "", role: str = "text", size_px: int = tokens.STATUS_PX + 1, *,
-        bold: bool = False, wrap: bool = True,
-    ) -> QLabel:  # fmt: skip
-        label = QLabel(text, wordWrap=wrap)
-        label.setObjectName(name)
-        look = (label, role, size_px, tokens.WEIGHT_SEMIBOLD if bold else tokens.WEIGHT_NORMAL)
-        self._looks.append(look)
-        self._card.theme.style_text(*look)
-        return label
-
-    def _style(self) -> None:
-        for look in self._looks:
-            self._card.theme.style_text(*look)
 
     def _button(
         self, name: str, text: str, icon_name: str, act: Callable[[], object], *, role: ButtonRole = "plain",
         height_px: int = tokens.CONTROL_HEIGHT_PX, text_px: int = tokens.BODY_PX,
     ) -> ActionButton:  # fmt: skip
-        button = ActionButton(self._card.theme, text, icon=icon_name, role=role, height_px=height_px, text_px=text_px)
-        button.setObjectName(name)
-        button.clicked.connect(lambda _checked=False: act())
-        return button
+        return ActionButton(
+            self._card.theme,
+            text,
+            icon=icon_name,
+            role=role,
+            height_px=height_px,
+            text_px=text_px,
+            objectName=name,
+            clicked=lambda _checked=False: act(),
+        )
 
 
 def how_known(person: PersonRow, recognise: str, recognises: Collection[str]) -> str:
@@ -338,14 +313,13 @@ class AboutPage(_Page):
         super().__init__(card)
         self._groups: Sequence[str] = ()
         small = partial(self._button, height_px=30, text_px=tokens.STATUS_PX + 1)
-        dim = partial(self._text, role="dim", size_px=tokens.STATUS_PX)
+        dim = partial(label, role="small", tone="dim", wraps=True)
         column = layouts.vbox(self, margins_px=(14, 2, 14, 4), spacing_px=tokens.GRID_PX)
         self._suggested: list[tuple[QWidget, QLabel]] = []
         for number in range(_MOST_SUGGESTED):
-            row, text = QWidget(), self._text(role="amber", size_px=tokens.BODY_PX, bold=True, wrap=False)
+            row, text = QWidget(), label("", "title", tone="amber")
             row.setObjectName(f"person_suggestion_{number}")
-            line = layouts.hbox(row, margins_px=0)
-            line.addWidget(text, 1)
+            line = layouts.hbox(row, (text, 1), margins_px=0)
             yes, no = (
                 partial(self._answer, number, intent) for intent in (intents.ConfirmPerson, intents.RejectPerson)
             )
@@ -353,11 +327,9 @@ class AboutPage(_Page):
             line.addWidget(small(f"person_suggestion_no_{number}", tr("No"), "x", no))
             column.addWidget(row)
             self._suggested.append((row, text))
-        self._how = dim("person_how")
+        self._how = dim(objectName="person_how")
         self._not = small("person_not", "", "user-minus", partial(self._do, lambda one: intents.RejectPerson(one, one)))
-        known = layouts.hbox(spacing_px=tokens.GRID_PX)
-        known.addWidget(self._how, 1)
-        known.addWidget(self._not)
+        known = layouts.hbox(None, (self._how, 1), self._not, spacing_px=tokens.GRID_PX)
         column.addLayout(known)
         form = QGridLayout()
         form.setHorizontalSpacing(10)
@@ -371,13 +343,10 @@ class AboutPage(_Page):
             editor.editingFinished.connect(partial(self._store, attribute))
             if isinstance(editor, QLineEdit):
                 editor.setMaxLength(80)
-            else:
-                self._looks.append((editor, "text", tokens.STATUS_PX + 1, tokens.WEIGHT_NORMAL))
-            form.addWidget(dim(text=tr(field.title), wrap=False), row_number, 0)
+            form.addWidget(dim(tr(field.title), wraps=False), row_number, 0)
             form.addWidget(editor, row_number, 1)
-        self._style()
         column.addLayout(form)
-        column.addWidget(dim(text=tr("Agrees to"), wrap=False))
+        column.addWidget(dim(tr("Agrees to"), wraps=False))
         agreed = FlowRow(gap_px=6)
         self._consents: dict[ConsentKind, CheckBox] = {}
         for kind in get_args(ConsentKind):
@@ -386,19 +355,15 @@ class AboutPage(_Page):
             box.clicked.connect(lambda given, kind=kind: self._do(intents.NoteConsent, kind, given))
             agreed.add(box)
         column.addWidget(agreed)
-        self._search = SubmitLineEdit()
-        self._search.setObjectName("person_history_search")
-        self._search.setPlaceholderText(tr("Find in the history"))
+        self._search = SubmitLineEdit(objectName="person_history_search", placeholderText=tr("Find in the history"))
         self._search.setAccessibleName(tr("Find in the history"))
         add_clear_button(self._search)
         self._looking = QTimer(self, singleShot=True, interval=_SEARCH_AFTER_MS)
         self._looking.timeout.connect(self.request_history)
         self._search.textChanged.connect(lambda _text: self._looking.start())
-        past = layouts.hbox()
-        past.addWidget(dim(text=tr("History"), wrap=False))
-        past.addWidget(self._search, 1)
+        past = layouts.hbox(None, dim(tr("History"), wraps=False), (self._search, 1))
         column.addLayout(past)
-        self._no_history = dim("person_no_history")
+        self._no_history = dim(objectName="person_no_history")
         self.history = HistoryList(card.theme)
         column.addWidget(self._no_history)
         column.addWidget(self.history)
@@ -437,12 +402,12 @@ class AboutPage(_Page):
         self._how.setText(how_known(person, console.scenario.perception.recognise, recognises))
         show_part(self._not, is_identified(person) and person.here)
         self._not.set_label(tr("Not {name}").format(name=text_formatting.shortened(name, 18)))
-        for number, (row, label) in enumerate(self._suggested):
+        for number, (row, text) in enumerate(self._suggested):
             show_part(row, number < len(person.suggestions))
             for suggestion in person.suggestions[number : number + 1]:
                 sure = text_formatting.percent(suggestion.confidence)
                 could = tr("or {name} ({sure})") if number else tr("Maybe {name} ({sure})")
-                label.setText(could.format(name=text_formatting.name_in_words(suggestion.name), sure=sure))
+                text.setText(could.format(name=text_formatting.name_in_words(suggestion.name), sure=sure))
         for kind, box in self._consents.items():
             box.setChecked(kind in person.consents)
         self._split.setEnabled(person.here)
@@ -535,7 +500,6 @@ class HistoryList(FastTableView):
 
     def show_entries(self, entries: Sequence[HistoryEntry]) -> None:
         self._shown = entries
-        self.setFont(self._theme.font(tokens.STATUS_PX))
         self.entries.setRowCount(0)
         for entry in entries:
             text, time = QStandardItem(what(entry)), QStandardItem(when(entry.utc_ns, datetime.now()))
@@ -553,14 +517,14 @@ class ForgetPage(_Page):
 
     def __init__(self, card: PersonCard) -> None:
         super().__init__(card)
-        self._title = self._text("forget_title", size_px=tokens.BODY_PX, bold=True)
-        self._details = self._text("forget_what")
+        self._title = label("", "title", wraps=True, objectName="forget_title")
+        self._details = label("", "detail", wraps=True, objectName="forget_what")
         refused = tr("A session is being recorded. Stop the recording first.")
-        self._not_now = self._text("forget_not_now", refused, "amber")
+        self._not_now = label(refused, "detail", tone="amber", wraps=True, objectName="forget_not_now")
         self._erase = self._button("forget_do", tr("Erase permanently"), "trash", self._on_erase, role="outline_danger")
         column = layouts.vbox(self, margins_px=(14, 6, 14, 6), spacing_px=10)
-        for label in (self._title, self._details, self._not_now):
-            column.addWidget(label)
+        for text in (self._title, self._details, self._not_now):
+            column.addWidget(text)
         row = layouts.hbox(spacing_px=tokens.GRID_PX)
         row.addWidget(self._button("forget_keep", tr("Cancel"), "", partial(card.show_page, "about")))
         row.addWidget(self._erase)
@@ -602,39 +566,32 @@ class MergePage(_Page):
         super().__init__(card)
         self._other: PersonRow | None = None
         self._fits: list[PersonRow] = []
-        self._title = self._text("merge_title", size_px=tokens.BODY_PX, bold=True)
-        self._field = SubmitLineEdit()
-        self._field.setObjectName("merge_field")
-        self._field.setPlaceholderText(tr("Name, group or tag"))
-        self._field.setAccessibleName(tr("Find the person"))
+        self._title = label("", "title", wraps=True, objectName="merge_title")
+        self._field = SubmitLineEdit(
+            objectName="merge_field", placeholderText=tr("Name, group or tag"), accessibleName=tr("Find the person")
+        )
         self._field.textChanged.connect(self.refresh)
         self._field.returnPressed.connect(partial(self._choose, 0))
-        column = layouts.vbox(self, margins_px=(14, 6, 14, 6), spacing_px=tokens.GRID_PX)
-        column.addWidget(self._title)
-        column.addWidget(self._field)
+        column = layouts.vbox(self, self._title, self._field, margins_px=(14, 6, 14, 6), spacing_px=tokens.GRID_PX)
         self._offered: list[ActionButton] = []
         for number in range(_OFFERED):
-            button = ActionButton(card.theme, "", may_shrink=True, height_px=32)
-            button.setObjectName(f"merge_with_{number}")
+            button = ActionButton(card.theme, "", may_shrink=True, height_px=32, objectName=f"merge_with_{number}")
             button.clicked.connect(lambda _checked=False, number=number: self._choose(number))
             column.addWidget(button)
             self._offered.append(button)
         self._both = QWidget()
         both = layouts.hbox(self._both, margins_px=0)
         self._sides = [
-            (PortraitView(card.theme, card.portraits, _COMPARED_PORTRAIT_PX), self._text(wrap=False)) for _ in range(2)
+            (PortraitView(card.theme, card.portraits, _COMPARED_PORTRAIT_PX), label("", "detail")) for _ in range(2)
         ]
         for face, name in self._sides:
             side = QVBoxLayout()
             for widget in (face, name):
                 side.addWidget(widget, 0, Qt.AlignmentFlag.AlignHCenter)
             both.addLayout(side, 1)
-        self._consequence = self._text("merge_told")
+        self._consequence = label("", "detail", wraps=True, objectName="merge_told")
         self._same = self._button("merge_do", tr("Same person"), "check", self._on_same, role="primary")
-        row = layouts.hbox()
-        row.addWidget(self._button("merge_back", tr("Back"), "caret-left", self._on_back))
-        row.addWidget(self._same)
-        row.addStretch(1)
+        row = layouts.hbox(None, self._button("merge_back", tr("Back"), "caret-left", self._on_back), self._same, 1)
         column.addWidget(self._both)
         column.addWidget(self._consequence)
         column.addLayout(row)

@@ -21,7 +21,7 @@ from PySide6.QtGui import (
     QResizeEvent,
     QWheelEvent,
 )  # fmt: skip
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QSizePolicy, QSlider, QStyle, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QSizePolicy, QSlider, QStyle, QWidget
 
 from caris_desktop.domain.translation import tr, tr_filled
 from caris_desktop.live.status import PlaybackStatus
@@ -36,6 +36,7 @@ from caris_desktop.ui.replay.timeline_items import exact_text
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import DropDown
+from caris_desktop.ui.widgets.labels import label
 
 RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 _HINT_MS = 2500
@@ -71,8 +72,7 @@ class ReplayBar(QWidget):
         self.scrubber = Scrubber(theme, Thumbnails(replay, self), replay.with_names)
         self.scrubber.seek_requested.connect(replay.seek)
         self._participant, self._when = session_title(replay.session)
-        self._title = QLabel(textFormat=Qt.TextFormat.PlainText)
-        self._title.setObjectName("replay_title")
+        self._title = label(textFormat=Qt.TextFormat.PlainText, objectName="replay_title")
         recorded = {"whom": self._participant, "when": self._when}
         self._title.setAccessibleName(tr("Replay of {whom}, recorded {when}").format(**recorded))
         tip = tr("A recorded session: {whom}, {when}. Nothing here moves the robot.")
@@ -80,42 +80,27 @@ class ReplayBar(QWidget):
         self._buttons: dict[str, ActionButton] = {}
         for action_id, icon in _MOVES.items():
             play = action_id == "replay_play"
-            button = ActionButton(theme, icon=icon, role="primary" if play else "plain", height_px=36)
+            tip = actions.standard_row(action_id).text
+            button = ActionButton(theme, icon=icon, role="primary" if play else "plain", height_px=36, toolTip=tip)
             button.setObjectName(action_id if play else f"replay_{action_id}")
             button.bind(actions, action_id)
-            button.setAccessibleName(actions.standard_row(action_id).text)
-            button.setToolTip(button.accessibleName())
             self._buttons[action_id] = button
         self._times = ReplayTimes()
         self._rate = DropDown(theme, "replay_rate", tr("Replay speed"))
         self._rate.setToolTip(tr("Replay speed. Slower with <, faster with >"))
         self._rate.setMinimumContentsLength(5)
-        for rate in RATES:
-            self._rate.addItem(f"{rate:g}×", rate)
         self._rate.activated.connect(lambda index: replay.set_rate(self._rate.itemData(index)))
-        self._hint = QLabel()
-        self._hint.setObjectName("replay_hint")
-        self._hint.setProperty("role", "note")
+        self._hint = label("", "note", objectName="replay_hint")
         self._hint.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self._hint_end = QTimer(self, singleShot=True, interval=_HINT_MS)
         self._hint_end.timeout.connect(lambda: self._show_hint(self._replay.playback.value.detail))
         self._one_line = False
         self._play_shown: tuple[str, bool] | None = None
-        self._left = layouts.hbox(spacing_px=8)
-        self._left.addWidget(self._title)
-        middle = layouts.hbox(spacing_px=8)
-        for button in self._buttons.values():
-            middle.addWidget(button)
-        self._right = layouts.hbox(spacing_px=12)
-        self._right.addStretch(1)
-        self._right.addWidget(self._times)
-        self._right.addWidget(self._rate)
-        self._row = QHBoxLayout()
-        self._row.setContentsMargins(8, 0, 8, 0)
-        for part in (self._left, middle, self._right):
-            self._row.addLayout(part)
-        self._column = layouts.vbox(self, spacing_px=0)
-        self._column.addLayout(self._row)
+        self._left = layouts.hbox(None, self._title, spacing_px=8)
+        middle = layouts.hbox(None, *self._buttons.values(), spacing_px=8)
+        self._right = layouts.hbox(None, 1, self._times, self._rate, spacing_px=12)
+        self._row = layouts.hbox(None, self._left, middle, self._right, margins_px=(8, 0, 8, 0))
+        self._column = layouts.vbox(self, self._row, spacing_px=0)
         self._arrange()
         replay.playback.changed.connect(self._on_playback_changed)
         replay.overview.changed.connect(self._on_overview_changed)
@@ -221,11 +206,8 @@ class ReplayBar(QWidget):
             clock.wall(playback.position_ns)[:8],
         )
         if playback.rate != self._rate.currentData():
-            while self._rate.count() > len(RATES):
-                self._rate.removeItem(len(RATES))
-            if playback.rate not in RATES:
-                self._rate.addItem(f"{playback.rate:g}×", playback.rate)
-            self._rate.setCurrentIndex(self._rate.findData(playback.rate))
+            rates = dict.fromkeys((*RATES, playback.rate))
+            self._rate.fill([(f"{rate:g}×", rate) for rate in rates], playback.rate)
         if not self._hint_end.isActive() and playback.detail != self._hint.text():
             self._show_hint(playback.detail)
 
@@ -252,9 +234,9 @@ class ReplayTimes(QWidget):
         row = layouts.hbox(self, margins_px=0, spacing_px=8)
         self.now, self.total, self.wall = QLabel(), QLabel(), QLabel()
         self.now.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        for label, role in ((self.now, "time"), (self.total, "note"), (self.wall, "note")):
-            label.setProperty("role", role)
-            row.addWidget(label)
+        for part, role in ((self.now, "time"), (self.total, "note"), (self.wall, "note")):
+            part.setProperty("role", role)
+            row.addWidget(part)
 
     def show_times(self, now_s: float, total_s: float, wall: str) -> None:
         now = f"{text_formatting.elapsed(now_s)}.{int(max(0.0, now_s) * 10) % 10}"
@@ -262,12 +244,12 @@ class ReplayTimes(QWidget):
         if total_s >= 3600 and now_s < 3600:
             now = f"0:{now}"
         texts = (now, tr("of {total}").format(total=total), tr("at {wall}").format(wall=wall))
-        for label, text in zip((self.now, self.total, self.wall), texts, strict=True):
-            if text != label.text():
-                label.setText(text)
-                label.ensurePolished()
+        for part, text in zip((self.now, self.total, self.wall), texts, strict=True):
+            if text != part.text():
+                part.setText(text)
+                part.ensurePolished()
                 widest = "".join("0" if letter.isdigit() else letter for letter in text)
-                label.setMinimumWidth(label.fontMetrics().horizontalAdvance(widest) + 4)
+                part.setMinimumWidth(part.fontMetrics().horizontalAdvance(widest) + 4)
         name = tr("{now} of {total}, recorded at {wall}").format(now=now, total=total, wall=wall)
         if name != self.accessibleName():
             self.setAccessibleName(name)
@@ -549,9 +531,9 @@ class SeekPreview(QFrame):
         self.words.setProperty("role", "note")
         self.time.setProperty("role", "moment")
         column = layouts.vbox(self, margins_px=8, spacing_px=4)
-        for label in (self.picture, self.time, self.words):
-            label.setAlignment(Qt.AlignmentFlag.AlignCenter)
-            column.addWidget(label, 0, Qt.AlignmentFlag.AlignCenter)
+        for part in (self.picture, self.time, self.words):
+            part.setAlignment(Qt.AlignmentFlag.AlignCenter)
+            column.addWidget(part, 0, Qt.AlignmentFlag.AlignCenter)
 
     def show_moment(self, above: QPoint, time_text: str, text: str, picture: QImage | None) -> None:
         """``picture``: None without video, a null image until it is there."""

@@ -38,6 +38,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import Scrolled
 from caris_desktop.ui.widgets.inputs import DropDown
+from caris_desktop.ui.widgets.labels import label
 
 FREE_TEXT = QT_TR_NOOP("Free text")
 OWN_LIST = QT_TR_NOOP("A list of labels…")
@@ -61,11 +62,9 @@ class _Dialog(VisualTabOrderMixin, QDialog):
 
     def labelled(self, text: str, name: str, role: str = "") -> QLabel:
         """Label ``NAME_name`` that wraps, added to the dialog."""
-        label = QLabel(text, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
-        label.setObjectName(f"{self._name}_{name}")
-        label.setProperty("role", role)
-        self.column.addWidget(label)
-        return label
+        made = label(text, role, wraps=True, textFormat=Qt.TextFormat.PlainText, objectName=f"{self._name}_{name}")
+        self.column.addWidget(made)
+        return made
 
     def add_form(self, *rows: tuple[str, QWidget]) -> QFormLayout:
         form = QFormLayout(horizontalSpacing=16, verticalSpacing=8)
@@ -94,14 +93,10 @@ class _Dialog(VisualTabOrderMixin, QDialog):
         """Add the refusal, ``button``, which runs the dialog, and one that leaves it."""
         self._refusal = self.labelled("", "refusal", "warning")
         self._refusal.hide()
-        cancel = ActionButton(self._theme, leave, role="ghost", height_px=40)
-        cancel.setObjectName(f"{self._name}_cancel")
+        cancel = ActionButton(self._theme, leave, role="ghost", height_px=40, objectName=f"{self._name}_cancel")
         cancel.clicked.connect(self.reject)
         button.clicked.connect(run)
-        buttons = layouts.hbox()
-        buttons.addWidget(cancel)
-        buttons.addStretch(1)
-        buttons.addWidget(button)
+        buttons = layouts.hbox(None, cancel, 1, button)
         self.column.addLayout(buttons)
 
     def refuse(self, refusal: str) -> None:
@@ -306,12 +301,9 @@ class ImportDialog(_Dialog):
         self.path_field.setObjectName("import_path")
         self.path_field.setAccessibleName(tr("File"))
         self.path_field.returnPressed.connect(self._on_import)
-        browse = ActionButton(theme, tr("Browse"), icon="folder-open", height_px=36)
-        browse.setObjectName("import_browse")
+        browse = ActionButton(theme, tr("Browse"), icon="folder-open", height_px=36, objectName="import_browse")
         browse.clicked.connect(self.browse)
-        path = layouts.hbox(spacing_px=8)
-        path.addWidget(self.path_field, 1)
-        path.addWidget(browse)
+        path = layouts.hbox(None, (self.path_field, 1), browse, spacing_px=8)
         self._coder = self.coder_field(coders, "", tr("name or initials; empty: taken from the file"))
         self.add_form((tr("Coder"), self._coder)).insertRow(0, tr("File"), path)
         self.column.addStretch(1)
@@ -391,9 +383,7 @@ class AgreementDialog(_Dialog):
                 choice.addItem(text, tier.tier_id)
             choice.setCurrentIndex(index)
         self._tolerance = DropDown(theme, "agreement_tolerance", tr("Timing tolerance"))
-        for milliseconds in TOLERANCES_MS:
-            self._tolerance.addItem(f"± {milliseconds} ms", milliseconds)
-        self._tolerance.setCurrentIndex(TOLERANCES_MS.index(_USUAL_MS))
+        self._tolerance.fill([(f"± {milliseconds} ms", milliseconds) for milliseconds in TOLERANCES_MS], _USUAL_MS)
         content = QWidget()
         outer, self.column = self.column, layouts.vbox(content, margins_px=0, spacing_px=12)
         choices = (
@@ -422,8 +412,7 @@ class AgreementDialog(_Dialog):
         self.column.addWidget(self._table, 1)
         self.column = outer
         self.column.addWidget(Scrolled(content), 1)
-        self._copy = ActionButton(theme, tr("Copy report"), icon="copy", height_px=40)
-        self._copy.setObjectName("agreement_copy")
+        self._copy = ActionButton(theme, tr("Copy report"), icon="copy", height_px=40, objectName="agreement_copy")
         self.add_buttons(tr("Close"), self._copy, self._on_copy)
         self._compare()
 

@@ -399,9 +399,7 @@ class LabelCard(FloatingCard):
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.list.setUniformItemSizes(True)
         self.list.itemClicked.connect(lambda item: self._finish(str(item.data(_VALUE))))
-        column = layouts.vbox(self, margins_px=8, spacing_px=4)
-        column.addWidget(self.field)
-        column.addWidget(self.list)
+        layouts.vbox(self, self.field, self.list, margins_px=8, spacing_px=4)
 
     def ask(self, where: QPointF, value: str, entries: Sequence[VocabularyEntry] | None) -> None:
         """Open next to ``where`` with the current label; ``entries``: permitted values, None for free text."""

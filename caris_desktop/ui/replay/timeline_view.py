@@ -9,7 +9,6 @@ from PySide6.QtGui import QAccessible, QKeyEvent, QKeySequence, QPainter, QPaint
 from PySide6.QtWidgets import (
     QFrame,
     QGridLayout,
-    QLabel,
     QLineEdit,
     QMenu,
     QScrollArea,
@@ -57,7 +56,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.accessible_descriptions import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import add_clear_button
-from caris_desktop.ui.widgets.labels import ElidedLabel
+from caris_desktop.ui.widgets.labels import ElidedLabel, label
 
 LOW_PX = 168
 """Below this height there is no room for the coding strip."""
@@ -115,13 +114,9 @@ class TimelineView(QWidget):
         middle.setSpacing(0)
         middle.addWidget(self.canvas, 0, 0)
         middle.addWidget(self._down, 0, 1)
-        under = layouts.hbox(margins_px=(NAMES_PX, 0, 0, 0))
-        under.addWidget(self._across)
+        under = layouts.hbox(None, self._across, margins_px=(NAMES_PX, 0, 0, 0))
         middle.addLayout(under, 1, 0)
-        column = layouts.vbox(self, margins_px=(0, 0, 0, 1), spacing_px=0)
-        column.addWidget(self._make_header())
-        column.addLayout(middle, 1)
-        column.addWidget(self.strip)
+        layouts.vbox(self, self._make_header(), (middle, 1), self.strip, margins_px=(0, 0, 0, 1), spacing_px=0)
         self.canvas.selection_changed.connect(self._on_selection_changed)
         self.canvas.view_changed.connect(self._on_view_changed)
         replay.overview.changed.connect(self._on_overview_changed)
@@ -136,12 +131,10 @@ class TimelineView(QWidget):
     def _make_header(self) -> QWidget:
         header = QWidget()
         header.setFixedHeight(TITLE_HEIGHT_PX)
-        title = QLabel(tr("Timeline"))
-        title.setProperty("role", "title")
+        title = label(tr("Timeline"), "title")
         self._fact = ElidedLabel(role="note")
         self._fact.setObjectName("timeline_fact")
-        row = layouts.hbox(header, margins_px=(14, 3, 6, 3), spacing_px=4)
-        row.addWidget(title)
+        row = layouts.hbox(header, title, margins_px=(14, 3, 6, 3), spacing_px=4)
         row.addSpacing(8)
         row.addWidget(self._fact, 1)
         self.filter = QLineEdit(placeholderText=tr("Filter tiers"))
@@ -168,10 +161,8 @@ class TimelineView(QWidget):
         icons = []
         for action_id in ("undo", "redo", "timeline_smaller", "timeline_larger", "timeline_fit"):
             spec = self._actions.standard_row(action_id)
-            button = ActionButton(self._theme, icon=spec.icon, role="ghost", height_px=30)
+            button = ActionButton(self._theme, icon=spec.icon, role="ghost", height_px=30, toolTip=spec.text)
             button.setObjectName(action_id)
-            button.setAccessibleName(spec.text)
-            button.setToolTip(spec.text)
             button.set_key_shown(False)
             button.bind(self._actions, action_id)
             icons.append(button)
@@ -295,8 +286,8 @@ class TimelineView(QWidget):
         item = self.canvas.selected
         if item is not None:
             times = f"{exact_text(item.start_ms)} – {exact_text(item.end_ms)}"
-            label = self._replay.with_names(tr_filled(item.value)) or tr("No label yet")
-            return f"{label} · {times} · {length_text(item.end_ms - item.start_ms)}"
+            value = self._replay.with_names(tr_filled(item.value)) or tr("No label yet")
+            return f"{value} · {times} · {length_text(item.end_ms - item.start_ms)}"
         if self._replay.overview.value is None:
             return tr("reading the session…")
         count, coders = len(self.acts.document.annotations), len(coders_of(self.acts.document))
@@ -560,18 +551,14 @@ class CodingStrip(QWidget):
         self._more.hide()
         self._edits: list[ActionButton] = []
         for action_id, _icon, text in _EDITS:
-            button = ActionButton(theme, role="ghost", height_px=30, text_px=tokens.STATUS_PX)
-            button.setObjectName(action_id)
+            button = ActionButton(theme, role="ghost", height_px=30, text_px=tokens.STATUS_PX, objectName=action_id)
             button.setToolTip(tr(text))
             button.bind(actions, action_id)
             self._edits.append(button)
-        self._row = row = layouts.hbox(self, margins_px=(16, 4, 8, 4), spacing_px=8)
-        row.addWidget(self._words, 1)
-        for button in (self._add, *self._labels, self._more):
-            row.addWidget(button)
-        row.addStretch(1)
-        for button in self._edits:
-            row.addWidget(button)
+        self._row = layouts.hbox(
+            self, (self._words, 1), self._add, *self._labels, self._more, 1, *self._edits,
+            margins_px=(16, 4, 8, 4), spacing_px=8,
+        )  # fmt: skip
 
     def show_tier(
         self, row: Row | None, vocabulary: Vocabulary | None, interval: OpenInterval | None, *, tiers: int

@@ -140,11 +140,16 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
     # ---- construction
 
     def _button(self, name: str, text: str, icon_name: str, do: Callable[[], Any], **more: Any) -> ActionButton:
-        button = ActionButton(self._theme, text, icon=icon_name, may_lose_words=True, **more)
-        button.setToolTip(text)
-        button.setObjectName(name)
-        button.clicked.connect(lambda _checked=False: do())
-        return button
+        return ActionButton(
+            self._theme,
+            text,
+            icon=icon_name,
+            may_lose_words=True,
+            **more,
+            toolTip=text,
+            objectName=name,
+            clicked=lambda _checked=False: do(),
+        )
 
     def _make_nav(self) -> QListWidget:
         nav = named(QListWidget(), "editor_sections", tr("Sections of the scenario"))
@@ -159,12 +164,9 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
 
     def _lay_out(self) -> None:
         self._title, self._state = named(ElidedLabel(), "editor_title"), named(ElidedLabel(), "editor_state")
-        titles = layouts.vbox(spacing_px=0)
         for label in (self._title, self._state):
             label.setMinimumWidth(_LEAST_TITLE_PX)
-            titles.addWidget(label)
-        head = layouts.hbox(margins_px=(16, 12, 16, 8), spacing_px=8)
-        head.addLayout(titles, 1)
+        titles = layouts.vbox(None, self._title, self._state, spacing_px=0)
         self.undo_button = self._button("editor_undo", tr("Undo"), "arrow-u-up-left", self.undo, role="ghost")
         self.redo_button = self._button("editor_redo", tr("Redo"), "arrow-u-up-right", self.redo, role="ghost")
         self.revert_button = self._button(
@@ -174,18 +176,17 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         self.save_button = self._button(
             "editor_save", tr("Save"), "floppy-disk", self.save, role="primary", key="Ctrl+S"
         )
-        for button in (
-            self.undo_button, self.redo_button, self.revert_button, self.save_as_button, self.save_button,
-        ):  # fmt: skip
-            head.addWidget(button)
+        head = layouts.hbox(
+            None, (titles, 1), self.undo_button, self.redo_button, self.revert_button, self.save_as_button,
+            self.save_button, margins_px=(16, 12, 16, 8), spacing_px=8,
+        )  # fmt: skip
         self._name_row = QWidget()
         name = QLineEdit(placeholderText=tr("Title of the new scenario, for example “Second study”"))
         self.name = named(name, "editor_name", tr("Title of the new scenario"))
         self.name.returnPressed.connect(self.save_as)
-        name_row = layouts.hbox(self._name_row, margins_px=(16, 0, 16, 8))
-        name_row.addWidget(self.name, 1)
-        name_row.addWidget(self._button("editor_name_save", tr("Save under this title"), "check", self.save_as))
-        name_row.addWidget(self._button("editor_name_cancel", tr("Cancel"), "x", self.leave_name, role="ghost"))
+        save = self._button("editor_name_save", tr("Save under this title"), "check", self.save_as)
+        cancel = self._button("editor_name_cancel", tr("Cancel"), "x", self.leave_name, role="ghost")
+        layouts.hbox(self._name_row, (self.name, 1), save, cancel, margins_px=(16, 0, 16, 8))
         self._name_row.hide()
         side = self._side = QSplitter(Qt.Orientation.Horizontal, childrenCollapsible=False)
         side.addWidget(self.stack)
@@ -193,14 +194,8 @@ class ScenarioEditor(VisualTabOrderMixin, QWidget):
         side.setStretchFactor(0, 5)
         side.setStretchFactor(1, 3)
         side.setSizes(list(_FORM_AND_PREVIEW_PX))
-        body = layouts.hbox(margins_px=(8, 0, 8, 8), spacing_px=8)
-        body.addWidget(self.nav)
-        body.addWidget(side, 1)
-        column = layouts.vbox(self, margins_px=0, spacing_px=0)
-        column.addLayout(head)
-        column.addWidget(self._name_row)
-        column.addWidget(self.notice)
-        column.addLayout(body, 1)
+        body = layouts.hbox(None, self.nav, (side, 1), margins_px=(8, 0, 8, 8), spacing_px=8)
+        column = layouts.vbox(self, head, self._name_row, self.notice, (body, 1), margins_px=0, spacing_px=0)
         # resizeEvent decides what a narrow window hides; the sum of minimum sizes must not.
         column.setSizeConstraint(QVBoxLayout.SizeConstraint.SetNoConstraint)
         self.setMinimumSize(*_LEAST_PX)

@@ -309,10 +309,7 @@ class TextField(Field):
         if kind_of(self.form) != "number" or self.compact:
             return control, control
         holder = QWidget()
-        row = layouts.hbox(holder, margins_px=0, spacing_px=8)
-        row.addWidget(control)
-        row.addWidget(named(QLabel(unit_of(self.form)), "help"))
-        row.addStretch(1)
+        layouts.hbox(holder, control, named(QLabel(unit_of(self.form)), "help"), 1, margins_px=0, spacing_px=8)
         return control, holder
 
     def make_input(self) -> QLineEdit | Prose:
@@ -769,9 +766,7 @@ class EntryRow(FormPart):
             return
         holder = QWidget()
         holder.setFixedWidth(_CAP_COLUMN_PX.get(self.path[0], 64))
-        inside = layouts.hbox(holder, margins_px=(0, 7, 0, 7))
-        inside.addWidget(KeyCap(key))
-        inside.addStretch(1)
+        layouts.hbox(holder, KeyCap(key), 1, margins_px=(0, 7, 0, 7))
         self._head.addWidget(holder, 0, _BOTTOM)
 
     def _add_fields(self) -> None:
@@ -812,10 +807,8 @@ class EntryRow(FormPart):
             ("arrow-down", tr("Move down: {what}"), lambda: self._holder.move_entry(self._index, 1)),
             ("x", tr("Remove: {what}"), lambda: self._holder.remove_entry(self._index)),
         ):
-            button = ActionButton(self.context.theme, icon=icon, role="ghost", height_px=30)
-            button.setAccessibleName(words.format(what=self.context.within))
-            button.setToolTip(button.accessibleName())
-            button.clicked.connect(do)
+            tip = words.format(what=self.context.within)
+            button = ActionButton(self.context.theme, icon=icon, role="ghost", height_px=30, toolTip=tip, clicked=do)
             buttons.addWidget(button, 0, _BOTTOM)
         if self.group is None and kind_of(self.form) in ("number", "choice"):
             self._head.addStretch(1)

@@ -34,6 +34,7 @@ from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.scenario_editor.form import FormContext, FormPart, drop, named, part_for, show_at_once
 from caris_desktop.ui.scenario_editor.preview import difference_words
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.containers import list_area
 from caris_desktop.ui.widgets.inputs import DropDown
 
 _WIDEST_PX, _LEAST_WORDS_PX, _SIDE_PX = 900, 200, 24
@@ -105,13 +106,6 @@ def sections() -> tuple[Section, ...]:
     )
 
 
-def _hold(area: QScrollArea, holder: QWidget) -> None:
-    area.setWidgetResizable(True)
-    area.setFrameShape(QFrame.Shape.NoFrame)
-    area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-    area.setWidget(holder)
-
-
 class SectionPage(QScrollArea):
     """Form page of one section, built when first shown; refreshes only while visible."""
 
@@ -147,7 +141,10 @@ class SectionPage(QScrollArea):
         if self.section.words:
             self._column.addWidget(words)
         self._column.addStretch(1)
-        _hold(self, holder)
+        self.setWidgetResizable(True)
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setWidget(holder)
         self._fit_words()
 
     def _make_next(self) -> None:
@@ -397,29 +394,20 @@ class ComparePage(QWidget):
         self.choice.setSizeAdjustPolicy(DropDown.SizeAdjustPolicy.AdjustToContents)
         self.choice.activated.connect(self._on_chosen)
         self.summary = QLabel(wordWrap=True)
-        holder = QWidget()
-        holder.setMaximumWidth(_WIDEST_PX)
+        holder = QWidget(maximumWidth=_WIDEST_PX)
         column = layouts.vbox(holder, margins_px=(0, 0, 8, 0))
         self._list = layouts.vbox(spacing_px=6)
         column.addLayout(self._list)
         column.addStretch(1)
-        area = QScrollArea()
-        _hold(area, holder)
-        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        area = list_area(holder, framed=False)
         self.diff = CodeEditor(context, "scenario_diff", tr("Differences line by line"), read_only=True)
         splitter = QSplitter(Qt.Orientation.Vertical, childrenCollapsible=False)
         for part, stretch in ((area, 3), (self.diff, 2)):
             splitter.addWidget(part)
             splitter.setStretchFactor(splitter.count() - 1, stretch)
         splitter.setSizes([360, 240])
-        head = layouts.hbox()
-        head.addWidget(QLabel(tr("Compare with")))
-        head.addWidget(self.choice)
-        head.addStretch(1)
-        layout = layouts.vbox(self, margins_px=(24, 16, 24, 16), spacing_px=12)
-        layout.addLayout(head)
-        layout.addWidget(self.summary)
-        layout.addWidget(splitter, 1)
+        head = layouts.hbox(None, QLabel(tr("Compare with")), self.choice, 1)
+        layouts.vbox(self, head, self.summary, (splitter, 1), margins_px=(24, 16, 24, 16), spacing_px=12)
         self._document.history.changed.connect(self._on_changed)
         context.theme.changed.connect(self._on_changed)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QObject, QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QAccessible, QUndoCommand, QUndoStack
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.key_path import KeyPath
@@ -28,6 +28,7 @@ from caris_desktop.ui.announcing import announce
 from caris_desktop.ui.background_reading import read_for
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
+from caris_desktop.ui.widgets.labels import label
 
 _MOST_STEPS = 500
 _TITLE: KeyPath = ("title",)
@@ -165,11 +166,9 @@ class Notice(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._theme = theme
         self._topic = ""
-        self.text = QLabel(wordWrap=True)
-        self.text.setObjectName("editor_notice_text")
+        self.text = label(wraps=True, objectName="editor_notice_text")
         self.answers: list[ActionButton] = []
-        self._row = layouts.hbox(self, margins_px=(26, 8, 18, 8), spacing_px=8)
-        self._row.addWidget(self.text, 1)
+        self._row = layouts.hbox(self, (self.text, 1), margins_px=(26, 8, 18, 8), spacing_px=8)
         self.hide()
 
     def say(self, topic: str, text: str, role: str, *answers: Answer) -> None:
@@ -186,8 +185,7 @@ class Notice(QWidget):
             button.deleteLater()
         self.answers = []
         for words, do in answers or ((tr("Dismiss"), partial(self.take_back, topic)),):
-            button = ActionButton(self._theme, words, height_px=30)
-            button.clicked.connect(lambda _checked=False, do=do: do())
+            button = ActionButton(self._theme, words, height_px=30, clicked=lambda _checked=False, do=do: do())
             self._row.addWidget(button)
             self.answers.append(button)
         self.show()

@@ -130,7 +130,7 @@ class QueueList(QWidget):
         self._chosen = utterance_id
         self._console.state.chosen_utterance.set(utterance_id)
         for each, row in self._rows.items():
-            row.set_chosen(each == utterance_id and self.hasFocus())
+            restyle(row, current=each == utterance_id and self.hasFocus())
         if utterance_id in self._rows and self.hasFocus():
             self.row_chosen.emit(self._rows[utterance_id])
 
@@ -179,14 +179,10 @@ class _QueueRow(QFrame):
         self.setFixedHeight(ROW_PX)
         self._number = label("", "fine")
         self.label = ElidedLabel(role="fine")
-        self._editor = SubmitLineEdit()
-        self._editor.setObjectName("queue_editor")
-        self._editor.setAccessibleName(tr("Replacement text"))
-        self._editor.setMaxLength(1000)
+        self._editor = SubmitLineEdit(objectName="queue_editor", accessibleName=tr("Replacement text"), maxLength=1000)
         self._editor.hide()
         self._editor.returnPressed.connect(self._on_return)
-        row = layouts.hbox(self, margins_px=(5, 0, 1, 0), spacing_px=4)
-        row.addWidget(self._number)
+        row = layouts.hbox(self, self._number, margins_px=(5, 0, 1, 0), spacing_px=4)
         row.addSpacing(4)
         row.addWidget(self.label, 1)
         row.addWidget(self._editor, 1)
@@ -196,11 +192,8 @@ class _QueueRow(QFrame):
             ("queued_earlier", "arrow-up", tr("Move earlier")), ("queued_later", "arrow-down", tr("Move later")),
             ("queued_edit", "pencil-simple", tr("Edit the text")), ("queued_cancel", "x", tr("Remove from queue")),
         ):  # fmt: skip
-            button = ActionButton(theme, icon=icon, role="ghost", height_px=26)
+            button = ActionButton(theme, icon=icon, role="ghost", height_px=26, objectName=act, toolTip=tip)
             button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-            button.setObjectName(act)
-            button.setToolTip(tip)
-            button.setAccessibleName(tip)
             button.clicked.connect(lambda _checked=False, act=act: self.action_requested.emit(act))
             row.addWidget(button)
             if act in ("queued_earlier", "queued_later"):
@@ -220,9 +213,6 @@ class _QueueRow(QFrame):
         self._template = utterance.text.replace(mark_of(utterance.person_id), "{name}")
         for button in self._movers:
             button.setVisible(count > 1)
-
-    def set_chosen(self, chosen: bool) -> None:
-        restyle(self, current=chosen)
 
     def begin_edit(self) -> None:
         self._editor.setText(self._template)

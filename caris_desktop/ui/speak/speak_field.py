@@ -114,11 +114,13 @@ class SpeakField(QPlainTextEdit):
         self._sentences = sentences
         self._back = 0
         self._draft = ""
-        self._rest = ""
+        self.completion = ""
+        """Completion shown behind the cursor, accepted with Tab."""
         self._line_px = 48
         self._dictated_id = ""
         self._dictated: QTextCursor | None = None
-        self._dictated_any = False
+        self.was_dictated = False
+        """Whether some of the text was dictated."""
         self._enter = KeyCap("Enter", self)
         self.setAccessibleName(tr("What the robot says next"))
         self.setFrameShape(QFrame.Shape.NoFrame)
@@ -134,16 +136,6 @@ class SpeakField(QPlainTextEdit):
         theme.changed.connect(self._fit)
 
     text = Property(str, lambda self: self.toPlainText(), lambda self, text: self.setPlainText(text))
-
-    @property
-    def was_dictated(self) -> bool:
-        """Whether some of the text was dictated."""
-        return self._dictated_any
-
-    @property
-    def completion(self) -> str:
-        """Completion shown behind the cursor, accepted with Tab."""
-        return self._rest
 
     def set_line_height(self, height_px: int) -> None:
         """Set the height for a single line."""
@@ -172,7 +164,7 @@ class SpeakField(QPlainTextEdit):
         if self._dictated is None:
             self._dictated = self.textCursor()
             self._dictated.clearSelection()
-            self._dictated_any = True
+            self.was_dictated = True
         cursor = self._dictated
         start, end = cursor.selectionStart(), cursor.selectionEnd()
         follows = start <= self.textCursor().position() <= end
@@ -211,8 +203,8 @@ class SpeakField(QPlainTextEdit):
             super().keyPressEvent(event)
 
     def focusNextPrevChild(self, forward: bool) -> bool:
-        if forward and self._rest and self.hasFocus():
-            self.textCursor().insertText(self._rest)
+        if forward and self.completion and self.hasFocus():
+            self.textCursor().insertText(self.completion)
             return True
         return super().focusNextPrevChild(forward)
 
@@ -255,7 +247,7 @@ class SpeakField(QPlainTextEdit):
 
     def _on_changed(self) -> None:
         text = self.toPlainText()
-        self._dictated_any = self._dictated_any and bool(text)
+        self.was_dictated = self.was_dictated and bool(text)
         if len(text) > LONGEST:
             self._put(text[:LONGEST])
             return
@@ -266,8 +258,8 @@ class SpeakField(QPlainTextEdit):
         cursor, text = self.textCursor(), self.toPlainText()
         at_end = cursor.atEnd() and not cursor.hasSelection()
         rest = completion(text, self._sentences()) if text and at_end and self.hasFocus() else ""
-        if rest != self._rest:
-            self._rest = rest
+        if rest != self.completion:
+            self.completion = rest
             self.viewport().update()
 
     def focusInEvent(self, event: QFocusEvent) -> None:
@@ -317,14 +309,14 @@ class SpeakField(QPlainTextEdit):
 
     def paintEvent(self, event: QPaintEvent) -> None:
         super().paintEvent(event)
-        if not self._rest:
+        if not self.completion:
             return
         painter = QPainter(self.viewport())
         painter.setFont(self.font())
         painter.setPen(self._theme.color("dim"))
         cursor, metrics = self.cursorRect(), QFontMetricsF(self.font())
         left = cursor.right() + 1
-        rest = metrics.elidedText(self._rest, Qt.TextElideMode.ElideRight, self.viewport().width() - left)
+        rest = metrics.elidedText(self.completion, Qt.TextElideMode.ElideRight, self.viewport().width() - left)
         painter.drawText(QPointF(left, cursor.top() + metrics.ascent()), rest)
 
 

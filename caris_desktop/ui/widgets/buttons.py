@@ -46,15 +46,17 @@ class ActionButton(QAbstractButton):
         clicked: Callable[..., object] | SignalInstance | None = None,
         **qt: Any,
     ) -> None:
-        """``clicked``: slot, or signal to emit. ``qt``: properties and other signals, such as objectName, toolTip."""
+        """``clicked``: slot, or signal to emit. ``qt``: properties and other signals, such as objectName. Without text
+        the accessible name is the toolTip.
+        """
         super().__init__(parent, **qt)
         if clicked is not None:
             self.clicked.connect(clicked)
         self._theme = theme
         self._icon_name = icon
         self._dot: str | None = None
-        self._badge: Badge = ""
-        self._key = key
+        self.badge: Badge = ""
+        self.key = key
         self._keys_later: tuple[str, ...] = ()
         self._key_shown = True
         self._quiet = self._pointed = False
@@ -69,7 +71,7 @@ class ActionButton(QAbstractButton):
         self._weight = self._weight_for(role)
         self._widths: dict[Hashable, int] = {}
         self.setText(text)
-        self.setAccessibleName(self.accessibleName() or text)
+        self.setAccessibleName(self.accessibleName() or text or self.toolTip())
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
         self.setAttribute(Qt.WidgetAttribute.WA_Hover)
@@ -80,14 +82,10 @@ class ActionButton(QAbstractButton):
         """Whether its text may be elided or hidden; tooltip and accessible name have it."""
         return self._may_shrink or self._may_lose_words
 
-    @property
-    def key(self) -> str:
-        return self._key
-
     def set_key(self, key: str, later: tuple[str, ...] = ()) -> None:
         """Set the key cap; with room for those of ``later``, so that nothing moves when they replace it."""
-        if (key, later) != (self._key, self._keys_later):
-            before, self._key, self._keys_later = self._cap_px, key, later
+        if (key, later) != (self.key, self._keys_later):
+            before, self.key, self._keys_later = self._cap_px, key, later
             if before != self._cap_px:
                 self.updateGeometry()
             self.update()
@@ -121,12 +119,12 @@ class ActionButton(QAbstractButton):
 
     @property
     def _cap(self) -> str:
-        return self._key if self._key_shown else ""
+        return self.key if self._key_shown else ""
 
     @property
     def _cap_px(self) -> float:
         """Width of the widest key cap that it may have."""
-        caps = (self._key, *self._keys_later) if self._key_shown else ()
+        caps = (self.key, *self._keys_later) if self._key_shown else ()
         return max((key_cap_width(self._theme, cap) for cap in caps), default=0.0)
 
     def set_size(self, *, height_px: int, text_px: int) -> None:
@@ -155,13 +153,9 @@ class ActionButton(QAbstractButton):
 
     def set_badge(self, badge: Badge) -> None:
         """Set a corner mark; tooltip and accessible name explain it."""
-        if badge != self._badge:
-            self._badge = badge
+        if badge != self.badge:
+            self.badge = badge
             self.update()
-
-    @property
-    def badge(self) -> Badge:
-        return self._badge
 
     def _weight_for(self, role: ButtonRole) -> int:
         bold = self._semibold or role in ("danger", "primary", "outline_danger")
@@ -256,7 +250,7 @@ class ActionButton(QAbstractButton):
         colors = tuple(
             None if color is None else color.name(QColor.NameFormat.HexArgb) for color in (ground, line, ink)
         )
-        marks = (self._icon_name, self._dot, self._badge, self._cap, self._cap_px, self._key_first, self._menu_arrow)
+        marks = (self._icon_name, self._dot, self.badge, self._cap, self._cap_px, self._key_first, self._menu_arrow)
         font = (self._height_px, self._text_px, self._weight, self._may_lose_words)
         now = (self.isEnabled(), self.hasFocus(), on)
         key = ("button", self.text(), colors, marks, font, now)
@@ -283,9 +277,9 @@ class ActionButton(QAbstractButton):
                 rect.adjusted(1, 1, -1, -1), tokens.CONTROL_RADIUS_PX - 1, tokens.CONTROL_RADIUS_PX - 1
             )
         self._draw_content(painter, ink, on)
-        if self._badge:
+        if self.badge:
             corner = QRectF(self.width() - _BADGE_PX - 3, 3, _BADGE_PX, _BADGE_PX)
-            if self._badge == "lock":
+            if self.badge == "lock":
                 draw_icon(painter, corner, "lock-simple", theme.color("amber"))
             else:
                 painter.setPen(QPen(theme.color("panel"), 2))
@@ -334,9 +328,9 @@ class ActionButton(QAbstractButton):
 
     def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
         """Add a key that is not shown to the tooltip."""
-        if not isinstance(event, QHelpEvent) or event.type() != QEvent.Type.ToolTip or not self._key:
+        if not isinstance(event, QHelpEvent) or event.type() != QEvent.Type.ToolTip or not self.key:
             return False
-        QToolTip.showText(event.globalPos(), f"{self.toolTip()} ({self._key})".strip(), self)
+        QToolTip.showText(event.globalPos(), f"{self.toolTip()} ({self.key})".strip(), self)
         return True
 
 
@@ -352,7 +346,7 @@ class StatusButton(QAbstractButton):
         super().__init__()
         self.setObjectName(name)
         self._theme = theme
-        self._icon, self._role = "", "dim"
+        self._icon, self.role = "", "dim"
         self._most_px = _ANY_PX
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setCursor(Qt.CursorShape.PointingHandCursor)
@@ -361,10 +355,6 @@ class StatusButton(QAbstractButton):
         self.setToolTip(tip)
         theme.changed.connect(self.update)
 
-    @property
-    def role(self) -> str:
-        return self._role
-
     def show_words(self, text: str, icon: str, role: str, *, spoken: str) -> None:
         """Set the text; ``spoken``: its accessible name."""
         if not text:
@@ -372,9 +362,9 @@ class StatusButton(QAbstractButton):
             self.words_changed.emit()
         elif self.parentWidget() is not None:
             self.show()
-        if (text, icon, role) == (self.text(), self._icon, self._role):
+        if (text, icon, role) == (self.text(), self._icon, self.role):
             return
-        self._icon, self._role = icon, role
+        self._icon, self.role = icon, role
         self.setText(text)
         self.setAccessibleName(spoken)
         self.updateGeometry()
@@ -405,8 +395,8 @@ class StatusButton(QAbstractButton):
         if self.hasFocus():
             painter.setPen(QPen(theme.color("blue"), 1.4))
             painter.drawRoundedRect(QRectF(self.rect()).adjusted(0.7, 4.7, -0.7, -4.7), 6, 6)
-        role = "dim" if self._role == "green" and not self.underMouse() else self._role
-        draw_icon(painter, QRectF(2, self.height() / 2 - 7.5, 15, 15), self._icon, theme.color(self._role))
+        role = "dim" if self.role == "green" and not self.underMouse() else self.role
+        draw_icon(painter, QRectF(2, self.height() / 2 - 7.5, 15, 15), self._icon, theme.color(self.role))
         painter.setFont(theme.font(tokens.STATUS_PX))
         painter.setPen(theme.color("text" if self.underMouse() else role))
         rect = QRectF(22, 0, self.width() - 22, self.height())

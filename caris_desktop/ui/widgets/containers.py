@@ -9,9 +9,11 @@ from PySide6.QtWidgets import QFrame, QLayout, QLayoutItem, QScrollArea, QSizePo
 class FlowRow(QWidget):
     """Widget with a FlowLayout, exactly as tall as its width requires."""
 
-    def __init__(self, *, gap_px: int = 8) -> None:
+    def __init__(self, *widgets: QWidget, gap_px: int = 8) -> None:
         super().__init__()
         self._flow = FlowLayout(self, gap_px=gap_px)
+        for widget in widgets:
+            self.add(widget)
         policy = QSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Minimum)
         policy.setHeightForWidth(True)
         self.setSizePolicy(policy)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QRectF, QSignalBlocker, QSize, Qt, QTimer
 from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPen, QWheelEvent
-from PySide6.QtWidgets import QAbstractButton, QBoxLayout, QLabel, QSizePolicy, QSlider, QWidget
+from PySide6.QtWidgets import QAbstractButton, QBoxLayout, QSizePolicy, QSlider, QWidget
 
 from caris_desktop.domain.control_definitions import Choice, ControlValue, RobotControl
 from caris_desktop.domain.translation import tr
@@ -15,6 +15,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.inputs import DropDown, SubmitLineEdit
+from caris_desktop.ui.widgets.labels import label
 
 SEND_EVERY_MS = 100
 _SETTLE_S = 1.5  # maximum delay until a robot reports a value that was just set
@@ -23,14 +24,18 @@ _CHOICES_SIDE_BY_SIDE = 4
 _TITLE_PX = 92
 
 
+Use = Callable[[ControlValue], None]
+
+
 class ControlWidget(QWidget):
     """Widget of one kind of control."""
 
     tip = ""
 
-    def __init__(self, theme: Theme, control: RobotControl) -> None:
+    def __init__(self, theme: Theme, control: RobotControl, use: Use) -> None:
+        """``use``: sends a value to the robot."""
         super().__init__()
-        self.theme = theme
+        self._use = use
         self.control = control
         self.value_text = ""
 
@@ -53,10 +58,9 @@ _STATE_ICONS = {"requested": "hourglass", "succeeded": "check", "failed": "warni
 class _TitledFace(ControlWidget):
     """Title with the value next to it, or below in a narrow dock."""
 
-    def __init__(self, theme: Theme, control: RobotControl) -> None:
-        super().__init__(theme, control)
-        self._title = QLabel(control.title)
-        self._title.setToolTip(control.title)
+    def __init__(self, theme: Theme, control: RobotControl, use: Use) -> None:
+        super().__init__(theme, control, use)
+        self._title = label(control.title, toolTip=control.title)
         self.parts = layouts.hbox(spacing_px=8)
         self._row = layouts.hbox(self, margins_px=0)
         self._row.addWidget(self._title, 0, Qt.AlignmentFlag.AlignTop)
@@ -71,27 +75,18 @@ class _TitledFace(ControlWidget):
         self._title.setMinimumHeight(0 if narrow else tokens.CONTROL_HEIGHT_PX)
 
 
-def _note(text: str = "") -> QLabel:
-    label = QLabel(text)
-    label.setProperty("role", "note")
-    return label
-
-
 def row_direction(*, narrow: bool) -> QBoxLayout.Direction:
     return QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
 
 
 class _ButtonFace(ControlWidget):
-    def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
-        super().__init__(theme, control)
-        self._button = ActionButton(theme, control.title, may_shrink=True)
-        self._button.setObjectName(f"control_{control.id}_button")
+    def __init__(self, theme: Theme, control: RobotControl, use: Use) -> None:
+        super().__init__(theme, control, use)
+        self._button = ActionButton(theme, control.title, may_shrink=True, objectName=f"control_{control.id}_button")
         self._button.clicked.connect(lambda: use(True))
-        self._value = _note()
+        self._value = label("", "note")
         self._value.hide()
-        row = layouts.hbox(self, margins_px=0)
-        row.addWidget(self._button)
-        row.addWidget(self._value)
+        layouts.hbox(self, self._button, self._value, margins_px=0)
 
     def show_reading(self, value: ControlValue | None) -> None:
         if self.control.reading is not None:
@@ -106,9 +101,8 @@ class _ButtonFace(ControlWidget):
 
 
 class _ToggleFace(ControlWidget):
-    def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
-        super().__init__(theme, control)
-        self._use = use
+    def __init__(self, theme: Theme, control: RobotControl, use: Use) -> None:
+        super().__init__(theme, control, use)
         self._reported: bool | None = None
         self._requested: bool | None = None
         self._requested_at_s = float("-inf")
@@ -117,8 +111,7 @@ class _ToggleFace(ControlWidget):
         self._switch.clicked.connect(self._on_clicked)
         self._settle = QTimer(self, singleShot=True, interval=round(_SETTLE_S * 1000))
         self._settle.timeout.connect(self._refresh)
-        row = layouts.hbox(self, margins_px=0)
-        row.addWidget(self._switch)
+        layouts.hbox(self, self._switch, margins_px=0)
         self._refresh()
 
     def _shown(self) -> bool | None:
@@ -230,9 +223,8 @@ class Switch(QAbstractButton):
 class _SliderFace(_TitledFace):
     """Slider that sends at most ten values per second while dragged, and always the final one."""
 
-    def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
-        super().__init__(theme, control)
-        self._use = use
+    def __init__(self, theme: Theme, control: RobotControl, use: Use) -> None:
+        super().__init__(theme, control, use)
         self._steps = _SLIDER_STEPS
         if control.step > 0:
             self._steps = max(1, round((control.highest - control.lowest) / control.step))
@@ -240,8 +232,7 @@ class _SliderFace(_TitledFace):
         self._set: float | None = None
         self._sent: float | None = None
         self._last_use_s = float("-inf")
-        self._value = _note()
-        self._value.setObjectName("control_value")
+        self._value = label("", "note", objectName="control_value")
         self._slider = _CalmSlider(Qt.Orientation.Horizontal)
         self._slider.setObjectName(f"control_{control.id}_slider")
         self._slider.setAccessibleName(control.title)
@@ -329,9 +320,8 @@ class _CalmSlider(QSlider):
 class _ChoiceFace(_TitledFace):
     """Few choices as buttons, more as a list."""
 
-    def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
-        super().__init__(theme, control)
-        self._use = use
+    def __init__(self, theme: Theme, control: RobotControl, use: Use) -> None:
+        super().__init__(theme, control, use)
         self._chosen: ControlValue | None = None
         self._reported: ControlValue | None = None
         self._buttons: list[tuple[Choice, ActionButton]] = []
@@ -386,18 +376,15 @@ class _ChoiceFace(_TitledFace):
 
 
 class _TextFace(_TitledFace):
-    def __init__(self, theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> None:
-        super().__init__(theme, control)
-        self._use = use
-        self._now = _note()
-        self._field = SubmitLineEdit()
-        self._field.setObjectName(f"control_{control.id}_field")
-        self._field.setAccessibleName(control.title)
-        self._field.setMaxLength(500)
+    def __init__(self, theme: Theme, control: RobotControl, use: Use) -> None:
+        super().__init__(theme, control, use)
+        self._now = label("", "note")
+        self._field = SubmitLineEdit(
+            objectName=f"control_{control.id}_field", accessibleName=control.title, maxLength=500
+        )
         self._field.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
         self._field.returnPressed.connect(self._on_send)
-        send = ActionButton(theme, tr("Send"), icon="paper-plane-right")
-        send.setObjectName(f"control_{control.id}_send")
+        send = ActionButton(theme, tr("Send"), icon="paper-plane-right", objectName=f"control_{control.id}_send")
         send.setAccessibleName(tr("{control}: send").format(control=control.title))
         send.clicked.connect(self._on_send)
         self.parts.addWidget(self._field, 1)
@@ -414,18 +401,13 @@ class _TextFace(_TitledFace):
 
 
 class _ReadoutFace(ControlWidget):
-    def __init__(self, theme: Theme, control: RobotControl) -> None:
-        super().__init__(theme, control)
+    def __init__(self, theme: Theme, control: RobotControl, use: Use) -> None:
+        super().__init__(theme, control, use)
         self.setProperty("role", "readout")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
-        self._title = _note(control.title)
-        self._title.setMinimumWidth(40)
-        self._value = QLabel()
-        self._value.setObjectName("control_value")
-        self._value.setProperty("role", "title")
-        row = layouts.hbox(self, margins_px=(10, 4, 10, 4), spacing_px=8)
-        row.addWidget(self._title)
-        row.addWidget(self._value)
+        self._title = label(control.title, "note", minimumWidth=40)
+        self._value = label("", "title", objectName="control_value")
+        layouts.hbox(self, self._title, self._value, margins_px=(10, 4, 10, 4), spacing_px=8)
         self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
         self.show_reading(None)
 
@@ -438,17 +420,11 @@ class _ReadoutFace(ControlWidget):
         self.setToolTip(self.tip)
 
 
-def create_control_widget(theme: Theme, control: RobotControl, use: Callable[[ControlValue], None]) -> ControlWidget:
-    match control.kind:
-        case "button":
-            return _ButtonFace(theme, control, use)
-        case "toggle":
-            return _ToggleFace(theme, control, use)
-        case "slider":
-            return _SliderFace(theme, control, use)
-        case "choice":
-            return _ChoiceFace(theme, control, use)
-        case "text":
-            return _TextFace(theme, control, use)
-        case "readout":
-            return _ReadoutFace(theme, control)
+_FACES: dict[str, type[ControlWidget]] = {
+    "button": _ButtonFace, "toggle": _ToggleFace, "slider": _SliderFace, "choice": _ChoiceFace, "text": _TextFace,
+    "readout": _ReadoutFace,
+}  # fmt: skip
+
+
+def create_control_widget(theme: Theme, control: RobotControl, use: Use) -> ControlWidget:
+    return _FACES[control.kind](theme, control, use)

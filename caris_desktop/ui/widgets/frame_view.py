@@ -174,10 +174,10 @@ class FrameView(QWidget):
         self._lost_reason = ""
         self._camera = ""
         self._camera_state: CameraState | None = None
-        self._out_of_reach = False
-        self._chips: list[tuple[str, str]] = []
+        self.out_of_reach = False
+        self.chips: list[tuple[str, str]] = []
         self._model: CameraModel | None = None
-        self._spot: FloorSpot | None = None
+        self.spot: FloorSpot | None = None
         self._press: QPointF | None = None
         self.whole_card = False
         """Whether the picture is the whole card, without a title bar."""
@@ -213,19 +213,15 @@ class FrameView(QWidget):
         """Camera model of the frame on display, for clicks that send the robot."""
         return self._model if self.frame is not None else None
 
-    @property
-    def spot(self) -> FloorSpot | None:
-        return self._spot
-
     def show_model(self, model: CameraModel | None) -> None:
         self._model = model
         if model is None:
-            self._spot = None
+            self.spot = None
 
     def show_spot(self, spot: FloorSpot | None) -> None:
         """Show a marker on the floor."""
-        if spot != self._spot:
-            self._spot = spot
+        if spot != self.spot:
+            self.spot = spot
             self.setCursor(Qt.CursorShape.ArrowCursor if spot is None else Qt.CursorShape.PointingHandCursor)
             self.update()
 
@@ -275,19 +271,15 @@ class FrameView(QWidget):
     def show_freshness(self, freshness: str) -> None:
         self._freshness = freshness
         if freshness in ("lost", "none"):
-            self._image = self._pixels = self._frame = self._spot = None
+            self._image = self._pixels = self._frame = self.spot = None
         self.update()
-
-    @property
-    def chips(self) -> list[tuple[str, str]]:
-        return self._chips
 
     def show_camera(self, name: str) -> None:
         """Set the camera's name, empty if it is the only one."""
         self._camera = name
         # A frame of another camera must not be shown as this one's.
         if self._frame is not None and name and self._frame.camera != name:
-            self._image = self._pixels = self._frame = self._spot = None
+            self._image = self._pixels = self._frame = self.spot = None
             self.update()
 
     def show_state(self, state: CameraState | None) -> None:
@@ -300,17 +292,13 @@ class FrameView(QWidget):
 
     def show_out_of_reach(self, out_of_reach: bool) -> None:
         """Set whether the robot is unreachable, so that no video can be expected."""
-        if out_of_reach != self._out_of_reach:
-            self._out_of_reach = out_of_reach
+        if out_of_reach != self.out_of_reach:
+            self.out_of_reach = out_of_reach
             self.update()
 
-    @property
-    def out_of_reach(self) -> bool:
-        return self._out_of_reach
-
     def show_chips(self, chips: list[tuple[str, str]]) -> None:
-        if chips != self._chips:
-            self._chips = chips
+        if chips != self.chips:
+            self.chips = chips
             self.update()
 
     def show_age(self, age_s: float | None, *, late: bool = False) -> None:
@@ -386,7 +374,7 @@ class FrameView(QWidget):
             silent = text_formatting.age(self._age_s or 0.0)
             nothing = tr("The camera has sent nothing for {time}. {reason}")
             return tr("No picture"), nothing.format(time=silent, reason=self._lost_reason)
-        if self._out_of_reach:
+        if self.out_of_reach:
             return tr("No picture"), tr("The robot is out of reach. The console keeps trying.")
         return tr("Waiting for the camera"), tr("The picture appears here as soon as it arrives.")
 
@@ -542,7 +530,7 @@ class FrameView(QWidget):
         self._painted.draw(painter, at, size, ("tag", text, role), paint)
 
     def _paint_spot(self, painter: QPainter) -> None:
-        spot, model, theme = self._spot, self.model, self._theme
+        spot, model, theme = self.spot, self.model, self._theme
         corners = ring_px(model, spot) if spot is not None and model is not None else []
         if spot is None or not corners:
             return
@@ -568,7 +556,7 @@ class FrameView(QWidget):
         metrics = QFontMetricsF(self._theme.font(tokens.BODY_PX))
         left, top = 12.0, self.height() - 46.0
         places = []
-        for text, role in self._chips:
+        for text, role in self.chips:
             width = math.ceil(metrics.horizontalAdvance(text)) + 24.0 + (22 if role in _CHIP_ICONS else 0)
             if left + width > self.width() - 8:
                 if left <= 12.0:

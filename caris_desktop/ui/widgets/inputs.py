@@ -1,6 +1,7 @@
 """Line edits, text fields, check boxes and drop-downs that interrupt neither typing nor driving."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from PySide6.QtCore import QEvent, QRect, QRectF, QSize, Qt, Signal
@@ -16,6 +17,7 @@ from PySide6.QtWidgets import (
     QStylePainter,
     QToolButton,
     QToolTip,
+    QWidget,
 )
 
 from caris_desktop.domain.translation import tr
@@ -28,6 +30,10 @@ _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 class SubmitLineEdit(QLineEdit):
     """The field handles Enter even if it is a window shortcut. Unused keys are consumed, except Esc."""
+
+    def __init__(self, parent: QWidget | None = None, **qt: Any) -> None:
+        """``qt``: properties and signals of Qt, such as objectName and returnPressed."""
+        super().__init__(parent, **qt)
 
     def event(self, event: QEvent) -> bool:
         if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
@@ -178,6 +184,14 @@ class DropDown(QComboBox):
         line = self.lineEdit()
         if line is not None:
             line.setAccessibleName(self.accessibleName())
+
+    def fill(self, items: Sequence[tuple[str, Any]], current: object) -> None:
+        """Offer texts with their data, and select the one of ``current``. The same items leave an open list open."""
+        if [(self.itemText(at), self.itemData(at)) for at in range(self.count())] != list(items):
+            self.clear()
+            for text, data in items:
+                self.addItem(text, data)
+        self.setCurrentIndex(next((at for at, (_text, data) in enumerate(items) if data == current), -1))
 
     def show_whole(self, *, up_to_px: int) -> None:
         """Fit the width to the current text, up to this limit."""

@@ -49,10 +49,10 @@ class Joystick(QWidget):
         self._use: StickUse = use
         self._can_go_sideways = False
         self._sideways = False
-        self._held = False
+        self.held = False
         self._touch: int | None = None
         self._knob = QPointF()  # right and down, as shares of the reach
-        self._wish = AT_REST
+        self.command = AT_REST
         self.setAttribute(Qt.WidgetAttribute.WA_AcceptTouchEvents)
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
         self.setAccessibleName(tr("Driving stick") if use == "base" else tr("Head stick"))
@@ -64,8 +64,8 @@ class Joystick(QWidget):
         """Current command as text."""
         if not self.isEnabled():
             return tr("Off")
-        forward, left, turn = self._wish.base
-        pan, tilt = self._wish.head
+        forward, left, turn = self.command.base
+        pan, tilt = self.command.head
         shares = (
             (forward, QT_TR_NOOP("{percent} % forward"), QT_TR_NOOP("{percent} % backward")),
             (left, QT_TR_NOOP("{percent} % sideways to the left"), QT_TR_NOOP("{percent} % sideways to the right")),
@@ -80,14 +80,6 @@ class Joystick(QWidget):
         ]
         return ", ".join(parts) or tr("At rest")
 
-    @property
-    def command(self) -> TeleopCommand:
-        return self._wish
-
-    @property
-    def held(self) -> bool:
-        return self._held
-
     def set_sideways(self, possible: bool) -> None:
         """Set whether the base is holonomic."""
         if possible != self._can_go_sideways:
@@ -101,7 +93,7 @@ class Joystick(QWidget):
 
     def let_go(self) -> None:
         """Return to centre at once."""
-        self._held, self._touch, self._knob = False, None, QPointF()
+        self.held, self._touch, self._knob = False, None, QPointF()
         self._notify(AT_REST)
 
     def sizeHint(self) -> QSize:
@@ -124,14 +116,14 @@ class Joystick(QWidget):
 
     def leaveEvent(self, event: QEvent) -> None:
         # Qt grabs the pointer while the button is down; a leave event means that the grab was lost.
-        if self._held and self._touch is None:
+        if self.held and self._touch is None:
             self.let_go()
         super().leaveEvent(event)
 
     def event(self, event: QEvent) -> bool:
         if isinstance(event, QTouchEvent):
             return self._on_touch(event)
-        if event.type() == QEvent.Type.UngrabMouse and self._held and self._touch is None:
+        if event.type() == QEvent.Type.UngrabMouse and self.held and self._touch is None:
             self.let_go()
         return bool(super().event(event))
 
@@ -140,7 +132,7 @@ class Joystick(QWidget):
             self._begin(event.position(), shift=bool(event.modifiers() & Qt.KeyboardModifier.ShiftModifier))
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        if self._held and self._touch is None:
+        if self.held and self._touch is None:
             self._move(event.position())
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
@@ -152,21 +144,21 @@ class Joystick(QWidget):
             self.let_go()
             return True
         for point in event.points():
-            if event.type() == QEvent.Type.TouchBegin and not self._held:
+            if event.type() == QEvent.Type.TouchBegin and not self.held:
                 self._touch = point.id()
                 self._begin(point.position(), shift=False)
-            elif point.id() == self._touch and self._held:
+            elif point.id() == self._touch and self.held:
                 if point.state() == point.State.Released:
                     self.let_go()
                 elif point.state() != point.State.Stationary:
                     self._move(point.position())
-        if event.type() == QEvent.Type.TouchEnd and self._held:
+        if event.type() == QEvent.Type.TouchEnd and self.held:
             self.let_go()
         event.accept()
         return True
 
     def _begin(self, at: QPointF, *, shift: bool) -> None:
-        self._held = True
+        self.held = True
         offset = at - self._center()
         in_ring = math.hypot(offset.x(), offset.y()) > self._radius() * _RING
         self._sideways = self._can_go_sideways and (in_ring or shift)
@@ -180,8 +172,8 @@ class Joystick(QWidget):
 
     def _notify(self, wish: TeleopCommand) -> None:
         self.update()
-        if wish != self._wish:
-            self._wish = wish
+        if wish != self.command:
+            self.command = wish
             self.moved.emit(wish)
             self._description.changed()
 
@@ -202,7 +194,7 @@ class Joystick(QWidget):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if not self.isEnabled():
             painter.setOpacity(0.5)
-        painter.setPen(QPen(theme.color("blue" if self._held else "line"), 2 if self._held else 1))
+        painter.setPen(QPen(theme.color("blue" if self.held else "line"), 2 if self.held else 1))
         painter.setBrush(theme.color("raised"))
         painter.drawEllipse(center, radius, radius)
         inner = radius
@@ -212,7 +204,7 @@ class Joystick(QWidget):
             painter.setBrush(theme.color("panel"))
             painter.drawEllipse(center, inner, inner)
             middle = radius * (1 + _RING) / 2
-            ink = theme.color("blue" if self._held and self._sideways else "dim")
+            ink = theme.color("blue" if self.held and self._sideways else "dim")
             for icon, side in (("caret-double-left", -1), ("caret-double-right", 1)):
                 size = min(14.0, radius - inner)
                 rect = QRectF(center.x() + side * middle - size / 2, center.y() - size / 2, size, size)
@@ -220,11 +212,11 @@ class Joystick(QWidget):
         self._paint_directions(painter, center, inner)
         knob = center + self._knob * self._reach()
         size = radius * _KNOB
-        painter.setPen(QPen(theme.color("blue" if self._held else "line_strong"), 1.5))
-        painter.setBrush(theme.color("blue" if self._held else "raised_hover"))
+        painter.setPen(QPen(theme.color("blue" if self.held else "line_strong"), 1.5))
+        painter.setBrush(theme.color("blue" if self.held else "raised_hover"))
         painter.drawEllipse(knob, size, size)
         if self._use == "head":
-            ink = theme.color("on_blue" if self._held else "text")
+            ink = theme.color("on_blue" if self.held else "text")
             draw_icon(painter, QRectF(knob.x() - 9, knob.y() - 9, 18, 18), "eye", ink)
 
     def _paint_directions(self, painter: QPainter, center: QPointF, inner: float) -> None:

@@ -2,14 +2,14 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QEvent, QObject, QRectF, Qt, QTimer
-from PySide6.QtGui import QAccessible, QFontMetrics, QImage, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QWidget
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer
+from PySide6.QtGui import QAccessible, QImage, QPixmap
+from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from caris_desktop.domain.picture_checks import PictureError, checked_size
-from caris_desktop.ui import tokens
-from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui import layouts
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.widgets.labels import IconLabel, label
 
 
 def image_of(content: bytes) -> QImage:
@@ -23,8 +23,6 @@ def image_of(content: bytes) -> QImage:
 
 SHOWN_MS = 4000
 _PICTURE_PX = 168
-_LINE_PX = 26
-_EDGE_PX = 8
 
 
 def thumbnail_of(image_bgr: NDArray[np.uint8]) -> QImage:
@@ -34,7 +32,7 @@ def thumbnail_of(image_bgr: NDArray[np.uint8]) -> QImage:
     return image.scaledToWidth(_PICTURE_PX, Qt.TransformationMode.FastTransformation)
 
 
-class PhotoThumbnail(QWidget):
+class PhotoThumbnail(QFrame):
     """Thumbnail over the lower right of ``over``, or so far below its upper edge; transparent to the mouse."""
 
     accessible_role = QAccessible.Role.Graphic
@@ -43,58 +41,36 @@ class PhotoThumbnail(QWidget):
         super().__init__(over)
         self.setObjectName("photo_thumbnail")
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self._theme = theme
         self._over = over
         self._top_px = top_px
-        self._image: QImage | None = None
-        self._line = ""
+        self.image: QImage | None = None
+        self._picture, self._line = QLabel(alignment=Qt.AlignmentFlag.AlignCenter), label("", "small")
+        icon = IconLabel(theme, "check", "box_named", size_px=16)
+        line = layouts.hbox(None, icon, (self._line, 1), margins_px=(2, 5, 4, 5), spacing_px=6)
+        layouts.vbox(self, self._picture, line, margins_px=(8, 8, 8, 0), spacing_px=0)
         self._going = QTimer(self, singleShot=True, interval=SHOWN_MS)
         self._going.timeout.connect(self.hide)
         over.installEventFilter(self)
         self.hide()
 
-    @property
-    def image(self) -> QImage | None:
-        return self._image
-
     def show_photo(self, image: QImage | None, line: str, file_name: str) -> None:
         """Show the thumbnail; only the text if ``image`` is None."""
-        self._image, self._line = image, line
+        self.image = image
+        self._picture.setPixmap(QPixmap.fromImage(image or QImage()))
+        self._picture.setVisible(image is not None)
+        self._line.setText(line)
         self.setAccessibleName(f"{line}: {file_name}")
-        self._place()
         self.show()
+        self._place()
         self.raise_()
-        self.update()
         self._going.start()
 
     def _place(self) -> None:
-        picture_px = self._image.height() if self._image is not None else 0
-        metrics = QFontMetrics(self._theme.font(tokens.STATUS_PX))
-        width = max(_PICTURE_PX, metrics.horizontalAdvance(self._line) + 30) + 2 * _EDGE_PX
-        height = picture_px + _LINE_PX + _EDGE_PX + (_EDGE_PX if not picture_px else 0)
-        top = self._over.height() - height - 12 if self._top_px is None else self._top_px
-        self.setGeometry(self._over.width() - width - 12, top, width, height)
+        self.adjustSize()
+        top = self._over.height() - self.height() - 12 if self._top_px is None else self._top_px
+        self.move(self._over.width() - self.width() - 12, top)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if event.type() == QEvent.Type.Resize and self.isVisible():
             self._place()
         return super().eventFilter(watched, event)
-
-    def paintEvent(self, _event: QPaintEvent) -> None:
-        theme = self._theme
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(theme.color("video_line"), 1))
-        painter.setBrush(theme.color("video_chip"))
-        painter.drawRoundedRect(
-            QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX
-        )
-        top = _EDGE_PX
-        if self._image is not None:
-            painter.drawImage((self.width() - self._image.width()) // 2, top, self._image)
-            top += self._image.height()
-        line = QRectF(_EDGE_PX, top, self.width() - 2 * _EDGE_PX, _LINE_PX)
-        draw_icon(painter, QRectF(line.left() + 2, line.center().y() - 8, 16, 16), "check", theme.color("box_named"))
-        painter.setFont(theme.font(tokens.STATUS_PX))
-        painter.setPen(theme.color("video_text"))
-        painter.drawText(line.adjusted(24, 0, 0, 0), int(Qt.AlignmentFlag.AlignVCenter), self._line)

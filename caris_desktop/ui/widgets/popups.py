@@ -168,10 +168,7 @@ class NameCard(FloatingCard):
     def __init__(self, theme: Theme, parent: QWidget, *, name: str) -> None:
         super().__init__(theme, parent)
         self.setObjectName(name)
-        self.field = SubmitLineEdit()
-        self.field.setObjectName(f"{name}_field")
-        self.field.setMinimumWidth(150)
-        self.field.setMaxLength(60)
+        self.field = SubmitLineEdit(objectName=f"{name}_field", minimumWidth=150, maxLength=60)
         self._line = label("", "small")
         self._save = ActionButton(
             theme, icon="check", role="primary", height_px=30, objectName=f"{name}_save", clicked=self._finish

@@ -58,7 +58,7 @@ def test_the_completion_is_drawn_dim_behind_the_cursor(field: SpeakField, theme:
     QTest.keyClicks(field, "Could y")
     with_it = field.viewport().grab().toImage()
     field.blockSignals(True)
-    field._rest = ""
+    field.completion = ""
     without = field.viewport().grab().toImage()
     field.blockSignals(False)
     right_of_cursor = [x for x in range(with_it.width()) for y in range(0, with_it.height(), 3)
