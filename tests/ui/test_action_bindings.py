@@ -23,10 +23,10 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.notifications import AlarmList
 from caris_desktop.ui.palette.palette_entries import QuickChoices
+from caris_desktop.ui.panels.speak_panel import QueueList
 from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.replay.replay_bar import ReplayBar
 from caris_desktop.ui.replay.timeline_commands import TimelineCommands
-from caris_desktop.ui.speak.queue_list import QueueList
 from caris_desktop.ui.speed_steps import fraction_after
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples

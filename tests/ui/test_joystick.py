@@ -11,8 +11,8 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.live.teleop_command import AT_REST, TeleopCommand
 from caris_desktop.robot.profile import HeadInterface, MotionLimits, RobotProfile
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.panels.drive_panel import Joystick, stick_command
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.joystick import Joystick, stick_command
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 

@@ -29,7 +29,7 @@ from caris_desktop.live.status import MapStatus
 from caris_desktop.robot.profile import NavigationServer, RobotProfile
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.map.map_grid import GridRaster
+from caris_desktop.ui.map.map_items import GridRaster
 from caris_desktop.ui.map.map_state import TRAIL_POINTS, Trail
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.theme import Theme

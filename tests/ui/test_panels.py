@@ -43,8 +43,8 @@ from caris_desktop.ui.panel import PanelContext
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.panels.people_panel import PeoplePanel
 from caris_desktop.ui.panels.session_panel import LOG_LEAST_LINES, LOG_LINE_PX, LOG_ROWS, SessionPanel
+from caris_desktop.ui.panels.speak_panel import QueueList
 from caris_desktop.ui.panels.video_panel import VideoPanel
-from caris_desktop.ui.speak.queue_list import QueueList
 from caris_desktop.ui.text_formatting import microphone_facts
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.frame_view import (

@@ -30,11 +30,11 @@ from caris_desktop.scenario.scenario_model import (
 from caris_desktop.ui.action_bindings import actions_for
 from caris_desktop.ui.action_rows import ACTIONS
 from caris_desktop.ui.app_context import THEME_WORDS
-from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer.observer_window import SEES_WORDS
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panel_table import PANELS
+from caris_desktop.ui.panels.conversation_panel import SuggestionCards
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.popups import FloatingCard
 from tests.ui import samples

@@ -16,9 +16,9 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import LaserScan
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.obstacle_ahead import nearest_of, nearest_words
+from caris_desktop.ui.panels.drive_panel import Joystick
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.accessible_descriptions import RecentlyVisible, ThrottledAccessibleDescription
-from caris_desktop.ui.widgets.joystick import Joystick
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 from tests.ui.fake_replay import FakeReplay, open_scene, sample_coding, sample_overview

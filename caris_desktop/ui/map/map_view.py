@@ -12,8 +12,7 @@ from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, RobotPose
 from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.scenario_model import Place
-from caris_desktop.ui.map.map_grid import GridItem
-from caris_desktop.ui.map.map_items import MapItems
+from caris_desktop.ui.map.map_items import GridItem, MapItems
 from caris_desktop.ui.map.map_state import Aim, Layer, MapState, Tool, length_in_words, scan_points_in_map
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.theme import Theme

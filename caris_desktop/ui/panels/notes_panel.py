@@ -43,6 +43,7 @@ _AROUND_STUDY_PX = 56  # margins, frame and scroll bar next to the text
 _MANY_PX = 100_000
 _ROOMY_PX = 220
 _AT_ONCE_UNDONE = 50
+_LIST_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Delete)
 
 
 class NotesPanel(Panel):
@@ -161,7 +162,8 @@ class NotesPanel(Panel):
         self.model.show_values(notes)
         self._stack.setCurrentWidget(self.view if notes else self._empty)
         recording = self.state.recording.value.state == "recording"
-        self.set_fact(_counted(len(notes)))
+        count = len(notes)
+        self.set_fact("" if not count else tr("1 note") if count == 1 else tr("%n notes", "", count))
         self._empty.setText(
             tr("No notes in this session.") if not self._may_write
             else tr("Your notes appear here with their time and are saved in the session.") if recording
@@ -292,9 +294,11 @@ class NotesView(QListView):
         self.setEditTriggers(QListView.EditTrigger.NoEditTriggers)
 
     def event(self, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent) and _of_list(event):
-            event.accept()
-            return True
+        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
+            with_ctrl = event.modifiers() & Qt.KeyboardModifier.ControlModifier
+            if event.key() in _LIST_KEYS or (with_ctrl and event.key() == Qt.Key.Key_Z):
+                event.accept()
+                return True
         return super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
@@ -312,13 +316,6 @@ class NotesView(QListView):
         super().resizeEvent(event)
         if event.size().width() != event.oldSize().width():
             self.scheduleDelayedItemsLayout()
-
-
-def _of_list(event: QKeyEvent) -> bool:
-    with_ctrl = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
-    return event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Delete) or (
-        with_ctrl and event.key() == Qt.Key.Key_Z
-    )
 
 
 class _NoteDelegate(RowDelegate):
@@ -352,7 +349,3 @@ class _NoteDelegate(RowDelegate):
         painter.setFont(self._theme.font(tokens.BODY_PX))
         painter.setPen(self._theme.color("text"))
         painter.drawText(inner.adjusted(_TIME_PX, 0, 0, 0), top | int(Qt.TextFlag.TextWordWrap), str(index.data()))
-
-
-def _counted(count: int) -> str:
-    return "" if not count else tr("1 note") if count == 1 else tr("%n notes", "", count)

@@ -240,15 +240,11 @@ class VideoPanel(Panel):
         age_s = state.frame.age_s()
         match state.frame.freshness:
             case "fresh":
-                rate = (
-                    (len(self._frame_times_s) - 1) / max(0.001, self._frame_times_s[-1] - self._frame_times_s[0])
-                    if len(self._frame_times_s) > 2
-                    else 0
-                )
                 # A live picture that is as it should be says nothing; Diagnostics has rate and age.
                 parts = [] if state.present.live else [tr("recorded")]
-                if rate and not state.present.live:
-                    parts.append(tr("{rate:.0f} fps").format(rate=rate))
+                if len(self._frame_times_s) > 2 and not state.present.live:
+                    shown_s = max(0.001, self._frame_times_s[-1] - self._frame_times_s[0])
+                    parts.append(tr("{rate:.0f} fps").format(rate=(len(self._frame_times_s) - 1) / shown_s))
                 if state.present.live and not state.frame.age_known:
                     parts.append(tr("age unknown"))
                 self.set_fact(" · ".join(parts), "" if state.frame.age_known else "amber")

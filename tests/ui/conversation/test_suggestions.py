@@ -12,9 +12,8 @@ from caris_desktop.domain import clock
 from caris_desktop.live.status import DisplayedReply, LevelsStatus, ProposalStatus, SuggestionsStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.scenario_model import AssistanceSettings
-from caris_desktop.ui.conversation.suggestion_cards import SuggestionCards
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.conversation_panel import LevelsButton
+from caris_desktop.ui.panels.conversation_panel import LevelsButton, SuggestionCards
 from caris_desktop.ui.people.shown_people import IdentityQuestion
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole

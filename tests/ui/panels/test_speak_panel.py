@@ -23,8 +23,7 @@ from caris_desktop.live.status import (
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.phrases import Phrase, PhraseGroup
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.panels.speak_panel import SpeakPanel
-from caris_desktop.ui.speak.queue_list import QueueList
+from caris_desktop.ui.panels.speak_panel import QueueList, SpeakPanel
 from caris_desktop.ui.speak.speak_field import SpeakField
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
