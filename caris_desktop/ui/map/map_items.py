@@ -494,7 +494,8 @@ class MapItems:
 
     def refresh(self) -> None:
         """Show the present state in the present view."""
-        self._grid.show_scale(self.px_per_m * self._device_ratio())
+        views = self._box.scene().views()
+        self._grid.show_scale(self.px_per_m * (views[0].devicePixelRatioF() if views else 1.0))
         self._show_trail()
         self._show_scan()
         self._show_goal()
@@ -505,10 +506,6 @@ class MapItems:
         self._show_aim()
         self._show_scale_bar()
         self._show_words()
-
-    def _device_ratio(self) -> float:
-        views = self._box.scene().views()
-        return float(views[0].devicePixelRatioF()) if views else 1.0
 
     def _show_trail(self) -> None:
         state, trail = self._state, self._state.trail
@@ -687,7 +684,8 @@ class MapItems:
         state, aim, theme = self._state, self._state.aim, self._theme
         for item in (self._aim, self._aim_arrow, self._measured, self._length):
             item.hide()
-        at = state.mark if state.tool == "look" else aim.at if aim is not None else self._pointer_in_map()
+        pointer = None if state.pointer is None else QPointF(self.world.mapFromItem(self._box, state.pointer))
+        at = state.mark if state.tool == "look" else aim.at if aim is not None else pointer
         if at is None:
             return
         refused = state.tool != "measure" and bool(self._grid.refusal_at(at))
@@ -702,10 +700,6 @@ class MapItems:
         self._aim.setPos(point)
         self._aim.setPen(QPen(color, 2.5) if state.tool == "look" else _dashed(QPen(color, 2), 3, 2))
         self._aim.show()
-
-    def _pointer_in_map(self) -> QPointF | None:
-        pointer = self._state.pointer
-        return None if pointer is None else QPointF(self.world.mapFromItem(self._box, pointer))
 
     def _show_measured(self, start: QPointF, end: QPointF, words: str) -> None:
         path = QPainterPath(start)

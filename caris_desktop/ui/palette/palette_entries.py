@@ -508,19 +508,19 @@ def person_entries(parts: AppContext) -> _Items:
         name, person_key = text_formatting.person_name(person), f"person {person.person_id}"
         also = " ".join((tr("person"), person.group, *person.tags))
         yield item(
-            QT_TR_NOOP("Select"), name, "user", partial(_select, parts, person), also, acts=True,
+            QT_TR_NOOP("Select"), name, "user", partial(_select, parts, person.person_id), also, acts=True,
             id=f"{person_key} select",
         )  # fmt: skip
         if "people" not in parts.panels.possible():
             continue
         yield item(
             _PERSON, localized(QT_TR_NOOP("Details of {person}"), person=name), "identification-card",
-            partial(_show, parts, person, card=True), acts=True, id=f"{person_key} card",
+            partial(_show, parts, person.person_id, card=True), acts=True, id=f"{person_key} card",
         )  # fmt: skip
         if person.here:
             yield item(
                 _PERSON, localized(QT_TR_NOOP("Rename {person}"), person=name), "pencil-simple",
-                partial(_show, parts, person, rename=True), acts=True, id=f"{person_key} rename",
+                partial(_show, parts, person.person_id, rename=True), acts=True, id=f"{person_key} rename",
             )  # fmt: skip
     if state.everybody.value or state.persons.value:
         undo = partial(parts.console.do, intents.UndoPeople())
@@ -545,18 +545,16 @@ def _answers(parts: AppContext, persons: Sequence[PersonRow]) -> _Items:
         )  # fmt: skip
 
 
-def _select(parts: AppContext, person: PersonRow) -> None:
-    parts.console.do(intents.AttendPerson(person.person_id))
-    panel = parts.panels.panels.get("people")
-    if panel is not None:
-        panel.show_person(person.person_id)
+def _select(parts: AppContext, person_id: str) -> None:
+    parts.console.do(intents.AttendPerson(person_id))
+    if panel := parts.panels.panels.get("people"):
+        panel.show_person(person_id)
 
 
-def _show(parts: AppContext, person: PersonRow, *, rename: bool = False, card: bool = False) -> None:
+def _show(parts: AppContext, person_id: str, *, rename: bool = False, card: bool = False) -> None:
     parts.panels.open("people")
-    panel = parts.panels.panels.get("people")
-    if panel is not None:
-        panel.show_person(person.person_id, rename=rename, card=card)
+    if panel := parts.panels.panels.get("people"):
+        panel.show_person(person_id, rename=rename, card=card)
 
 
 class QuickChoices:
@@ -600,14 +598,11 @@ class QuickChoices:
 
     def name_person(self) -> str:
         """Edit the name of the person in front of the robot; Enter saves it."""
-        state, panels = self._parts.console.state, self._parts.panels
+        state = self._parts.console.state
         person = nearest_person(state.persons.value, selected=state.selected_person.value)
         if person is None:
             return tr("Nobody is in view, so nobody can be named.")
-        panels.open("people")
-        panel = panels.panels.get("people")
-        if panel is not None:
-            panel.show_person(person.person_id, rename=True)
+        _show(self._parts, person.person_id, rename=True)
         return ""
 
     def _with_digits(self, entries: Sequence[PaletteItem]) -> Sequence[PaletteItem]:

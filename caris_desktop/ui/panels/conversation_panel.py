@@ -4,14 +4,14 @@ from bisect import bisect_right
 from functools import partial
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer
-from PySide6.QtGui import QActionGroup, QFontMetricsF, QKeyEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QFontMetricsF, QKeyEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QWidget
 
 from caris_desktop.conversation.conversation_transcript import Turn, in_order, next_speaker
 from caris_desktop.conversation.response_timing import LATE_S, waiting
 from caris_desktop.conversation.suggestions.suggestion_cycle import MOST_REPLIES
 from caris_desktop.domain import intents
-from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
+from caris_desktop.domain.events import AssistedFunction
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DisplayedReply, LevelsStatus, PhotoEntry, ProposalStatus, SuggestionsStatus
@@ -21,6 +21,7 @@ from caris_desktop.ui.banners import Banner
 from caris_desktop.ui.conversation.transcript_view import RowMaker, TranscriptView, found_in
 from caris_desktop.ui.event_messages import FUNCTIONS, LEVELS
 from caris_desktop.ui.focus_widget import focus_widget
+from caris_desktop.ui.menu_choices import add_choices
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted, name_of
 from caris_desktop.ui.theme import Theme
@@ -547,16 +548,11 @@ class LevelsButton(ActionButton):
         self._menu.clear()
         for function in self._assisted:
             self._menu.addSection(tr(FUNCTIONS[function]))
-            group = QActionGroup(self._menu)
-            for level in levels_up_to(self._context.console.scenario.highest_level(function)):
-                action = self._menu.addAction(tr(LEVELS[level]))
-                action.setCheckable(True)
-                action.setChecked(getattr(self._state.levels.value, function) == level)
-                action.setActionGroup(group)
-                action.triggered.connect(partial(self._set_level, function, level))
-
-    def _set_level(self, function: AssistedFunction, level: AssistanceLevel) -> None:
-        self._context.console.do(intents.SetLevel(function, level))
+            levels = levels_up_to(self._context.console.scenario.highest_level(function))
+            now = getattr(self._state.levels.value, function)
+            uses = [partial(self._context.console.do, intents.SetLevel(function, level)) for level in levels]
+            choices = [(tr(LEVELS[level]), level == now, use) for level, use in zip(levels, uses, strict=True)]
+            add_choices(self._menu, choices)
 
 
 class ProposalCard(Banner):

@@ -105,14 +105,13 @@ class MotionPanel(Panel):
         self._lines: list[tuple[Any, Any, Any]] = []
         for row in range(2):
             plot = self._widget.addPlot(row=row, col=0)
-            for side in ("left", "bottom"):
-                plot.getAxis(side).enableAutoSIPrefix(False)
             plot.setMenuEnabled(False)
             plot.hideButtons()
             plot.setMouseEnabled(False, False)
             plot.setXRange(-SPAN_S, 0.0, padding=0.0)
             plot.getAxis("left").setWidth(52)
             for side in ("left", "bottom"):
+                plot.getAxis(side).enableAutoSIPrefix(False)
                 # Cached: axes are repainted only when their numbers change.
                 plot.getAxis(side).setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
             plot.showGrid(x=False, y=True, alpha=0.2)
@@ -140,10 +139,7 @@ class MotionPanel(Panel):
     def fit(self) -> None:
         low = self.height() < _LOW_PX
         self._odometry_line.setVisible(not low)
-        self._arrange(side_by_side=low and self.width() > self.height())
-
-    def _arrange(self, *, side_by_side: bool) -> None:
-        """Stack the plots, or put them side by side in a low panel."""
+        side_by_side = low and self.width() > self.height()
         if side_by_side != self._side_by_side:
             self._side_by_side = side_by_side
             turning = self._plots[1]

@@ -88,10 +88,7 @@ class PhotosPanel(Panel):
         permissions, assistant = self.console.scenario.permissions, self.console.scenario.assistant
         self.large = LargePhoto(self.theme, can_ask=permissions.assistant and assistant.pictures)
         self.large.left.connect(self.close_photo)
-        self.large.tagged.connect(lambda tags: self.console.do(intents.TagPhoto(self._open, tags)))
-        self.large.deleted.connect(lambda: self.console.do(intents.DeletePhoto(self._open)))
-        self.large.restored.connect(lambda: self.console.do(intents.RestorePhoto(self._open)))
-        self.large.question_asked.connect(lambda question: self.console.do(intents.AskAboutPhoto(self._open, question)))
+        self.large.requested.connect(self.console.do)
         self._empty = label(tone="dim", wraps=True, objectName="photos_empty", alignment=Qt.AlignmentFlag.AlignCenter)
         self._empty.setContentsMargins(24, 8, 24, 8)
         holder = QWidget()
@@ -296,10 +293,7 @@ class LargePhoto(QWidget):
     """Enlarged photo with description, tags and commands."""
 
     left = Signal()
-    tagged = Signal(object)  # tuple[str, ...]
-    deleted = Signal()
-    restored = Signal()
-    question_asked = Signal(str)  # question
+    requested = Signal(object)  # Intent
 
     def __init__(self, theme: Theme, *, can_ask: bool) -> None:
         super().__init__()
@@ -353,19 +347,19 @@ class LargePhoto(QWidget):
         self.question.setEnabled(not photo.deleted)
 
     def _on_delete(self) -> None:
-        if self._photo is not None and self._photo.deleted:
-            self.restored.emit()
-        else:
-            self.deleted.emit()
+        if self._photo is not None:
+            do_or_undo = intents.RestorePhoto if self._photo.deleted else intents.DeletePhoto
+            self.requested.emit(do_or_undo(self._photo.file_name))
 
     def _on_tags_entered(self) -> None:
-        if not self.tags.isReadOnly():
-            self.tagged.emit(tuple(tag.strip() for tag in self.tags.text().split(",") if tag.strip()))
+        if self._photo is not None and not self.tags.isReadOnly():
+            tags = tuple(tag.strip() for tag in self.tags.text().split(",") if tag.strip())
+            self.requested.emit(intents.TagPhoto(self._photo.file_name, tags))
 
     def _on_question_entered(self) -> None:
         question = self.question.text().strip()
-        if question:
-            self.question_asked.emit(question)
+        if self._photo is not None and question:
+            self.requested.emit(intents.AskAboutPhoto(self._photo.file_name, question))
             self.question.clear()
             self.question.setPlaceholderText(tr(_ASKED))
 

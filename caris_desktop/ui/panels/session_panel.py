@@ -1,15 +1,14 @@
 """Session panel: recording controls, marks, and an event log with the newest entry at the bottom."""
 
 import bisect
-from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QAbstractListModel, QModelIndex, QPoint, QRect, QSize, Qt, QUrl
-from PySide6.QtGui import QDesktopServices, QFont, QFontMetrics, QHelpEvent, QPainter, QResizeEvent
+from PySide6.QtCore import QPoint, QRect, QSize, Qt, QUrl
+from PySide6.QtGui import QDesktopServices, QFont, QFontMetrics, QHelpEvent, QPainter, QResizeEvent, QStandardItem
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QMenu,
@@ -22,7 +21,6 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.state import PresentClock
 from caris_desktop.live.status import RecordingStatus
 from caris_desktop.scenario.scenario_model import PanelSettings
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
@@ -33,7 +31,7 @@ from caris_desktop.ui.status_bar import ROOM_LOW_S
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.labels import label, restyle
-from caris_desktop.ui.widgets.rows import FastTableView, Index, RowDelegate
+from caris_desktop.ui.widgets.rows import VALUE_ROLE, FastTableView, Index, KeyedItems, RowDelegate
 from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 LOG_ROWS = 2000
@@ -48,8 +46,7 @@ _SHOWN = {
     "everything": "", "said": event_messages.SAID, "moved": event_messages.MOVED, "people": event_messages.PEOPLE,
     "session": event_messages.SESSION, "problems": event_messages.PROBLEMS,
 }  # fmt: skip
-_CATEGORY_ROLE = int(Qt.ItemDataRole.UserRole)
-_TIME_ROLE = _CATEGORY_ROLE + 1
+_TIME_ROLE = VALUE_ROLE + 1
 IN_SESSION = ("starting", "recording", "paused")
 
 
@@ -103,7 +100,8 @@ class SessionPanel(Panel):
         for category in ("", *event_messages.CATEGORIES):
             action = self._filter_menu.addAction(tr(category or _EVERYTHING))
             action.triggered.connect(lambda _checked=False, chosen=category: self.show_category(chosen))
-        self._model = EventLogModel(self.state.present, self)
+        self._entries: list[LogEntry] = []
+        self._model = KeyedItems[LogEntry](self, lambda entry: entry.key or id(entry), self._fill)
         self._log = EventLogView()
         self._log.setObjectName("event_log")
         self._log.setAccessibleName(tr("Event log"))
@@ -124,7 +122,7 @@ class SessionPanel(Panel):
 
     def log_lines(self) -> list[str]:
         """Log sentences of the selected category, oldest first."""
-        return [entry.sentence for entry in self._model.chosen()]
+        return [entry.sentence for entry in self._chosen()]
 
     def show_scenario(self) -> None:
         self._show_labels()
@@ -153,11 +151,10 @@ class SessionPanel(Panel):
             button.setToolTip(tr("Mark this moment: {label}. Hold the key to mark an interval.").format(label=name))
 
     def save_state(self) -> list[LogEntry]:
-        return self._model.entries()
+        return list(self._entries)
 
     def restore_state(self, lasting: Sequence[LogEntry]) -> None:
-        self._model.replace(lasting)
-        self._log.scrollToBottom()
+        self._replace_log(lasting)
 
     def use_library(self, *, present: bool) -> None:
         self._has_library = present
@@ -169,14 +166,50 @@ class SessionPanel(Panel):
     def _on_event(self, event: object) -> None:
         entry = self._entry_of(event)
         if entry is not None:
-            self._model.append(entry)
-
-    def set_in_view(self, in_view: bool) -> None:
-        self._model.set_in_view(in_view)
-        super().set_in_view(in_view)
+            self._add(entry)
+            if self.in_view:
+                self._show_log()
 
     def update_view(self) -> None:
+        self._show_log()
         self._refresh()
+
+    # ---- log
+
+    def _add(self, entry: LogEntry) -> None:
+        """Add an entry by time, as events of several processes arrive slightly out of order; or replace the one of the
+        same key, with its time.
+        """
+        entries = self._entries
+        rows = reversed(range(len(entries))) if entry.key else ()
+        row = next((row for row in rows if entries[row].key == entry.key), None)
+        if row is not None:
+            entries[row] = replace(entry, stamp_ns=entries[row].stamp_ns)
+            return
+        if len(entries) >= LOG_ROWS:
+            gone = entries.pop(0)
+            if self._model.values and self._model.values[0] is gone:
+                self._model.remove_first()
+        bisect.insort_right(entries, entry, key=lambda each: each.stamp_ns)
+
+    def _replace_log(self, entries: Iterable[LogEntry]) -> None:
+        self._entries.clear()
+        for entry in sorted(entries, key=lambda entry: entry.stamp_ns):
+            self._add(entry)
+        self._show_log()
+        self._log.scrollToBottom()
+
+    def _chosen(self) -> list[LogEntry]:
+        return [entry for entry in self._entries if self._category in ("", entry.category)]
+
+    def _show_log(self) -> None:
+        self._model.show_values(self._chosen())
+
+    def _fill(self, item: QStandardItem, entry: LogEntry) -> None:
+        at = text_formatting.clock_time(entry.stamp_ns, self.state.present.anchor)
+        item.setText(entry.sentence)
+        item.setData(at, _TIME_ROLE)
+        item.setData(f"{at} {entry.sentence}", Qt.ItemDataRole.AccessibleTextRole)
 
     def _entry_of(self, event: object) -> LogEntry | None:
         described = event_messages.event_sentence(event, self._name_of)
@@ -187,16 +220,14 @@ class SessionPanel(Panel):
 
     def _on_time_jumped(self, events: Iterable[object]) -> None:
         """Rebuild the log for a seek: events up to that time."""
-        entries = [self._entry_of(event) for event in events]
-        self._model.replace([entry for entry in entries if entry is not None])
-        self._log.scrollToBottom()
+        self._replace_log(entry for event in events if (entry := self._entry_of(event)) is not None)
 
     def show_category(self, category: str) -> None:
         """Filter the log by one of ``event_words.CATEGORIES``; empty for all."""
         self._filter.set_label(tr(category or _EVERYTHING))
-        self._model.set_category(category)
-        self._log.scrollToBottom()
         self._category = category
+        self._show_log()
+        self._log.scrollToBottom()
         self.report_choices()
 
     def choices(self) -> dict[str, Any]:
@@ -329,98 +360,6 @@ class SessionPanel(Panel):
         return " · ".join(part for part in parts if part), "amber" if low else "dim"
 
 
-class EventLogModel(QAbstractListModel):
-    """Bounded list of recent entries, optionally of one category. The view is updated only while visible."""
-
-    def __init__(self, present: PresentClock, parent: QWidget) -> None:
-        super().__init__(parent)
-        self._present = present
-        self._all: deque[LogEntry] = deque(maxlen=LOG_ROWS)
-        self._rows: list[LogEntry] = []
-        self._category = ""
-        self._in_view = True
-
-    def set_in_view(self, in_view: bool) -> None:
-        self._in_view = in_view
-        if in_view:
-            self.set_category(self._category)
-
-    def append(self, entry: LogEntry) -> None:
-        if entry.key and self._renew(entry):
-            return
-        if len(self._all) >= LOG_ROWS:
-            self._all.popleft()
-        self._all.insert(_place_of(entry, self._all), entry)
-        if not self._in_view or (self._category and entry.category != self._category):
-            return
-        if len(self._rows) >= LOG_ROWS:
-            self.beginRemoveRows(QModelIndex(), 0, 0)
-            del self._rows[0]
-            self.endRemoveRows()
-        row = _place_of(entry, self._rows)
-        self.beginInsertRows(QModelIndex(), row, row)
-        self._rows.insert(row, entry)
-        self.endInsertRows()
-
-    def _renew(self, entry: LogEntry) -> bool:
-        """Replace the line of the same key, keeping its time; False if there is none."""
-        row = _row_of(entry.key, self._all)
-        if row is None:
-            return False
-        self._all[row] = renewed = replace(entry, stamp_ns=self._all[row].stamp_ns)
-        row_number = _row_of(entry.key, self._rows) if self._in_view else None
-        if row_number is not None:
-            self._rows[row_number] = renewed
-            self.dataChanged.emit(self.index(row_number), self.index(row_number))
-        return True
-
-    def entries(self) -> list[LogEntry]:
-        return list(self._all)
-
-    def replace(self, entries: Sequence[LogEntry]) -> None:
-        self._all.clear()
-        for entry in sorted(entries, key=lambda entry: entry.stamp_ns):
-            if not (entry.key and self._renew(entry)):
-                self._all.append(entry)
-        self.set_category(self._category)
-
-    def set_category(self, category: str) -> None:
-        self._category = category
-        if not self._in_view:
-            return
-        self.beginResetModel()
-        self._rows = self.chosen()
-        self.endResetModel()
-
-    def chosen(self) -> list[LogEntry]:
-        """Entries of the category, including those that the view has not shown yet."""
-        return [entry for entry in self._all if not self._category or entry.category == self._category]
-
-    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
-        return 0 if parent.isValid() else len(self._rows)
-
-    def data(self, index: Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
-        entry = self._rows[index.row()]
-        if role == Qt.ItemDataRole.DisplayRole:
-            return entry.sentence
-        if role == _CATEGORY_ROLE:
-            return entry.category
-        if role == _TIME_ROLE:
-            return text_formatting.clock_time(entry.stamp_ns, self._present.anchor)
-        if role == Qt.ItemDataRole.AccessibleTextRole:
-            return f"{text_formatting.clock_time(entry.stamp_ns, self._present.anchor)} {entry.sentence}"
-        return None
-
-
-def _place_of(entry: LogEntry, rows: Sequence[LogEntry] | deque[LogEntry]) -> int:
-    """Insertion index by time: events of several processes arrive slightly out of order."""
-    return bisect.bisect_right(rows, entry.stamp_ns, key=lambda row: row.stamp_ns)
-
-
-def _row_of(key: str, rows: Sequence[LogEntry] | deque[LogEntry]) -> int | None:
-    return next((row for row in reversed(range(len(rows))) if rows[row].key == key), None)
-
-
 class EventDelegate(RowDelegate):
     """Row with time, icon and sentence; the tooltip shows an elided sentence."""
 
@@ -428,7 +367,7 @@ class EventDelegate(RowDelegate):
     _ICON_WIDTH_PX = 26
 
     def paint_row(self, painter: QPainter, rect: QRect, index: Index) -> None:
-        category = str(index.data(_CATEGORY_ROLE))
+        category = index.data(VALUE_ROLE).category
         problem = category == "Problems"
         time_rect = QRect(rect.topLeft(), QSize(self._TIME_WIDTH_PX, rect.height()))
         self.paint_text(painter, time_rect, str(index.data(_TIME_ROLE)), self._theme.font(tokens.STATUS_PX), "dim")

@@ -33,7 +33,7 @@ from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.key_choices import normalized
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.people.shown_people import as_permitted, name_of
-from caris_desktop.ui.speak.speak_field import SpeakField, VoiceLine, voice_choices
+from caris_desktop.ui.speak.speak_field import SpeakField, voice_choices
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow, list_area
@@ -422,17 +422,14 @@ class SpeakPanel(Panel):
             many = len(group) > _MANY
             menu = self._voice_menu.addMenu(tr("All voices")) if many else self._voice_menu
             for choice in group:
-                self._add_choice(menu, choice)
-                if many and choice.chosen:
-                    self._add_choice(self._voice_menu, choice)
+                for where in (menu, self._voice_menu) if many and choice.chosen else (menu,):
+                    action = where.addAction(
+                        text_formatting.in_menu(choice.text), partial(self.console.do, choice.intent)
+                    )
+                    action.setCheckable(True)
+                    action.setChecked(choice.chosen)
             self._voice_menu.addSeparator()
         self._voice_menu.popup(self._voice.mapToGlobal(QPoint(0, self._voice.height() + 4)))
-
-    def _add_choice(self, menu: QMenu, choice: VoiceLine) -> None:
-        action = menu.addAction(text_formatting.in_menu(choice.text))
-        action.setCheckable(True)
-        action.setChecked(choice.chosen)
-        action.triggered.connect(lambda: self.console.do(choice.intent))
 
     # ---- input
 

@@ -292,8 +292,10 @@ class TimelineCanvas(TimelineItems):
         if not drag.moving and (point - drag.origin).manhattanLength() < _DRAG_PX:
             return
         drag.moving = True
-        if drag.kind not in ("pan", "name"):
-            self._scroll_at_edge(point.x())
+        # Dragging beyond an edge scrolls.
+        over = min(0.0, point.x() - NAMES_PX) + max(0.0, point.x() - (self.width() - 2))
+        if over and drag.kind not in ("pan", "name"):
+            self.scroll_across_to(self.scale.start_ms + min(40.0, max(-40.0, over)) / self.scale.px_per_ms)
         match drag.kind:
             case "seek":
                 self.seek_requested.emit(self._bounded(self._ms_at(point)))
@@ -307,12 +309,6 @@ class TimelineCanvas(TimelineItems):
             case _:
                 self._drag_annotation(drag, point)
         self.update()
-
-    def _scroll_at_edge(self, x: float) -> None:
-        """Scroll while dragging beyond an edge."""
-        over = min(0.0, x - NAMES_PX) + max(0.0, x - (self.width() - 2))
-        if over:
-            self.scroll_across_to(self.scale.start_ms + min(40.0, max(-40.0, over)) / self.scale.px_per_ms)
 
     def _drag_free(self, drag: _Drag, at_ms: float) -> None:
         anchor_ms = self._snap(drag.origin_ms, drag.row)

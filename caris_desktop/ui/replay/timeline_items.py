@@ -530,7 +530,9 @@ class TimelineItems(QWidget):
             painter.setFont(theme.font(9 if len(letters) > 1 else 11, tokens.WEIGHT_SEMIBOLD))
             painter.drawText(chip, CENTER, letters)
         else:
-            draw_icon(painter, chip.adjusted(2, 2, -2, -2), _row_icon(row), theme.color("dim"))
+            name = (row.name if row.tier is None else row.tier.name).casefold()  # untranslated, as recorded
+            of_record = next((icon for word, icon in _RECORD_ICONS if word in name), "rows")
+            draw_icon(painter, chip.adjusted(2, 2, -2, -2), _ICONS.get(row.kind, of_record), theme.color("dim"))
         place = QRectF(38, top, NAMES_PX - 38 - MENU_PX, row.height_px)
         painter.setFont(theme.font(tokens.STATUS_PX, tokens.WEIGHT_MEDIUM if row.own else tokens.WEIGHT_NORMAL))
         painter.setPen(theme.color("text" if row.own else "dim"))
@@ -682,8 +684,3 @@ def _between(tops: NDArray[np.floating], bottoms: NDArray[np.floating], height_p
     with np.errstate(invalid="ignore"):
         filled: NDArray[np.bool_] = (ys >= np.floor(tops)) & (ys < np.ceil(bottoms))
     return filled
-
-
-def _row_icon(row: Row) -> str:
-    name = (row.name if row.tier is None else row.tier.name).casefold()  # untranslated, as recorded
-    return _ICONS.get(row.kind) or next((icon for word, icon in _RECORD_ICONS if word in name), "rows")

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QEvent, QKeyCombination, QObject, QPoint, QRectF, Qt, Signal
@@ -426,7 +427,8 @@ class TimelineView(QWidget):
             count = len(self.canvas.track_of(row).annotations)
             menu.addSeparator()
             words = tr("Remove the tier with its %n annotations", "", count) if count else tr("Remove the tier")
-            menu.addAction(words, lambda: self._remove_tier(tier.tier_id))
+            remove = partial(annotation_editing.remove_tier, tier_id=tier.tier_id)
+            menu.addAction(words, lambda: self.acts.edit(remove))
         menu.popup(at)
 
     def _menu(self, name: str) -> QMenu:
@@ -434,9 +436,6 @@ class TimelineView(QWidget):
         menu.setObjectName(name)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         return menu
-
-    def _remove_tier(self, tier_id: str) -> None:
-        self.acts.edit(lambda document: annotation_editing.remove_tier(document, tier_id))
 
     def _on_row_opened(self, key: str) -> None:
         tiers = (tier for tier in self.acts.document.tiers if f"tier {tier.tier_id}" == key)

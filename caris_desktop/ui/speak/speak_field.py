@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 
-from PySide6.QtCore import Property, QMimeData, QPointF, Qt
+from PySide6.QtCore import Property, QMimeData, QPoint, QPointF, QRect, Qt
 from PySide6.QtGui import (
     QFocusEvent,
     QFontMetricsF,
@@ -274,7 +274,10 @@ class SpeakField(QPlainTextEdit):
 
     def _fit(self) -> None:
         """Fit the height to the text, up to a few lines; a single line is centred vertically."""
-        count = max(1, self._line_count())
+        block, count = self.document().firstBlock(), 0
+        while block.isValid():
+            count += max(1, block.layout().lineCount())
+            block = block.next()
         # The layout rounds each line up.
         first = self.document().firstBlock()
         line_px = math.ceil(self.blockBoundingRect(first).height() / max(1, first.layout().lineCount()))
@@ -287,21 +290,10 @@ class SpeakField(QPlainTextEdit):
             self.verticalScrollBar().setValue(0)
         else:
             self.ensureCursorVisible()
-        self._place_cap()
-
-    def _line_count(self) -> int:
-        block, count = self.document().firstBlock(), 0
-        while block.isValid():
-            count += max(1, block.layout().lineCount())
-            block = block.next()
-        return count
-
-    def _place_cap(self) -> None:
         cap = self._enter.sizeHint()
         bottom_px = (self._line_px - cap.height()) // 2
-        self._enter.setGeometry(
-            self.width() - cap.width() - _SIDE_PX, self.height() - cap.height() - bottom_px, cap.width(), cap.height()
-        )
+        at = QPoint(self.width() - cap.width() - _SIDE_PX, self.height() - cap.height() - bottom_px)
+        self._enter.setGeometry(QRect(at, cap))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

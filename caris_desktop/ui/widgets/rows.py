@@ -68,6 +68,10 @@ class KeyedItems(QStandardItemModel, Generic[Shown]):
             if before != value:
                 self._set(self.item(row), value)
 
+    def remove_first(self) -> None:
+        del self.values[0]
+        self.removeRow(0)
+
     def _set(self, item: QStandardItem, value: Shown) -> None:
         item.setData(value, VALUE_ROLE)
         self._fill(item, value)
