@@ -7,7 +7,6 @@ from collections.abc import Callable
 from PySide6.QtCore import QRectF, QSignalBlocker, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QPaintEvent, QPen, QWheelEvent
 from PySide6.QtWidgets import (
-    QAbstractButton,
     QBoxLayout,
     QLabel,
     QScrollArea,
@@ -511,19 +510,14 @@ class _ToggleFace(ControlWidget):
         self._switch.show_value(value)
 
 
-class Switch(QAbstractButton):
-    """Toggle switch with name and state (on, off, unknown). A click does not take the focus."""
+class Switch(ActionButton):
+    """Toggle switch with name and state (on, off, unknown)."""
 
     def __init__(self, theme: Theme, title: str) -> None:
-        super().__init__()
-        self._theme = theme
+        super().__init__(theme)
         self._title = title
         self._value: bool | None = None
         self._state = ""
-        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-        self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
-        self.setAttribute(Qt.WidgetAttribute.WA_Hover)
-        theme.changed.connect(self.update)
 
     def show_value(self, value: bool | None) -> None:
         self._value = value
@@ -547,16 +541,12 @@ class Switch(QAbstractButton):
     def minimumSizeHint(self) -> QSize:
         return QSize(110, tokens.CONTROL_HEIGHT_PX)
 
-    def paintEvent(self, _event: QPaintEvent) -> None:
+    def paintEvent(self, event: QPaintEvent) -> None:
+        super().paintEvent(event)
         theme, painter = self._theme, QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        rect = QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5)
         if not self.isEnabled():
             painter.setOpacity(0.75)
-        painter.setPen(QPen(theme.color("blue" if self.hasFocus() else "line"), 2 if self.hasFocus() else 1))
-        hover = self.underMouse() and self.isEnabled()
-        painter.setBrush(theme.color("raised_hover" if hover else "raised"))
-        painter.drawRoundedRect(rect, tokens.CONTROL_RADIUS_PX, tokens.CONTROL_RADIUS_PX)
         track = QRectF(10, self.height() / 2 - 9, 34, 18)
         on = bool(self._value)
         dashed = self._value is None or self._state == "requested"

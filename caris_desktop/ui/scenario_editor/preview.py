@@ -1,6 +1,6 @@
 """Preview of the edited scenario: errors, consequences for the wizard, and changes, as HTML."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import cache
 from html import escape
 from itertools import chain, repeat
@@ -20,7 +20,6 @@ from caris_desktop.scenario.scenario_file import migrate
 from caris_desktop.scenario.scenario_model import ERROR_KEYS, Permissions, Scenario, manual_checks
 from caris_desktop.ui.action_bindings import rows_of
 from caris_desktop.ui.action_rows import ACTIONS, go_to_nth_place, mark_with_label, perform_nth_gesture
-from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.tokens import Colors
 
@@ -297,27 +296,17 @@ class Consequence(Value):
 @cache
 def consequences(permission: str) -> tuple[Consequence, ...]:
     """Features that this permission alone removes: panels, commands with keys, other intents."""
-    return tuple(dict.fromkeys(_found(permission)))
-
-
-def _found(permission: str) -> Iterator[Consequence]:
-    for panel in PANELS.values():
-        if panel.permission == permission:
-            yield Consequence("panel", panel.title)
+    found = [Consequence("panel", panel.title) for panel in PANELS.values() if panel.permission == permission]
     keyed_intents = set()
     for spec in ACTIONS:
-        intent = _intent_of(spec)
-        needed = INTENTS[intent].permissions if intent is not None else ()
-        if spec.permission == permission or permission in needed:
+        intent = type(spec.intent) if isinstance(spec.intent, Intent) else None
+        if spec.permission == permission or (intent is not None and permission in INTENTS[intent].permissions):
             keyed_intents.add(intent)
-            yield Consequence("key", spec.text, spec.keys[0] if spec.keys else "")
+            found.append(Consequence("key", spec.text, spec.keys[0] if spec.keys else ""))
     for intent, line in INTENTS.items():
         if permission in line.permissions and intent not in keyed_intents:
-            yield Consequence("act", line.words)
-
-
-def _intent_of(spec: ActionSpec) -> type[Intent] | None:
-    return type(spec.intent) if isinstance(spec.intent, Intent) else None
+            found.append(Consequence("act", line.words))
+    return tuple(dict.fromkeys(found))
 
 
 def difference_words(change: Difference) -> str:

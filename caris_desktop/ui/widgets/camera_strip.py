@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QPointF, QRectF, QSize, QSizeF, Qt, Signal
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QFontMetricsF, QImage, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QWidget
 
@@ -18,7 +18,7 @@ from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, draw_card_edge
 from caris_desktop.ui.pixmap_cache import PixmapCache
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.widgets.frame_view import detections_fit
+from caris_desktop.ui.widgets.frame_view import detections_fit, fitted, paint_words
 
 EVERY_S, EVERY_WHEN_BUSY_S = 0.25, 1.0
 """Refresh intervals in s: the least important work on a busy machine."""
@@ -159,7 +159,7 @@ class SmallPicture(QAbstractButton):
         painter.fillRect(bounds, theme.color("video_ground"))
         age, instead = self.words()
         if self._image is not None:
-            picture = self._picture_rect(bounds, self._image)
+            picture = fitted(self._image, bounds)
             painter.setOpacity(0.4 if age else 1.0)
             painter.drawImage(picture, self._image)
             painter.setOpacity(1.0)
@@ -174,11 +174,6 @@ class SmallPicture(QAbstractButton):
         edge = "blue" if self.underMouse() else "line"
         painter.setPen(QPen(theme.color(edge), 2 if self.underMouse() else 1))
         painter.drawRect(bounds.adjusted(0.5, 0.5, -0.5, -0.5))
-
-    def _picture_rect(self, bounds: QRectF, image: QImage) -> QRectF:
-        scale = min(bounds.width() / image.width(), bounds.height() / image.height())
-        width, height = image.width() * scale, image.height() * scale
-        return QRectF(bounds.center().x() - width / 2, bounds.center().y() - height / 2, width, height)
 
     def _paint_detections(self, painter: QPainter, picture: QRectF) -> None:
         people, frame = self._panel.state.people_of(self.camera).value, self._frame
@@ -212,17 +207,9 @@ class SmallPicture(QAbstractButton):
         font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
         metrics = QFontMetricsF(font)
         text = metrics.elidedText(text, Qt.TextElideMode.ElideRight, self.width() - 20)
-        size = QSizeF(math.ceil(metrics.horizontalAdvance(text)) + 12, 20)
-
-        def paint(onto: QPainter) -> None:
-            onto.setPen(Qt.PenStyle.NoPen)
-            onto.setBrush(self._theme.color("video_chip"))
-            onto.drawRoundedRect(QRectF(QPointF(0, 0), size), 4, 4)
-            onto.setFont(font)
-            onto.setPen(self._theme.color("box_warning" if warns else "video_text"))
-            onto.drawText(QRectF(QPointF(0, 0), size), Qt.AlignmentFlag.AlignCenter, text)
-
-        self._painted.draw(painter, QPointF(4, 4), size, ("name", text, warns), paint)
+        place = QRectF(4, 4, math.ceil(metrics.horizontalAdvance(text)) + 12, 20)
+        ink, ground = self._theme.color("box_warning" if warns else "video_text"), self._theme.color("video_chip")
+        paint_words(painter, self._painted, place, text, font=font, ink=ink, ground=ground)
 
 
 def shrunk(image_bgr: NDArray[np.uint8], room: QSize) -> QImage:

@@ -11,6 +11,7 @@ from PySide6.QtCore import QEvent, QPointF, QRect, QRectF, QSizeF, Qt, Signal
 from PySide6.QtGui import (
     QAccessible,
     QColor,
+    QFont,
     QFontMetricsF,
     QImage,
     QMouseEvent,
@@ -318,12 +319,7 @@ class FrameView(QWidget):
 
     def picture_rect(self) -> QRectF:
         """Rectangle of the scaled picture, with its aspect ratio."""
-        room = QRectF(self.rect())
-        if self._image is None:
-            return room
-        scale = min(room.width() / self._image.width(), room.height() / self._image.height())
-        width, height = self._image.width() * scale, self._image.height() * scale
-        return QRectF(room.center().x() - width / 2, room.center().y() - height / 2, width, height)
+        return QRectF(self.rect()) if self._image is None else fitted(self._image, QRectF(self.rect()))
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
@@ -446,37 +442,21 @@ class FrameView(QWidget):
 
     def _paint_thing(self, painter: QPainter, rect: QRectF, label: str) -> None:
         """Paint an object that is not a person: thin grey outline with the name inside."""
-        edge, color = rect.toRect(), self._theme.color("video_dim")
-        for bar in (
-            QRect(edge.left(), edge.top(), edge.width(), 1), QRect(edge.left(), edge.bottom(), edge.width(), 1),
-            QRect(edge.left(), edge.top(), 1, edge.height()), QRect(edge.right(), edge.top(), 1, edge.height()),
-        ):  # fmt: skip
-            painter.fillRect(bar, color)
+        for bar in _bars(rect.toRect(), 1):
+            painter.fillRect(bar, self._theme.color("video_dim"))
         font = self._theme.font(tokens.STATUS_PX)
         size = QSizeF(math.ceil(QFontMetricsF(font).horizontalAdvance(label)) + 8, 18)
-        if size.width() > rect.width() or size.height() > rect.height():
-            return
-
-        def paint(onto: QPainter) -> None:
-            onto.fillRect(QRectF(QPointF(0, 0), size), self._theme.color("video_chip"))
-            onto.setFont(font)
-            onto.setPen(color)
-            onto.drawText(QRectF(QPointF(0, 0), size), Qt.AlignmentFlag.AlignCenter, label)
-
-        self._painted.draw(painter, rect.topLeft(), size, ("thing", label), paint)
+        if size.width() <= rect.width() and size.height() <= rect.height():
+            ink, ground = self._theme.color("video_dim"), self._theme.color("video_chip")
+            place = QRectF(rect.topLeft(), size)
+            paint_words(painter, self._painted, place, label, font=font, ink=ink, ground=ground, radius_px=0)
 
     def _paint_selected(self, painter: QPainter, rect: QRectF) -> None:
         """Paint a second, light-on-dark outline that is visible on any image."""
         edge = rect.toRect().adjusted(-4, -4, 4, 4)
         for role, outer in (("on_box", edge.adjusted(-1, -1, 1, 1)), ("video_text", edge)):
-            color = self._theme.color(role)
-            for bar in (
-                QRect(outer.left(), outer.top(), outer.width(), 3),
-                QRect(outer.left(), outer.bottom() - 2, outer.width(), 3),
-                QRect(outer.left(), outer.top() + 3, 3, outer.height() - 6),
-                QRect(outer.right() - 2, outer.top() + 3, 3, outer.height() - 6),
-            ):
-                painter.fillRect(bar, color)
+            for bar in _bars(outer, 3):
+                painter.fillRect(bar, self._theme.color(role))
 
     def _paint_box_edge(self, painter: QPainter, rect: QRectF, role: str, *, solid: bool) -> None:
         """Paint a box, dashed for an unnamed person.
@@ -485,12 +465,7 @@ class FrameView(QWidget):
         each frame.
         """
         color = self._theme.color(role)
-        edge = rect.toRect().adjusted(-1, -1, 1, 1)
-        inner = edge.height() - 4
-        for bar in (
-            QRect(edge.left(), edge.top(), edge.width(), 2), QRect(edge.left(), edge.bottom() - 1, edge.width(), 2),
-            QRect(edge.left(), edge.top() + 2, 2, inner), QRect(edge.right() - 1, edge.top() + 2, 2, inner),
-        ):  # fmt: skip
+        for bar in _bars(rect.toRect().adjusted(-1, -1, 1, 1), 2):
             if solid:
                 painter.fillRect(bar, color)
             elif bar.width() > 0 and bar.height() > 0:
@@ -517,17 +492,9 @@ class FrameView(QWidget):
 
     def _paint_tag(self, painter: QPainter, at: QPointF, text: str, role: str) -> None:
         """Paint a label, 21 px high, cached per text."""
-        size = self._tag_size(text)
-
-        def paint(onto: QPainter) -> None:
-            onto.setPen(Qt.PenStyle.NoPen)
-            onto.setBrush(self._theme.color(role))
-            onto.drawRoundedRect(QRectF(QPointF(0, 0), size), 4, 4)
-            onto.setFont(self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
-            onto.setPen(self._theme.color("on_box"))
-            onto.drawText(QRectF(QPointF(0, 0), size), Qt.AlignmentFlag.AlignCenter, text)
-
-        self._painted.draw(painter, at, size, ("tag", text, role), paint)
+        font = self._theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
+        ink, place = self._theme.color("on_box"), QRectF(at, self._tag_size(text))
+        paint_words(painter, self._painted, place, text, font=font, ink=ink, ground=self._theme.color(role))
 
     def _paint_spot(self, painter: QPainter) -> None:
         spot, model, theme = self.spot, self.model, self._theme
@@ -607,6 +574,41 @@ class FrameView(QWidget):
     def leaveEvent(self, event: QEvent) -> None:
         self.hovered.emit(None)
         super().leaveEvent(event)
+
+
+def paint_words(
+    painter: QPainter, painted: PixmapCache, place: QRectF, text: str, *,
+    font: QFont, ink: QColor, ground: QColor, radius_px: float = 4,
+) -> None:  # fmt: skip
+    """Paint a text on a rounded ground, cached."""
+    rect = QRectF(QPointF(0, 0), place.size())
+
+    def paint(onto: QPainter) -> None:
+        onto.setPen(Qt.PenStyle.NoPen)
+        onto.setBrush(ground)
+        onto.drawRoundedRect(rect, radius_px, radius_px)
+        onto.setFont(font)
+        onto.setPen(ink)
+        onto.drawText(rect, Qt.AlignmentFlag.AlignCenter, text)
+
+    painted.draw(painter, place.topLeft(), place.size(), (text, ink.rgba(), ground.rgba()), paint)
+
+
+def _bars(edge: QRect, width: int) -> tuple[QRect, QRect, QRect, QRect]:
+    """Outline of this width as four bars, which do not overlap."""
+    inside = edge.adjusted(0, width, 0, -width)
+    return (
+        QRect(edge.left(), edge.top(), edge.width(), width),
+        QRect(edge.left(), inside.bottom() + 1, edge.width(), width),
+        QRect(edge.left(), inside.top(), width, inside.height()),
+        QRect(edge.right() - width + 1, inside.top(), width, inside.height()),
+    )
+
+
+def fitted(picture: QImage, room: QRectF) -> QRectF:
+    """Rectangle of the picture scaled to fit, in the middle of ``room``, with its aspect ratio."""
+    size = picture.size().toSizeF().scaled(room.size(), Qt.AspectRatioMode.KeepAspectRatio)
+    return QRectF(room.center() - QPointF(size.width() / 2, size.height() / 2), size)
 
 
 _BETWEEN_PX = 1.0

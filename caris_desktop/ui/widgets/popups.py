@@ -4,6 +4,7 @@ A popup window would end driving and take the focus.
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt, Signal
 from PySide6.QtGui import QAccessible, QHideEvent, QShowEvent
@@ -143,7 +144,7 @@ class ChoiceCard(FloatingCard):
             button = ActionButton(
                 self._theme, text, icon=icon, role="primary" if number == 0 else "plain", height_px=30,
                 text_px=tokens.BODY_PX if number < per_row else tokens.STATUS_PX, objectName=name,
-                clicked=self._closing(act),
+                clicked=partial(self._choose, act),
             )  # fmt: skip
             (self._first if number < per_row else self._second).addWidget(button)
             self._buttons.append(button)
@@ -152,12 +153,9 @@ class ChoiceCard(FloatingCard):
         self._buttons.append(close)
         self.open_at(where)
 
-    def _closing(self, act: Callable[[], object]) -> Callable[[], None]:
-        def run() -> None:
-            self.hide()
-            act()
-
-        return run
+    def _choose(self, act: Callable[[], object], _checked: bool = False) -> None:
+        self.hide()
+        act()
 
 
 class NameCard(FloatingCard):
