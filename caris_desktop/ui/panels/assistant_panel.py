@@ -337,11 +337,8 @@ class AssistantPanel(Panel):
         speaks = self._speaks
         self._rows.show_rows(exchanges, exchange.exchange_id, live=live, speaks=speaks)
         has_answer = bool(exchange.answer.strip()) and not exchange.is_pending
-        self._question.setText(
-            tr("You asked: {question}").format(question=text_formatting.shortened(exchange.question, 140))
-            if exchange.question
-            else ""
-        )
+        question = text_formatting.shortened(exchange.question, 140)
+        self._question.setText(tr("You asked: {question}").format(question=question) if question else "")
         waits = self.state.present.live and speaks
         self._answer.setPlaceholderText(tr("Answers wait here until you say them.") if waits else "")
         self.field.setReadOnly(not live)
@@ -399,12 +396,8 @@ class AssistantPanel(Panel):
     def _show_note(self, status: AssistantStatus, exchange: ExchangeStatus) -> None:
         role = "dim"
         if self._too_long:
-            text, role = (
-                tr("The question is {over:,} characters too long. Shorten it to at most {most:,} characters.").format(
-                    over=self._too_long, most=MAX_QUESTION_CHARACTERS
-                ),
-                "amber",
-            )
+            text = tr("The question is {over:,} characters too long. Shorten it to at most {most:,} characters.")
+            text, role = text.format(over=self._too_long, most=MAX_QUESTION_CHARACTERS), "amber"
         elif exchange.state == "failed" and exchange.exchange_id:
             text, role = tr(exchange.detail) or tr("The assistant gave no answer. Ask again."), "amber"
         elif status.state == "failed" and not exchange.answer:
@@ -593,9 +586,9 @@ _MODEL_WIDEST_PX, _WIDEST_PX = 280, 180
 
 
 class SetupBar(FlowRow):
-    """Setup of the next question: model, role, style, prepared question, picture. All are drop-downs.
+    """Setup of the next question: model, role, style, prepared question, picture.
 
-    Setup bar; drop-downs without a choice in this scenario are hidden.
+    Drop-downs without a choice in this scenario are hidden.
     """
 
     template_chosen = Signal(str)
@@ -617,41 +610,35 @@ class SetupBar(FlowRow):
         self.words.setAccessibleName(tr("Prompt for the model"))
         self.words.clicked.connect(self.words_requested)
         for drop_down in (self.model, self.role, self.style_choice, self.template, self.picture):
-            drop_down.setMinimumHeight(_HEIGHT_PX)
-            drop_down.setMaximumHeight(_HEIGHT_PX)
+            drop_down.setFixedHeight(_HEIGHT_PX)
             drop_down.show_whole(up_to_px=_MODEL_WIDEST_PX if drop_down is self.model else _WIDEST_PX)
             self.add(drop_down)
         self.add(self.words)
         self.model.activated.connect(self._on_model)
+        style = self.style_choice
         self.role.activated.connect(lambda at: self._do(intents.ChoosePrompt("role", self.role.itemData(at))))
-        self.style_choice.activated.connect(
-            lambda at: self._do(intents.ChoosePrompt("style", self.style_choice.itemData(at)))
-        )
-        self.template.activated.connect(self._on_template)
-        self.picture.activated.connect(self._on_picture)
+        style.activated.connect(lambda at: self._do(intents.ChoosePrompt("style", style.itemData(at))))
+        self.template.activated.connect(partial(self._take, self.template, self.template_chosen.emit))
+        self.picture.activated.connect(partial(self._take, self.picture, self.picture_chosen.emit))
 
     def show_setup(self, setup: AssistantSetup, *, live: bool) -> None:
-        models = [(_model_words(choice), choice.model) for choice in setup.models]
-        _fill(self.model, [*models, (tr("Add a model file…"), _ADD)] if models else [], setup.model)
-        _fill(self.role, [(tr("No role"), ""), *((each.name, each.name) for each in setup.roles)], setup.role)
-        _fill(
-            self.style_choice, [(tr("Any style"), ""), *((each.name, each.name) for each in setup.styles)], setup.style
-        )
-        _fill(self.template, [(tr("Prepared…"), ""), *((each.name, each.text) for each in setup.templates)], "")
-        self.role.setVisible(bool(setup.roles))
-        self.style_choice.setVisible(bool(setup.styles))
-        self.template.setVisible(bool(setup.templates))
-        self.picture.setVisible(setup.pictures)
-        if setup.pictures:
-            self._fill_pictures()
-        for part in (self.model, self.role, self.style_choice, self.template, self.picture, self.words):
-            part.setEnabled(live)
         self._setup = setup
-
-    def _fill_pictures(self) -> None:
-        names = [f"{CAMERA_PICTURE}{camera}" for camera in self._state.cameras.value]
-        names += [photo.file_name for photo in self._state.photos.value if not photo.deleted][:_PHOTOS_OFFERED]
-        _fill(self.picture, [(tr("Picture…"), ""), *((picture_words(name), name) for name in names)], "")
+        models = [(_model_words(choice), choice.model) for choice in setup.models]
+        self.model.fill([*models, (tr("Add a model file…"), _ADD)] if models else [], setup.model)
+        pictures = [f"{CAMERA_PICTURE}{camera}" for camera in self._state.cameras.value]
+        pictures += [photo.file_name for photo in self._state.photos.value if not photo.deleted][:_PHOTOS_OFFERED]
+        for drop_down, none, offered, chosen in (
+            (self.role, tr("No role"), [(each.name, each.name) for each in setup.roles], setup.role),
+            (self.style_choice, tr("Any style"), [(each.name, each.name) for each in setup.styles], setup.style),
+            (self.template, tr("Prepared…"), [(each.name, each.text) for each in setup.templates], ""),
+            (self.picture, tr("Picture…"), [(picture_words(name), name) for name in pictures], ""),
+        ):
+            drop_down.fill([(none, ""), *offered], chosen)
+            drop_down.setVisible(setup.pictures if drop_down is self.picture else bool(offered))
+        for part in (self.model, self.role, self.style_choice, self.template, self.picture):
+            part.setToolTip(part.currentText())
+            part.setEnabled(live)
+        self.words.setEnabled(live)
 
     def _on_model(self, at: int) -> None:
         chosen = self.model.itemData(at)
@@ -660,26 +647,16 @@ class SetupBar(FlowRow):
         if self._setup is not None and (chosen == _ADD or self._do(intents.ChooseModel(chosen))):
             self.model.setCurrentIndex(self.model.findData(self._setup.model))
 
-    def _on_template(self, at: int) -> None:
-        text = self.template.itemData(at)
-        self.template.setCurrentIndex(0)
-        if text:
-            self.template_chosen.emit(text)
-
-    def _on_picture(self, at: int) -> None:
-        name = self.picture.itemData(at)
-        self.picture.setCurrentIndex(0)
-        if name:
-            self.picture_chosen.emit(name)
+    def _take(self, drop_down: DropDown, take: Callable[[str], None], at: int) -> None:
+        """Take the choice, and show the heading of the list again."""
+        value = drop_down.itemData(at)
+        drop_down.setCurrentIndex(0)
+        if value:
+            take(value)
 
 
 def _model_words(choice: ModelChoice) -> str:
     return choice.title if choice.title.endswith(choice.where) else f"{choice.title} · {choice.where}"
-
-
-def _fill(drop_down: DropDown, items: Sequence[tuple[str, str]], current: str) -> None:
-    drop_down.fill(items, current)
-    drop_down.setToolTip(drop_down.currentText())
 
 
 _Kind = Literal["system_prompt", "notes", "role", "style"]
@@ -705,16 +682,13 @@ class SystemPromptPage(QWidget):
         self.field.setObjectName("assistant_words_field")
         self.field.setAccessibleName(tr("Prompt for the model"))
         self.field.textChanged.connect(self._show_buttons)
-        self.save = ActionButton(theme, tr("Apply"), icon="check", role="primary", height_px=_BUTTON_PX)
-        self.save.setObjectName("assistant_words_save")
+        button = partial(ActionButton, theme, height_px=_BUTTON_PX)
+        self.save = button(tr("Apply"), icon="check", role="primary", objectName="assistant_words_save")
         self.save.clicked.connect(self._save)
-        self.reset = ActionButton(theme, tr("Reset to scenario"), height_px=_BUTTON_PX, may_shrink=True)
-        self.reset.setObjectName("assistant_words_reset")
+        self.reset = button(tr("Reset to scenario"), may_shrink=True, objectName="assistant_words_reset")
         self.reset.setToolTip(tr("Reset the model, role, style and all texts to those of the scenario"))
         self.reset.clicked.connect(self._on_reset)
-        self.back = ActionButton(theme, tr("Back"), icon="arrow-left", height_px=_BUTTON_PX)
-        self.back.setObjectName("assistant_words_back")
-        self.back.clicked.connect(self.closed)
+        self.back = button(tr("Back"), icon="arrow-left", objectName="assistant_words_back", clicked=self.closed)
         top = layouts.hbox(None, self.back, (self.which, 1), spacing_px=6)
         bottom = layouts.hbox(None, self.save, self.reset, 1, spacing_px=6)
         layouts.vbox(self, top, (self.field, 1), bottom, margins_px=0, spacing_px=6)

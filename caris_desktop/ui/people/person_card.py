@@ -314,23 +314,17 @@ class AboutPage(_Page):
         self._groups: Sequence[str] = ()
         small = partial(self._button, height_px=30, text_px=tokens.STATUS_PX + 1)
         dim = partial(label, role="small", tone="dim", wraps=True)
-        column = layouts.vbox(self, margins_px=(14, 2, 14, 4), spacing_px=tokens.GRID_PX)
         self._suggested: list[tuple[QWidget, QLabel]] = []
         for number in range(_MOST_SUGGESTED):
             row, text = QWidget(), label("", "title", tone="amber")
             row.setObjectName(f"person_suggestion_{number}")
-            line = layouts.hbox(row, (text, 1), margins_px=0)
-            yes, no = (
-                partial(self._answer, number, intent) for intent in (intents.ConfirmPerson, intents.RejectPerson)
-            )
-            line.addWidget(small(f"person_suggestion_yes_{number}", tr("Yes"), "check", yes))
-            line.addWidget(small(f"person_suggestion_no_{number}", tr("No"), "x", no))
-            column.addWidget(row)
+            answer = partial(partial, self._answer, number)
+            yes = small(f"person_suggestion_yes_{number}", tr("Yes"), "check", answer(intents.ConfirmPerson))
+            no = small(f"person_suggestion_no_{number}", tr("No"), "x", answer(intents.RejectPerson))
+            layouts.hbox(row, (text, 1), yes, no, margins_px=0)
             self._suggested.append((row, text))
         self._how = dim(objectName="person_how")
         self._not = small("person_not", "", "user-minus", partial(self._do, lambda one: intents.RejectPerson(one, one)))
-        known = layouts.hbox(None, (self._how, 1), self._not, spacing_px=tokens.GRID_PX)
-        column.addLayout(known)
         form = QGridLayout()
         form.setHorizontalSpacing(10)
         form.setVerticalSpacing(6)
@@ -345,36 +339,37 @@ class AboutPage(_Page):
                 editor.setMaxLength(80)
             form.addWidget(dim(tr(field.title), wraps=False), row_number, 0)
             form.addWidget(editor, row_number, 1)
-        column.addLayout(form)
-        column.addWidget(dim(tr("Agrees to"), wraps=False))
-        agreed = FlowRow(gap_px=6)
         self._consents: dict[ConsentKind, CheckBox] = {}
         for kind in get_args(ConsentKind):
-            box = self._consents[kind] = CheckBox(card.theme, event_messages.CONSENTS[kind])
-            box.setObjectName(f"consent_{kind}")
+            box = CheckBox(card.theme, event_messages.CONSENTS[kind], objectName=f"consent_{kind}")
             box.clicked.connect(lambda given, kind=kind: self._do(intents.NoteConsent, kind, given))
-            agreed.add(box)
-        column.addWidget(agreed)
+            self._consents[kind] = box
         self._search = SubmitLineEdit(objectName="person_history_search", placeholderText=tr("Find in the history"))
         self._search.setAccessibleName(tr("Find in the history"))
         add_clear_button(self._search)
         self._looking = QTimer(self, singleShot=True, interval=_SEARCH_AFTER_MS)
         self._looking.timeout.connect(self.request_history)
         self._search.textChanged.connect(lambda _text: self._looking.start())
-        past = layouts.hbox(None, dim(tr("History"), wraps=False), (self._search, 1))
-        column.addLayout(past)
         self._no_history = dim(objectName="person_no_history")
         self.history = HistoryList(card.theme)
-        column.addWidget(self._no_history)
-        column.addWidget(self.history)
-        column.addStretch(1)
-        acts = FlowRow(gap_px=6)
         self._split = small("person_split", tr("Split"), "users", partial(self._do, intents.SplitPerson))
         self._merge = small("person_merge", tr("Merge…"), "git-merge", partial(card.show_page, "merge"))
         forget = small("person_forget", tr("Erase…"), "trash", partial(card.show_page, "forget"))
-        for button in (self._merge, self._split, forget):
-            acts.add(button)
-        column.addWidget(acts)
+        layouts.vbox(
+            self,
+            *(row for row, _text in self._suggested),
+            layouts.hbox(None, (self._how, 1), self._not, spacing_px=tokens.GRID_PX),
+            form,
+            dim(tr("Agrees to"), wraps=False),
+            FlowRow(*self._consents.values(), gap_px=6),
+            layouts.hbox(None, dim(tr("History"), wraps=False), (self._search, 1)),
+            self._no_history,
+            self.history,
+            1,
+            FlowRow(self._merge, self._split, forget, gap_px=6),
+            margins_px=(14, 2, 14, 4),
+            spacing_px=tokens.GRID_PX,
+        )
 
     # ---- person
 
@@ -522,15 +517,10 @@ class ForgetPage(_Page):
         refused = tr("A session is being recorded. Stop the recording first.")
         self._not_now = label(refused, "detail", tone="amber", wraps=True, objectName="forget_not_now")
         self._erase = self._button("forget_do", tr("Erase permanently"), "trash", self._on_erase, role="outline_danger")
-        column = layouts.vbox(self, margins_px=(14, 6, 14, 6), spacing_px=10)
-        for text in (self._title, self._details, self._not_now):
-            column.addWidget(text)
-        row = layouts.hbox(spacing_px=tokens.GRID_PX)
-        row.addWidget(self._button("forget_keep", tr("Cancel"), "", partial(card.show_page, "about")))
-        row.addWidget(self._erase)
-        row.addStretch(1)
-        column.addLayout(row)
-        column.addStretch(1)
+        keep = self._button("forget_keep", tr("Cancel"), "", partial(card.show_page, "about"))
+        row = layouts.hbox(None, keep, self._erase, 1, spacing_px=tokens.GRID_PX)
+        texts = (self._title, self._details, self._not_now)
+        layouts.vbox(self, *texts, row, 1, margins_px=(14, 6, 14, 6), spacing_px=10)
 
     def begin_with(self, person: PersonRow) -> None:
         """Show the page; erasing is refused during a recording, because the file being written cannot change."""
@@ -592,10 +582,7 @@ class MergePage(_Page):
         self._consequence = label("", "detail", wraps=True, objectName="merge_told")
         self._same = self._button("merge_do", tr("Same person"), "check", self._on_same, role="primary")
         row = layouts.hbox(None, self._button("merge_back", tr("Back"), "caret-left", self._on_back), self._same, 1)
-        column.addWidget(self._both)
-        column.addWidget(self._consequence)
-        column.addLayout(row)
-        column.addStretch(1)
+        layouts.fill(column, self._both, self._consequence, row, 1)
 
     def begin(self) -> None:
         self._other = None
