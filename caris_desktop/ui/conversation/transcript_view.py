@@ -30,7 +30,7 @@ from PySide6.QtGui import (
     QTextLayout,
     QTextOption,
 )
-from PySide6.QtWidgets import QFrame, QLayout, QListView, QWidget
+from PySide6.QtWidgets import QLayout, QListView, QWidget
 
 from caris_desktop.conversation.conversation_transcript import Turn, is_heard
 from caris_desktop.domain.clock import ClockAnchor
@@ -43,7 +43,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import SubmitTextEdit
 from caris_desktop.ui.widgets.labels import label
-from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDelegate
+from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDelegate, set_up_list
 from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 NOT_SURE = QT_TR_NOOP("somebody")
@@ -307,7 +307,6 @@ class TurnButtons(QWidget):
         super().__init__(view.viewport())
         self._utterance_id = ""
         self.buttons: dict[RowAct, ActionButton] = {}
-        row = layouts.hbox(self, margins_px=0, spacing_px=0)
         for each in BUTTONS:
             button = self.buttons[each.act] = ActionButton(theme, icon=each.icon, role="ghost", height_px=_BUTTON_PX)
             button.setObjectName(f"turn_{each.act}")
@@ -315,7 +314,7 @@ class TurnButtons(QWidget):
             button.setToolTip(tr(each.tip))
             button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             button.clicked.connect(lambda _checked=False, act=each.act: view.act(act, self._utterance_id))
-            row.addWidget(button)
+        layouts.hbox(self, *self.buttons.values(), margins_px=0, spacing_px=0)
         self.hide()
 
     def show_turn(self, row: TranscriptRow, acts: Sequence[RowAct], head: QPoint) -> None:
@@ -379,15 +378,10 @@ class TranscriptView(QListView):
         self._field.left.connect(self.give_up_writing)
         self.setModel(self._items)
         self.setItemDelegate(self._painter)
-        self.setFrameShape(QFrame.Shape.NoFrame)
-        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-        self.setEditTriggers(QListView.EditTrigger.NoEditTriggers)
-        self.setVerticalScrollMode(QListView.ScrollMode.ScrollPerPixel)
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        set_up_list(self)
         self.setMouseTracking(True)
         self.setAccessibleName(tr("Transcript"))
-        self.setMinimumHeight(_EMPTY_PX)
-        self.setMaximumHeight(_EMPTY_PX)
+        self.setFixedHeight(_EMPTY_PX)
         bar = self.verticalScrollBar()
         bar.setSingleStep(30)
         bar.valueChanged.connect(self._on_scrolled)

@@ -56,10 +56,7 @@ class SuggestionCards(QWidget):
         self._dismiss.setObjectName("suggestions_dismiss")
         self._dismiss.bind(context.actions, "no_suggestion")
         foot = layouts.hbox(None, (self._from, 1), self._dismiss, spacing_px=tokens.GRID_PX)
-        column = layouts.vbox(self, margins_px=(0, 2, 0, 0), spacing_px=4)
-        for card in self.cards:
-            column.addWidget(card)
-        column.addLayout(foot)
+        layouts.vbox(self, *self.cards, foot, margins_px=(0, 2, 0, 0), spacing_px=4)
         self._low = False
         self._counting = QTimer(self, interval=_COUNT_EVERY_MS)
         self._counting.timeout.connect(self._count)
@@ -572,8 +569,7 @@ class ProposalCard(Banner):
         self.yes.clicked.connect(lambda: self._answer(intents.ConfirmProposal))
         self.no = ActionButton(context.theme, tr("No"), height_px=32, objectName="proposal_no")
         self.no.clicked.connect(lambda: self._answer(intents.VetoProposal))
-        self.row.addWidget(self.yes)
-        self.row.addWidget(self.no)
+        layouts.fill(self.row, self.yes, self.no)
         self._counting = QTimer(self, interval=_COUNT_EVERY_MS)
         self._counting.timeout.connect(self._count)
         for value in (self._state.proposal, self._state.asked_person):

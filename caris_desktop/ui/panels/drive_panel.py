@@ -330,8 +330,7 @@ class DrivePanel(Panel):
         self._second = layouts.vbox(None, (self._views, 1), self._settings, spacing_px=tokens.GRID_PX)
         self._layout = QBoxLayout(QBoxLayout.Direction.TopToBottom, self)
         card_margins(self._layout)
-        self._layout.addLayout(self._first)
-        self._layout.addLayout(self._second, 1)
+        layouts.fill(self._layout, self._first, (self._second, 1))
         self.watch(
             self._show_now, self.state.drive.changed, self.state.goal.changed, self.hold.motion.held_changed,
             self.hold.key_owner_changed, self.table.keys_changed,

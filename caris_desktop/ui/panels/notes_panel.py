@@ -33,7 +33,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.containers import FlowRow
 from caris_desktop.ui.widgets.inputs import SubmitLineEdit
 from caris_desktop.ui.widgets.labels import label
-from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDelegate
+from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDelegate, set_up_list
 
 _TIME_PX, _SIDE_PX, _ABOVE_PX = 72, 12, 5
 _TIME_ROLE = VALUE_ROLE + 1
@@ -277,7 +277,7 @@ def changed_words(note: FinalMark) -> str:
 
 
 class NotesView(QListView):
-    """Rows of variable height. A click does not take the focus, so that it interrupts neither typing nor driving."""
+    """Rows of variable height."""
 
     removal_requested = Signal()
     undo_requested = Signal()
@@ -286,12 +286,8 @@ class NotesView(QListView):
         super().__init__()
         self.setModel(model)
         self.setItemDelegate(_NoteDelegate(theme, self))
-        self.setFrameShape(QFrame.Shape.NoFrame)
-        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setResizeMode(QListView.ResizeMode.Adjust)
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.setVerticalScrollMode(QListView.ScrollMode.ScrollPerPixel)
-        self.setEditTriggers(QListView.EditTrigger.NoEditTriggers)
+        set_up_list(self)
 
     def event(self, event: QEvent) -> bool:
         if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):

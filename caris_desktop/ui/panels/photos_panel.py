@@ -27,7 +27,6 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QBoxLayout,
-    QFrame,
     QLabel,
     QListView,
     QSizePolicy,
@@ -48,7 +47,7 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.inputs import DropDown, SubmitLineEdit, add_clear_button
 from caris_desktop.ui.widgets.labels import ElidedLabel, label
 from caris_desktop.ui.widgets.pictures import image_of
-from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDelegate
+from caris_desktop.ui.widgets.rows import VALUE_ROLE, Index, KeyedItems, RowDelegate, set_up_list
 
 _TILE = QSize(160, 148)
 _PICTURE_PX = 100
@@ -205,7 +204,7 @@ def people_of(photo: PhotoEntry, names: dict[str, str]) -> list[str]:
 
 
 class PhotoGrid(QListView):
-    """Grid of equal tiles. A click does not take the focus, so that it interrupts neither typing nor driving."""
+    """Grid of equal tiles."""
 
     chosen = Signal(str)  # file name
 
@@ -215,17 +214,13 @@ class PhotoGrid(QListView):
         self.setAccessibleName(tr("Photos, newest first"))
         self.setModel(model)
         self.setItemDelegate(PhotoDelegate(theme, self))
-        self.setFrameShape(QFrame.Shape.NoFrame)
+        set_up_list(self)
         self.setViewMode(QListView.ViewMode.IconMode)
         self.setMovement(QListView.Movement.Static)
         self.setResizeMode(QListView.ResizeMode.Adjust)
         self.setUniformItemSizes(True)
         self.setGridSize(_TILE)
-        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
-        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-        self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.clicked.connect(self._on_chosen)
 
     def keyboardSearch(self, _search: str) -> None:

@@ -95,8 +95,6 @@ class RobotPanel(Panel):
     def _on_controls_changed(self, controls: tuple[RobotControl, ...]) -> None:
         self._entries = {}
         self._to_come.clear()
-        body = QWidget()
-        column = layouts.vbox(body, margins_px=(12, 10, 12, 12), spacing_px=8)
         groups: dict[str, list[RobotControl]] = {}
         for control in controls:
             groups.setdefault(control.group, []).append(control)
@@ -106,8 +104,8 @@ class RobotPanel(Panel):
             block = _Group(group, heading_px=min(_WIDEST_HEADING_PX, heading_px))
             self._to_come.extend((block, control) for control in members)
             self._groups.append(block)
-            column.addWidget(block)
-        column.addStretch(1)
+        body = QWidget()
+        layouts.vbox(body, *self._groups, 1, margins_px=(12, 10, 12, 12), spacing_px=8)
         old = self._scroll.takeWidget()
         if old is not None:
             old.deleteLater()
@@ -170,12 +168,10 @@ class RobotPanel(Panel):
         self._reason.setText(message)
         self._reason.setVisible(bool(message and self._entries))
         self._stack.setCurrentIndex(1 if self._entries else 0)
-        whose = link.robot or tr("This robot")
-        self._empty.setText(
-            tr(
-                "{robot} has no controls.\nIts profile or the scenario can add buttons, switches, sliders and readouts."
-            ).format(robot=whose)
+        none = tr(
+            "{robot} has no controls.\nIts profile or the scenario can add buttons, switches, sliders and readouts."
         )
+        self._empty.setText(none.format(robot=link.robot or tr("This robot")))
         failed = sum(entry.failed for entry in self._entries.values())
         busy = [entry for entry in self._entries.values() if entry.busy]
         if reason:
@@ -208,12 +204,12 @@ class ControlEntry(QWidget):
         self._question = _Question(theme)
         self._question.answered.connect(self._on_answered)
         self._question.hide()
-        self._face = create_control_widget(theme, control, self._on_used)
+        self._face = _FACES[control.kind](theme, control, self._on_used)
         column = layouts.vbox(self, self._face, self._question, margins_px=0, spacing_px=4)
-        if control.kind not in _COMPACT:
-            column.addWidget(self.note)
         if control.kind in _COMPACT:
             self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Fixed)
+        else:
+            column.addWidget(self.note)
         self._calm_down = QTimer(self, singleShot=True, interval=_DONE_SHOWN_MS)
         self._calm_down.timeout.connect(self._on_done_shown)
         self._give_up_asking = QTimer(self, singleShot=True, interval=ASKING_ENDS_AFTER_MS)
@@ -368,8 +364,7 @@ class _Group(QWidget):
         for entry in self._entries:
             entry.set_narrow(narrow)
         self._row.setSpacing(4 if narrow else 12)
-        named = bool(self._heading.text())
-        self._heading.setVisible(named or not narrow)
+        self._heading.setVisible(bool(self._heading.text()) or not narrow)
         if narrow:
             self._heading.setMinimumSize(0, 0)
             self._heading.setMaximumSize(16777215, 16777215)
@@ -600,8 +595,7 @@ class _SliderFace(_TitledFace):
         self._settle.timeout.connect(self._follow)
         self._value.setMinimumWidth(64)
         self._value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        self.parts.addWidget(self._slider, 1)
-        self.parts.addWidget(self._value)
+        layouts.fill(self.parts, (self._slider, 1), self._value)
         self._slider.setMaximumWidth(420)
         self.setMinimumHeight(tokens.CONTROL_HEIGHT_PX)
         self._follow()
@@ -739,9 +733,7 @@ class _TextFace(_TitledFace):
         send = ActionButton(theme, tr("Send"), icon="paper-plane-right", objectName=f"control_{control.id}_send")
         send.setAccessibleName(tr("{control}: send").format(control=control.title))
         send.clicked.connect(self._on_send)
-        self.parts.addWidget(self._field, 1)
-        self.parts.addWidget(send)
-        self.parts.addWidget(self._now)
+        layouts.fill(self.parts, (self._field, 1), send, self._now)
 
     def show_reading(self, value: ControlValue | None) -> None:
         self.value_text = "" if value is None else value_words(self.control, value)
@@ -776,7 +768,3 @@ _FACES: dict[str, type[ControlWidget]] = {
     "button": _ButtonFace, "toggle": _ToggleFace, "slider": _SliderFace, "choice": _ChoiceFace, "text": _TextFace,
     "readout": _ReadoutFace,
 }  # fmt: skip
-
-
-def create_control_widget(theme: Theme, control: RobotControl, use: Use) -> ControlWidget:
-    return _FACES[control.kind](theme, control, use)

@@ -204,9 +204,7 @@ class _QueueRow(QFrame):
         self._editor.returnPressed.connect(self._on_return)
         row = layouts.hbox(self, self._number, margins_px=(5, 0, 1, 0), spacing_px=4)
         row.addSpacing(4)
-        row.addWidget(self.label, 1)
-        row.addWidget(self._editor, 1)
-        row.addWidget(self._key)
+        layouts.fill(row, (self.label, 1), (self._editor, 1), self._key)
         self._movers: list[ActionButton] = []
         for act, icon, tip in (
             ("queued_earlier", "arrow-up", tr("Move earlier")), ("queued_later", "arrow-down", tr("Move later")),
@@ -564,8 +562,7 @@ class SpeakPanel(Panel):
                 if (widget := item.widget()) is not None:
                     widget.deleteLater()
             for cap, text in hints:
-                self._hint_row.addWidget(KeyCap(cap))
-                self._hint_row.addWidget(label(tr(text), "fine"))
+                layouts.fill(self._hint_row, KeyCap(cap), label(tr(text), "fine"))
                 self._hint_row.addSpacing(8)
             self._hint_row.addStretch(1)
 
@@ -634,16 +631,13 @@ class PhraseRows(QWidget):
         self._actions = actions
         self._titles: list[ActionButton] = []
         tabs = self._tabs = QWidget()
-        self._tabs_row = layouts.hbox(tabs, margins_px=0, spacing_px=4)
         self._next_key = KeyCap()
-        self._tabs_row.addWidget(self._next_key)
-        self._tabs_row.addStretch(1)
-        self._flow = FlowRow(gap_px=6)
+        self._tabs_row = layouts.hbox(tabs, self._next_key, 1, margins_px=0, spacing_px=4)
         self._chips: dict[str, ActionButton] = {}
         self._next = ActionButton(theme, key_first=True, role="ghost", height_px=32, may_shrink=True)
         self._next.setObjectName("next_phrases")
         self._next.bind(actions, "next_phrases")
-        self._flow.add(self._next)
+        self._flow = FlowRow(self._next, gap_px=6)
         self._keyless = label("", "warning", wraps=True)
         layouts.vbox(self, tabs, self._flow, self._keyless, margins_px=0, spacing_px=6)
         actions.rows_changed.connect(self._refresh)

@@ -231,12 +231,11 @@ class ReplayTimes(QWidget):
         super().__init__()
         self.setObjectName("replay_times")
         has_role(self, QAccessible.Role.StaticText)
-        row = layouts.hbox(self, margins_px=0, spacing_px=8)
         self.now, self.total, self.wall = QLabel(), QLabel(), QLabel()
         self.now.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         for part, role in ((self.now, "time"), (self.total, "note"), (self.wall, "note")):
             part.setProperty("role", role)
-            row.addWidget(part)
+        layouts.hbox(self, self.now, self.total, self.wall, margins_px=0, spacing_px=8)
 
     def show_times(self, now_s: float, total_s: float, wall: str) -> None:
         now = f"{text_formatting.elapsed(now_s)}.{int(max(0.0, now_s) * 10) % 10}"

@@ -208,8 +208,7 @@ class Field(FormPart):
             title = QLabel(f"{self.title} ({unit})" if unit else self.title)
             self._title_label = named(title, "row_title" if compact else "field_title")
             self._title_label.setBuddy(self.control)
-            self._head.addWidget(self._title_label)
-            self._head.addStretch(1)
+            layouts.fill(self._head, self._title_label, 1)
             self.column.addWidget(shown)
         else:
             self._head.addWidget(shown, 1)
@@ -652,15 +651,12 @@ class ListPart(Holder):
         self._adders: list[ActionButton] = []
         if self.fixed:
             return
-        buttons = layouts.hbox(spacing_px=8)
-        self.column.addLayout(buttons)
         for number, (words, blank) in enumerate(kinds_of_entries(form.item)):
             button = ActionButton(context.theme, tr("Add {what}").format(what=words), icon="plus", height_px=30)
             named(button, f"add_{'_'.join(map(str, path))}_{number}", self.context.spoken(button.text()))
             button.clicked.connect(lambda _checked=False, blank=blank: self.add_entry(len(self.entries), blank))
-            buttons.addWidget(button)
             self._adders.append(button)
-        buttons.addStretch(1)
+        self.column.addLayout(layouts.hbox(None, *self._adders, 1, spacing_px=8))
 
     @property
     def entries(self) -> list[Any]:
@@ -748,8 +744,7 @@ class EntryRow(FormPart):
             self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
             self.column.setContentsMargins(12, 10, 8, 10)
             self._toggle = ActionButton(context.theme, icon="caret-right", role="ghost", may_shrink=True, semibold=True)
-            self._head.addWidget(self._toggle, 1)
-            self._head.addStretch(1)
+            layouts.fill(self._head, (self._toggle, 1), 1)
         else:
             self._add_fields()
         if self._toggle is not None:

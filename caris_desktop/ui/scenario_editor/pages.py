@@ -219,7 +219,7 @@ class TextPage(QWidget):
         super().__init__()
         self._document = context.document
         self.editor = CodeEditor(context, "scenario_text", tr("The text of the scenario file"))
-        layouts.vbox(self, margins_px=12).addWidget(self.editor)
+        layouts.vbox(self, self.editor, margins_px=12)
         self._typing = QTimer(self, singleShot=True, interval=_TYPING_PAUSE_MS)
         self._typing.timeout.connect(self._apply)
         self._applied_s = 0.0
@@ -395,10 +395,8 @@ class ComparePage(QWidget):
         self.choice.activated.connect(self._on_chosen)
         self.summary = QLabel(wordWrap=True)
         holder = QWidget(maximumWidth=_WIDEST_PX)
-        column = layouts.vbox(holder, margins_px=(0, 0, 8, 0))
         self._list = layouts.vbox(spacing_px=6)
-        column.addLayout(self._list)
-        column.addStretch(1)
+        layouts.vbox(holder, self._list, 1, margins_px=(0, 0, 8, 0))
         area = list_area(holder, framed=False)
         self.diff = CodeEditor(context, "scenario_diff", tr("Differences line by line"), read_only=True)
         splitter = QSplitter(Qt.Orientation.Vertical, childrenCollapsible=False)
@@ -467,18 +465,14 @@ class ComparePage(QWidget):
         self.diff.mark(added, set(), removed)
 
     def _row(self, difference: Difference, where: str) -> QWidget:
-        row = QWidget()
-        line = layouts.hbox(row, margins_px=(0, 2, 0, 2))
-        texts = layouts.vbox(spacing_px=0)
-        line.addLayout(texts, 1)
-        texts.addWidget(named(QLabel(where), "field_title"))
-        texts.addWidget(named(QLabel(difference_words(difference), wordWrap=True), "help"))
+        row, words = QWidget(), QLabel(difference_words(difference), wordWrap=True)
+        texts = layouts.vbox(None, named(QLabel(where), "field_title"), named(words, "help"), spacing_px=0)
         take = ActionButton(self._context.theme, tr("Take theirs"), icon="arrow-left", height_px=30)
         named(take, "take_value", tr("Take theirs: {what}").format(what=where))
         take.setEnabled(self._document.unreadable is None)
         theirs = value_at(self._other_data, difference.path)
         take.clicked.connect(lambda: self._document.replace(difference.path, theirs))
-        line.addWidget(take)
+        layouts.hbox(row, (texts, 1), take, margins_px=(0, 2, 0, 2))
         return row
 
 

@@ -150,23 +150,27 @@ class RowDelegate(QStyledItemDelegate):
             left += width + 6
 
 
+def set_up_list(view: QAbstractItemView) -> None:
+    """Set up a read-only list. A click does not take the focus, so that it interrupts neither typing nor driving."""
+    view.setFrameShape(QFrame.Shape.NoFrame)
+    view.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+    view.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+    view.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+    view.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+
+
 class FastTableView(QTableView):
     """Displays a list model in rows of equal height.
 
-    Not a QListView, which queries every row on each insertion, even with uniform item sizes. A click does not take the
-    focus, so that it interrupts neither typing nor driving.
+    Not a QListView, which queries every row on each insertion, even with uniform item sizes.
     """
 
     def __init__(self, *, row_px: int) -> None:
         super().__init__()
+        set_up_list(self)
         self.setShowGrid(False)
-        self.setFrameShape(QFrame.Shape.NoFrame)
-        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setTabKeyNavigation(False)
         self.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
-        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-        self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setWordWrap(False)
         self.horizontalHeader().hide()
         self.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
