@@ -35,7 +35,7 @@ def measure(console: FakeConsole, *topics: TopicTraffic, refused: int = 0, link:
 def tell(panel: DiagnosticsPanel, console: FakeConsole, *topics: TopicTraffic, refused: int = 0) -> None:
     """Update the panel, which otherwise waits because both links report at about the same time."""
     measure(console, *topics, refused=refused)
-    panel.refresh()
+    panel.update_view()
 
 
 @pytest.fixture

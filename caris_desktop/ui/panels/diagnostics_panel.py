@@ -2,7 +2,8 @@
 
 import time
 from collections import deque
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from PySide6.QtCore import (
     QAbstractTableModel,
@@ -31,30 +32,6 @@ from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.widgets.rows import Index
 
-_COLUMNS = (
-    QT_TR_NOOP("Topic"),
-    QT_TR_NOOP("State"),
-    QT_TR_NOOP("Rate"),
-    QT_TR_NOOP("Last"),
-    QT_TR_NOOP("Age on arrival"),
-    QT_TR_NOOP("Bandwidth"),
-    QT_TR_NOOP("Rejected"),
-    QT_TR_NOOP("Type"),
-    QT_TR_NOOP("Link"),
-)
-_TOPIC, _STATE, _RATE, _LAST, _AGE, _BANDWIDTH, _REFUSED, _TYPE, _LINK = range(len(_COLUMNS))
-_TIPS = (
-    QT_TR_NOOP("Name of the topic on the robot"),
-    QT_TR_NOOP("Whether messages still arrive at the usual rate"),
-    QT_TR_NOOP("Messages in the last second"),
-    QT_TR_NOOP("Time since the newest message"),
-    QT_TR_NOOP("Age of the newest message on arrival, from the robot's timestamp and the estimated clock offset"),
-    QT_TR_NOOP("Bytes received over the link in the last second"),
-    QT_TR_NOOP("Unusable messages so far: malformed, too large or of another type"),
-    QT_TR_NOOP("Message type"),
-    QT_TR_NOOP("Connection that carries the topic"),
-)
-_LINK_WORDS = {"control": "control", "media": "media"}
 _ROOM_FOR_TOTALS_PX = 230
 _SECONDS_TO_BE_USUAL = 3
 _OLD_MEASUREMENT_S = 3.0
@@ -117,14 +94,13 @@ def clock_words(link: LinkStatus, anchor: ClockAnchor) -> str:
 
 def link_words(measured: TrafficMeasured) -> str:
     """Traffic of a link as text."""
-    name = _LINK_WORDS.get(measured.link, measured.link)
     total = sum(topic.bytes_per_s for topic in measured.topics)
     messages = sum(topic.rate_hz for topic in measured.topics)
     template = tr(
         "{name} link: {encoding}, {topics} topics, {messages:.0f} messages/s, {bandwidth}, {refused} rejected"
     )
     return template.format(
-        name=name,
+        name=measured.link,
         encoding=tr(_ENCODINGS[measured.encoding]),
         topics=len(measured.topics),
         messages=messages,
@@ -143,6 +119,70 @@ def raw_picture_words(traffic: dict[str, TrafficMeasured]) -> list[str]:
         for topic in measured.topics
         if same_type(topic.type, "sensor_msgs/Image") and topic.bytes_per_s >= _HEAVY_BYTES_PER_S
     ]
+
+
+class _Column(NamedTuple):
+    """Column of the table. ``number``: by which it is sorted instead of by its text; None for never."""
+
+    title: str
+    tip: str
+    text: Callable[[TopicRow], str]
+    number: Callable[[TopicRow], float | None] | None = None
+
+    @property
+    def alignment(self) -> int:
+        side = Qt.AlignmentFlag.AlignLeft if self.number is None else Qt.AlignmentFlag.AlignRight
+        return int(side | Qt.AlignmentFlag.AlignVCenter)
+
+    def sort_key(self, row: TopicRow) -> float | str:
+        if self.number is None:
+            return self.text(row).casefold()
+        number = self.number(row)
+        return float("inf") if number is None else number
+
+
+def _last_heard(row: TopicRow) -> str:
+    return "–" if row.traffic.last_heard_s is None else text_formatting.age(row.traffic.last_heard_s)
+
+
+def _age(row: TopicRow) -> str:
+    return "–" if row.traffic.age_ms is None else f"{row.traffic.age_ms:.0f} ms"
+
+
+def _type(row: TopicRow) -> str:
+    traffic = row.traffic
+    return f"{traffic.type} · {_ENCODINGS[traffic.encoding]}" if traffic.encoding else traffic.type
+
+
+_COLUMNS = (
+    _Column(QT_TR_NOOP("Topic"), QT_TR_NOOP("Name of the topic on the robot"), lambda row: row.traffic.topic),
+    _Column(QT_TR_NOOP("State"), QT_TR_NOOP("Whether messages still arrive at the usual rate"), lambda row: row.state),
+    _Column(
+        QT_TR_NOOP("Rate"), QT_TR_NOOP("Messages in the last second"),
+        lambda row: f"{row.traffic.rate_hz:.1f} Hz", lambda row: row.traffic.rate_hz,
+    ),
+    _Column(
+        QT_TR_NOOP("Last"), QT_TR_NOOP("Time since the newest message"),
+        _last_heard, lambda row: row.traffic.last_heard_s,
+    ),
+    _Column(
+        QT_TR_NOOP("Age on arrival"),
+        QT_TR_NOOP("Age of the newest message on arrival, from the robot's timestamp and the estimated clock offset"),
+        _age, lambda row: row.traffic.age_ms,
+    ),
+    _Column(
+        QT_TR_NOOP("Bandwidth"), QT_TR_NOOP("Bytes received over the link in the last second"),
+        lambda row: bandwidth(row.traffic.bytes_per_s), lambda row: row.traffic.bytes_per_s,
+    ),
+    _Column(
+        QT_TR_NOOP("Rejected"),
+        QT_TR_NOOP("Unusable messages so far: malformed, too large or of another type"),
+        lambda row: str(row.traffic.refused), lambda row: row.traffic.refused,
+    ),
+    _Column(QT_TR_NOOP("Type"), QT_TR_NOOP("Message type"), _type),
+    _Column(QT_TR_NOOP("Link"), QT_TR_NOOP("Connection that carries the topic"), lambda row: row.link),
+)  # fmt: skip
+_TOPIC, _STATE, _LAST, _REFUSED = 0, 1, 3, 6
 
 
 class TrafficModel(QAbstractTableModel):
@@ -203,64 +243,29 @@ class TrafficModel(QAbstractTableModel):
             return None
         match role:
             case Qt.ItemDataRole.DisplayRole:
-                return tr(_COLUMNS[section])
+                return tr(_COLUMNS[section].title)
             case Qt.ItemDataRole.ToolTipRole:
-                return tr(_TIPS[section])
+                return tr(_COLUMNS[section].tip)
             case Qt.ItemDataRole.TextAlignmentRole:
-                return int(_alignment(section))
+                return _COLUMNS[section].alignment
         return None
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         row, column = self._rows[index.row()], index.column()
         match role:
             case Qt.ItemDataRole.DisplayRole:
-                return cell_text(row, column)
+                return _COLUMNS[column].text(row)
             case Qt.ItemDataRole.ToolTipRole:
                 return f"{row.traffic.topic}\n{row.traffic.type}\n{row.state}"
             case Qt.ItemDataRole.TextAlignmentRole:
-                return int(_alignment(column))
+                return _COLUMNS[column].alignment
             case Qt.ItemDataRole.ForegroundRole:
                 if (row.stale and column in (_TOPIC, _STATE, _LAST)) or (column == _REFUSED and row.traffic.refused):
                     return self._theme.color("amber")
                 return self._theme.color("text" if column == _TOPIC else "dim")
             case value if value == _SORT_ROLE:
-                return _sort_key(row, column)
+                return _COLUMNS[column].sort_key(row)
         return None
-
-
-def _alignment(column: int) -> Qt.AlignmentFlag:
-    side = Qt.AlignmentFlag.AlignRight if column in (_RATE, _LAST, _AGE, _BANDWIDTH, _REFUSED) else (
-        Qt.AlignmentFlag.AlignLeft
-    )  # fmt: skip
-    return side | Qt.AlignmentFlag.AlignVCenter
-
-
-def cell_text(row: TopicRow, column: int) -> str:
-    traffic = row.traffic
-    return (
-        traffic.topic,
-        row.state,
-        f"{traffic.rate_hz:.1f} Hz",
-        "–" if traffic.last_heard_s is None else text_formatting.age(traffic.last_heard_s),
-        "–" if traffic.age_ms is None else f"{traffic.age_ms:.0f} ms",
-        bandwidth(traffic.bytes_per_s),
-        str(traffic.refused),
-        f"{traffic.type} · {_ENCODINGS[traffic.encoding]}" if traffic.encoding else traffic.type,
-        _LINK_WORDS.get(row.link, row.link),
-    )[column]
-
-
-def _sort_key(row: TopicRow, column: int) -> float | str:
-    traffic = row.traffic
-    never = float("inf")
-    numbers = {
-        _RATE: traffic.rate_hz,
-        _LAST: never if traffic.last_heard_s is None else traffic.last_heard_s,
-        _AGE: never if traffic.age_ms is None else traffic.age_ms,
-        _BANDWIDTH: traffic.bytes_per_s,
-        _REFUSED: float(traffic.refused),
-    }
-    return numbers[column] if column in numbers else cell_text(row, column).casefold()
 
 
 def detection_words(perception: PerceptionStatus) -> list[str]:
@@ -292,36 +297,10 @@ def process_words(health: dict[str, Health]) -> list[str]:
     return [tr("Processes: {parts}").format(parts=parts)] if parts else []
 
 
-def report(
-    link: LinkStatus,
-    traffic: dict[str, TrafficMeasured],
-    rows: tuple[TopicRow, ...],
-    anchor: ClockAnchor,
-    perception: PerceptionStatus = PerceptionStatus(),  # noqa: B008 - frozen
-    *,
-    health: dict[str, Health] | None = None,
-) -> str:
-    """Contents of the panel as a text report for robot support."""
-    round_trip = tr("not measured") if link.round_trip_ms is None else f"{link.round_trip_ms:.1f} ms"
-    lines = [
-        tr("{robot} at {address}: {state} {detail}")
-        .format(
-            robot=link.robot or tr("Robot"),
-            address=link.address or tr("no address"),
-            state=tr(_LINK_STATES[link.state]),
-            detail=tr(link.detail),
-        )
-        .rstrip(),
-        tr("round trip {round_trip}, {clock}").format(round_trip=round_trip, clock=clock_words(link, anchor)),
-        *(link_words(measured) for measured in traffic.values()),
-        *raw_picture_words(traffic),
-        *detection_words(perception),
-        *process_words(health or {}),
-        "",
-        "\t".join(map(tr, _COLUMNS)),
-        *("\t".join(cell_text(row, column) for column in range(len(_COLUMNS))) for row in rows),
-    ]
-    return "\n".join(lines) + "\n"
+def totals(traffic: dict[str, TrafficMeasured], perception: PerceptionStatus, health: dict[str, Health]) -> list[str]:
+    """Links, advice on images, person detection and processes as lines of text."""
+    links = (link_words(measured) for measured in traffic.values())
+    return [*links, *raw_picture_words(traffic), *detection_words(perception), *process_words(health)]
 
 
 class DiagnosticsPanel(Panel):
@@ -374,13 +353,13 @@ class DiagnosticsPanel(Panel):
         # Both links report once a second, and ages grow: one update soon after the first report, as the table is slow
         # to paint.
         self._soon = QTimer(self, singleShot=True, interval=_TAKEN_TOGETHER_MS)
-        self._soon.timeout.connect(self.refresh)
-        self._overdue = self.every(_NOTHING_TOLD_MS, self.refresh)
+        self._soon.timeout.connect(self.update_view)
+        self._overdue = self.every(_NOTHING_TOLD_MS, self.update_view)
         self.watch(self._on_traffic_changed, self.state.traffic.changed)
         self.watch(self._on_link_changed, self.state.link.changed)
-        self.watch(self.refresh, self.state.health.changed)
+        self.watch(self.update_view, self.state.health.changed)
         self.state.robot.changed.connect(self._on_robot_changed)
-        self.refresh()
+        self.update_view()
 
     def title_widgets(self) -> list[QWidget]:
         return [self._copy]
@@ -389,42 +368,47 @@ class DiagnosticsPanel(Panel):
         return self.view
 
     def copy_report(self) -> None:
-        rows = tuple(
-            self.model.rows[self._sorted.mapToSource(self._sorted.index(at, 0)).row()]
-            for at in range(self._sorted.rowCount())
+        """Copy the contents of the panel as text for robot support."""
+        state = self.state
+        link: LinkStatus = state.link.value
+        round_trip = tr("not measured") if link.round_trip_ms is None else f"{link.round_trip_ms:.1f} ms"
+        robot = tr("{robot} at {address}: {state} {detail}").format(
+            robot=link.robot or tr("Robot"),
+            address=link.address or tr("no address"),
+            state=tr(_LINK_STATES[link.state]),
+            detail=tr(link.detail),
         )
-        QGuiApplication.clipboard().setText(
-            report(
-                self.state.link.value,
-                self.state.traffic.value,
-                rows,
-                self.state.present.anchor,
-                self.state.perception.value,
-                health=self.state.health.value,
-            )
-        )
+        clock = clock_words(link, state.present.anchor)
+        sorted_rows = (self._sorted.mapToSource(self._sorted.index(at, 0)) for at in range(self._sorted.rowCount()))
+        rows = [self.model.rows[index.row()] for index in sorted_rows]
+        lines = [
+            robot.rstrip(),
+            tr("round trip {round_trip}, {clock}").format(round_trip=round_trip, clock=clock),
+            *totals(state.traffic.value, state.perception.value, state.health.value),
+            "",
+            "\t".join(tr(column.title) for column in _COLUMNS),
+            *("\t".join(column.text(row) for column in _COLUMNS) for row in rows),
+        ]
+        QGuiApplication.clipboard().setText("\n".join(lines) + "\n")
         self._copied_at_s = time.monotonic()
         self._copy.set_label(tr("Copied"), icon="check")
 
-    def update_view(self) -> None:
-        self.refresh()
-
     def _on_robot_changed(self, _robot: object) -> None:
         self.model.forget()
-        self.refresh()
+        self.update_view()
 
     def _on_traffic_changed(self, _traffic: object) -> None:
         if not self.model.rows:
-            self.refresh()
+            self.update_view()
         elif not self._soon.isActive():
             self._soon.start()
 
     def _on_link_changed(self, link: LinkStatus) -> None:
         """Update at once if the link state changes; traffic waits for the next refresh."""
         if link.state != self._link_state:
-            self.refresh()
+            self.update_view()
 
-    def refresh(self) -> None:
+    def update_view(self) -> None:
         """Refresh, also because ages grow."""
         if not self.in_view:
             return
@@ -441,10 +425,8 @@ class DiagnosticsPanel(Panel):
         lines = [tr("Round trip {round_trip} · {clock}").format(round_trip=round_trip, clock=robot_clock)]
         if not connected:
             lines = [text_formatting.with_detail(tr("The robot is not connected"), link.detail)]
-        lines += [link_words(measured) for measured in traffic.values()]
-        lines += raw_picture_words(traffic)
-        lines += detection_words(self.state.perception.value)
-        lines += process_words({name: how for name, how in self.state.health.value.items() if how != "running"})
+        health = {name: how for name, how in self.state.health.value.items() if how != "running"}
+        lines += totals(traffic, self.state.perception.value, health)
         self._summary.setToolTip("\n".join(lines))
         # A low panel has room for rows or totals; rows are more informative.
         self._summary.setText("\n".join(lines if self.height() >= _ROOM_FOR_TOTALS_PX else lines[:1]))
@@ -453,11 +435,11 @@ class DiagnosticsPanel(Panel):
         self._empty.setVisible(not self.model.rows)
         refused = sum(measured.refused for measured in traffic.values())
         stale = sum(row.stale for row in self.model.rows)
-        total = sum(topic.bytes_per_s for measured in traffic.values() for topic in measured.topics)
         if refused or stale:
             parts = [tr("%n stale", "", stale)] * bool(stale) + [tr("%n rejected", "", refused)] * bool(refused)
             self.set_fact(" · ".join(parts), "amber")
         else:
+            total = sum(topic.bytes_per_s for measured in traffic.values() for topic in measured.topics)
             self.set_fact(bandwidth(total) if traffic else "", "dim")
         if self._copy.text() == tr("Copied") and time.monotonic() - self._copied_at_s > 1.5:
             self._copy.set_label(tr("Copy report"), icon="copy")
