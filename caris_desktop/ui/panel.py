@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from inspect import Parameter, signature
 from itertools import product
 from operator import attrgetter
 from typing import Any, Literal
 
-from PySide6.QtCore import QPointF, QRectF, QSize, QSizeF, QTimer, Signal, SignalInstance
+from PySide6.QtCore import QObject, QPointF, QRectF, QSize, QSizeF, QTimer, Signal, SignalInstance
 from PySide6.QtGui import QAccessible, QPainter, QPainterPath, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QWidget
 
@@ -77,7 +78,6 @@ class Panel(QWidget):
         self.in_view = True
         """Whether the panel is visible, as set by the panel manager."""
         self._ticking: list[QTimer] = []
-        self._watched: list[tuple[SignalInstance, Callable[..., object]]] = []
         self.fact = ("", "")
         self.fact_lead = 0
         """Number of leading characters of the status text in its colour; the rest is dimmed."""
@@ -118,8 +118,6 @@ class Panel(QWidget):
                 timer.start()
             else:
                 timer.stop()
-        for signal, slot in self._watched:
-            (signal.connect if in_view else signal.disconnect)(slot)
         if in_view:
             self.update_view()
 
@@ -131,11 +129,10 @@ class Panel(QWidget):
         """Adapt the contents to the size of the panel."""
 
     def watch(self, slot: Callable[..., object], *signals: SignalInstance) -> None:
-        """Connect the slot while the panel is in view; ``update_view`` makes up for what it missed."""
+        """Call the slot while the panel is in view; ``update_view`` makes up for what it missed."""
+        watch = _Watch(self, slot)
         for signal in signals:
-            self._watched.append((signal, slot))
-            if self.in_view:
-                signal.connect(slot)
+            signal.connect(watch.call)
 
     def update_view(self) -> None:
         """Refresh everything after the panel becomes visible again."""
@@ -237,6 +234,23 @@ class Panel(QWidget):
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
         draw_card(painter, self.theme, QRectF(self.rect()), top=False, active=self.active)
+
+
+class _Watch(QObject):
+    """Calls ``slot`` while ``panel`` is in view. Stays connected: PySide crashes when a slot that was disconnected and
+    connected again is deleted.
+    """
+
+    def __init__(self, panel: Panel, slot: Callable[..., object]) -> None:
+        super().__init__(panel)
+        self._panel = panel
+        self._slot = slot
+        kinds = [parameter.kind for parameter in signature(slot).parameters.values()]
+        self._most = None if Parameter.VAR_POSITIONAL in kinds else len(kinds)
+
+    def call(self, *values: object) -> None:
+        if self._panel.in_view:
+            self._slot(*values[: self._most])
 
 
 def show_part(part: QWidget, visible: bool) -> None:
