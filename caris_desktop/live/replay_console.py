@@ -45,9 +45,9 @@ from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.recording.photo_file import PREVIEW_PX, THUMBNAIL_PX, previews
+from caris_desktop.recording.session.session_conversation import UTTERANCE_STREAMS
 from caris_desktop.recording.session.session_marks import FinalMark, final_marks, notes_among
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
 

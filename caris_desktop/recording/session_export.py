@@ -25,7 +25,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, 
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonymised, pseudonyms_of
-from caris_desktop.recording.session.missing_data import missing_words
+from caris_desktop.recording.session.recovery import missing_words
 from caris_desktop.recording.session.session_header import is_session, reading
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
 from caris_desktop.recording.study_file import StudyFile, study_of

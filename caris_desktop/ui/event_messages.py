@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from caris_desktop.domain import events, intents
 from caris_desktop.domain.actor import CONSOLE, OTHER_WIZARD, WIZARD, Actor, in_words
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.recording.session.gap_messages import read_reason
+from caris_desktop.recording.session.loss_messages import read_reason
 from caris_desktop.ui.preflight.preflight_words import log_line
 from caris_desktop.ui.text_formatting import (
     NameOf,

@@ -14,7 +14,7 @@ import pytest
 
 from caris_desktop.app import export_command, statistics_command
 from caris_desktop.recording import session_export
-from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session import events_file
 from caris_desktop.recording.session.manifest import write_manifest
 from caris_desktop.recording.session_export import (
     ExportContext,
@@ -442,7 +442,7 @@ def test_damaged_values_are_no_silent_part_of_an_export(
 ) -> None:
     path = study / "sessions" / "one" / "events.mcap"
     content = bytearray(path.read_bytes())
-    index = mcap_chunks.read_index(path)
+    index = events_file.read_index(path)
     content[int(index.offsets[index.count // 2]) + 100] ^= 0xFF
     path.write_bytes(content)
     assert run(path.parent, "--to", "csv", tmp_path / "out") == 1

@@ -63,8 +63,7 @@ from caris_desktop.recording.recorder.video_encoders import FASTEST
 from caris_desktop.recording.recorder.video_writer import VideoFileWriter
 from caris_desktop.recording.session.manifest import session_files, write_manifest
 from caris_desktop.recording.session.media_files import video_file_name
-from caris_desktop.recording.session.session_clock import SessionClock
-from caris_desktop.recording.session.session_header import FORMAT, FORMAT_VERSION, AudioInfo, VideoInfo
+from caris_desktop.recording.session.session_header import FORMAT, FORMAT_VERSION, AudioInfo, SessionClock, VideoInfo
 
 SECOND_NS = 1_000_000_000
 LAYOUTS = Path(__file__).parents[2] / "layouts"

@@ -20,7 +20,7 @@ from caris_desktop.live.services.load_shedding_service import STEPS
 from caris_desktop.live.status import ExportStatus, LibraryStatus, LoadStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
-from caris_desktop.recording.session.repair_messages import read_loss
+from caris_desktop.recording.session.loss_messages import read_loss
 from caris_desktop.recording.session_export import FORMATS
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
 from caris_desktop.robot.profile import AudioInterface, RobotProfile

@@ -47,12 +47,12 @@ from caris_desktop.recording.annotation.annotation_model import (
     Vocabulary,
     VocabularyEntry,
 )
-from caris_desktop.recording.session.answers import unheard
-from caris_desktop.recording.session.scenario_text import read_scenario
+from caris_desktop.recording.session.session_conversation import unheard
 from caris_desktop.recording.session.session_data import FOLDED, SessionData, read_data
-from caris_desktop.recording.session.session_driving import NavigationGoal, commanded
 from caris_desktop.recording.session.session_marks import FinalMark
+from caris_desktop.recording.session.session_protocol import read_scenario
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.session_robot import NavigationGoal, commanded
 from caris_desktop.recording.session.session_visits import seen_throughout
 
 MARKS_VOCABULARY = QT_TR_NOOP("Wizard marks")

@@ -2,8 +2,8 @@
 
 from caris_desktop.domain.events import EmergencyStopChanged, LinkChanged, LlmExchange
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.recording.session.session_driving import NavigationGoal
 from caris_desktop.recording.session.session_protocol import StepVisit
+from caris_desktop.recording.session.session_robot import NavigationGoal
 
 WIZARD_ERRORS = (QT_TR_NOOP("slip"), QT_TR_NOOP("late"), QT_TR_NOOP("wrong branch"))
 

@@ -13,9 +13,8 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError, with_coders_called
 from caris_desktop.recording.annotation.annotation_store import coding_jsonable, load_coding
 from caris_desktop.recording.disk_file import DiskFile
+from caris_desktop.recording.session.events_file import copy_changed, intact_blocks, scan
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, session_files
-from caris_desktop.recording.session.mcap_chunks import intact_blocks, scan
-from caris_desktop.recording.session.mcap_repair import copy_changed
 from caris_desktop.recording.session.session_header import HEADER_NAME
 from caris_desktop.recording.session.session_reader import Session
 

@@ -44,22 +44,28 @@ from caris_desktop.recording.photo_file import PhotoFileError, change_texts, tex
 from caris_desktop.recording.pseudonyms import Pseudonyms, address_scrubber, other_wizards, scrubber_of
 from caris_desktop.recording.recorder.blurring import Covering, detections_around, parts_at
 from caris_desktop.recording.recorder.recorder_messages import BlurDemand, UseConsents
-from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.frame_times import INDEX_SUFFIX, FrameTimes, index_path, read_frame_times
+from caris_desktop.recording.session import events_file
+from caris_desktop.recording.session.events_file import ATTACHMENT, copy_changed
 from caris_desktop.recording.session.manifest import session_files, write_manifest
-from caris_desktop.recording.session.mcap_records import ATTACHMENT
-from caris_desktop.recording.session.mcap_repair import copy_changed
-from caris_desktop.recording.session.media_files import WavLayout, wav_header, wav_layout
-from caris_desktop.recording.session.missing_data import missing_words
-from caris_desktop.recording.session.session_clock import clock_text
+from caris_desktop.recording.session.media_files import (
+    INDEX_SUFFIX,
+    FrameTimes,
+    WavLayout,
+    index_path,
+    read_frame_times,
+    wav_header,
+    wav_layout,
+)
+from caris_desktop.recording.session.recovery import missing_words
+from caris_desktop.recording.session.session_conversation import spoken
 from caris_desktop.recording.session.session_header import (
     HEADER_NAME,
     Anonymised,
+    clock_text,
     header_of,
     recorded_files,
 )
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import spoken
 from caris_desktop.recording.study_file import FILE_NAME as STUDY_FILE
 
 # Known names in texts, replaced by pseudonyms.
@@ -412,7 +418,7 @@ class _Copy:
 
     def _write_events(self, path: Path, target: Path) -> None:
         with path.open("rb") as file:
-            index = mcap_chunks.scan(file)
+            index = events_file.scan(file)
             specs = {number: spec_of_topic(channel.topic) for number, channel in index.channels.items()}
 
             def change(channel: int, data: bytes) -> bytes:

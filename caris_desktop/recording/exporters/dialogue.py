@@ -7,9 +7,8 @@ from typing import Any
 
 from caris_desktop.domain.events import AnswerUsed, LlmExchange
 from caris_desktop.recording.measures.session_measures import measure, read_facts
-from caris_desktop.recording.session.answers import LlmUse
+from caris_desktop.recording.session.session_conversation import LlmUse, SpokenUtterance
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import SpokenUtterance
 from caris_desktop.recording.tables.catalog import key_columns
 
 TURNS_BEFORE = 20

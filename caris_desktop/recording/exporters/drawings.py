@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import OccupancyGrid
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.session.session_clock import clock_text
+from caris_desktop.recording.session.session_header import clock_text
 
 Shape = Literal["bar", "diamond", "triangle", "dot", "square"]
 Point = tuple[float, float]

@@ -10,7 +10,7 @@ from caris_desktop.domain.actor import in_words
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.recording.measures.distributions import SummaryStats, quantile
 from caris_desktop.recording.measures.session_measures import THIS_COMPUTER, ModelUse
-from caris_desktop.recording.session.session_clock import clock_text
+from caris_desktop.recording.session.session_header import clock_text
 from caris_desktop.recording.studies.data_quality import stream_words
 
 _NUMBERS = (

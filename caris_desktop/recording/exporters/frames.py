@@ -18,7 +18,7 @@ from caris_desktop.recording.exporters.exported_pictures import Pace, camera_fil
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.robot_clock_mapping import robot_clock
-from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import SessionClock
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext, attempt
 

@@ -32,11 +32,10 @@ from caris_desktop.recording.exporters.templates import write_own_page, write_pa
 from caris_desktop.recording.measures.session_measures import Measures, measure, read_facts
 from caris_desktop.recording.pseudonyms import coding_of
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
-from caris_desktop.recording.session.scenario_text import read_scenario
-from caris_desktop.recording.session.session_checks import open_words, preflight_of
-from caris_desktop.recording.session.session_clock import clock_text
 from caris_desktop.recording.session.session_data import SessionData
+from caris_desktop.recording.session.session_header import clock_text
 from caris_desktop.recording.session.session_marks import FinalMark
+from caris_desktop.recording.session.session_protocol import open_words, preflight_of, read_scenario
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.studies.data_quality import data_quality_problems

@@ -22,16 +22,20 @@ from caris_desktop.domain.streams import spec_of_topic
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.measures.measure_definitions import MEASURES
 from caris_desktop.recording.measures.session_measures import Measures, ModelUse, measure, read_facts
-from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.answers import Response
+from caris_desktop.recording.session import events_file
 from caris_desktop.recording.session.robot_clock_mapping import ClockSummary, robot_clock
-from caris_desktop.recording.session.scenario_text import ScenarioText, read_scenario
-from caris_desktop.recording.session.session_alarms import AlarmRecord
-from caris_desktop.recording.session.session_checks import Preflight, open_words, preflight_of
+from caris_desktop.recording.session.session_conversation import Response, SpokenUtterance
 from caris_desktop.recording.session.session_header import SessionError, SessionHeader, read_header, reading
-from caris_desktop.recording.session.session_protocol import StepRecord
+from caris_desktop.recording.session.session_protocol import (
+    Preflight,
+    ScenarioText,
+    StepRecord,
+    open_words,
+    preflight_of,
+    read_scenario,
+)
 from caris_desktop.recording.session.session_reader import Session, open_session
-from caris_desktop.recording.session.utterances import SpokenUtterance
+from caris_desktop.recording.session.session_robot import AlarmRecord
 from caris_desktop.recording.studies.study_index import copies_among, session_folders
 
 _log = logging.getLogger(__name__)
@@ -149,7 +153,7 @@ def _read(session: Session, progress: Callable[[float], None]) -> _Known:
 
 def _streams(session: Session) -> frozenset[str]:
     with reading(session.folder):
-        channels = mcap_chunks.read_index(session.folder / "events.mcap").channels.values()
+        channels = events_file.read_index(session.folder / "events.mcap").channels.values()
     specs = (spec_of_topic(channel.topic) for channel in channels)
     return frozenset(spec.name for spec in specs if spec is not None)
 

@@ -26,8 +26,8 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.anonymising.pseudonymous_copy import CopiedFile, copy_session
 from caris_desktop.recording.data_dictionary import DICTIONARY_TABLE, dictionary_columns
 from caris_desktop.recording.exporters.templates import write_page
+from caris_desktop.recording.session.events_file import read_index
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
-from caris_desktop.recording.session.mcap_chunks import read_index
 from caris_desktop.recording.session.session_reader import Session, SessionError
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.study_file import CITATION_NAME, StudyFile, write_citation

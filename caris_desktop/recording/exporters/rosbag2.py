@@ -41,7 +41,7 @@ from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.foreign.bag_messages import Ros, typed, typestore
 from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
 from caris_desktop.recording.session.robot_clock_mapping import RobotClock, robot_clock
-from caris_desktop.recording.session.scenario_text import parsed_yaml
+from caris_desktop.recording.session.session_protocol import parsed_yaml
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.ros import message_conversion, navigation_messages

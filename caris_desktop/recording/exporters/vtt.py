@@ -7,10 +7,10 @@ import re
 from collections.abc import Iterable
 from pathlib import Path, PurePath
 
-from caris_desktop.recording.session.frame_times import moments_words
+from caris_desktop.recording.session.media_files import moments_words
+from caris_desktop.recording.session.session_conversation import SpokenUtterance, spoken
 from caris_desktop.recording.session.session_header import VideoInfo
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.tables.catalog import plain_text
 

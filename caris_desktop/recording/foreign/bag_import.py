@@ -47,8 +47,7 @@ from caris_desktop.recording.recorder.video_encoders import x264
 from caris_desktop.recording.recorder.video_writer import VideoFileWriter
 from caris_desktop.recording.session.manifest import write_manifest
 from caris_desktop.recording.session.media_files import video_file_name
-from caris_desktop.recording.session.session_clock import SessionClock
-from caris_desktop.recording.session.session_header import SessionHeader, VideoInfo, recorded_files
+from caris_desktop.recording.session.session_header import SessionClock, SessionHeader, VideoInfo, recorded_files
 from caris_desktop.ros.message_fields import MessageError
 
 _log = logging.getLogger(__name__)

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.forgetting.search_terms import SearchTerms, folded
-from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.mcap_records import MAGIC as MCAP_MAGIC
+from caris_desktop.recording.session import events_file
+from caris_desktop.recording.session.events_file import MAGIC as MCAP_MAGIC
 
 _BLOCK_BYTES = 1 << 22
 _AROUND_BYTES = 256
@@ -247,13 +247,13 @@ _OPENERS: dict[bytes, Callable[[IO[bytes]], Any]] = {
 
 
 def _mcap_blocks(file: Any, closed: list[str], name: str) -> Iterator[bytes]:
-    index = mcap_chunks.scan(file, thorough=False)
+    index = events_file.scan(file, thorough=False)
     for number in range(index.count):
         try:
-            record = mcap_chunks.read_record(file, index, number)
-            if mcap_chunks.is_chunk(record):
-                yield mcap_chunks.decompress(record) + b"\n"
-        except mcap_chunks.DamagedBlockError as error:
+            record = events_file.read_record(file, index, number)
+            if events_file.is_chunk(record):
+                yield events_file.decompress(record) + b"\n"
+        except events_file.DamagedBlockError as error:
             closed.append(f"{name}: the chunk at byte {index.offsets[number]}: {error}")
 
 

@@ -16,8 +16,7 @@ from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.person_tracks import WHOLE, Area
 from caris_desktop.recording.photo_file import PhotoFileError, texts_of, with_texts
 from caris_desktop.recording.recorder.video_encoders import MUXER, TICKS_PER_S, add_stream, x264
-from caris_desktop.recording.session.frame_times import FrameTimes
-from caris_desktop.recording.session.media_files import wav_layout
+from caris_desktop.recording.session.media_files import FrameTimes, wav_layout
 
 _log = logging.getLogger(__name__)
 # A single colour: the covered content cannot be reconstructed from it.

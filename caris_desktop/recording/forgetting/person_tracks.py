@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.recording.session import mcap_chunks
+from caris_desktop.recording.session import events_file
 
 _log = logging.getLogger(__name__)
 # A person seen at both ends of such a gap was present in it. Longer gaps without detection are covered entirely.
@@ -194,10 +194,10 @@ def everyone_who_is(person_ids: Iterable[str], links: Iterable[tuple[bool, str, 
 
 def messages_of(events: Path, is_selected: Callable[[str], bool]) -> Iterator[tuple[str, bytes]]:
     """Topic and data of some channels' messages in recording order. Raises OSError."""
-    index = mcap_chunks.read_index(events)
+    index = events_file.read_index(events)
     topics = {number: channel.topic for number, channel in index.channels.items() if is_selected(channel.topic)}
     with events.open("rb") as file:
-        for message, data in mcap_chunks.read_messages(file, index, topics):
+        for message, data in events_file.read_messages(file, index, topics):
             yield topics[message.channel], data
 
 

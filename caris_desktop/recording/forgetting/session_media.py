@@ -15,10 +15,10 @@ from caris_desktop.recording.forgetting.media import UnreadableMediaError
 from caris_desktop.recording.forgetting.person_tracks import WHOLE, Area, PersonTracks, messages_of
 from caris_desktop.recording.forgetting.speech_erasure import AROUND_VISIT_NS
 from caris_desktop.recording.photo_file import PEOPLE, PhotoFileError, texts_of
-from caris_desktop.recording.session.frame_times import FrameTimes, index_path, read_frame_times
+from caris_desktop.recording.session.media_files import FrameTimes, index_path, read_frame_times
+from caris_desktop.recording.session.session_conversation import SpokenUtterance, spoken
 from caris_desktop.recording.session.session_header import inside
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import SpokenUtterance, spoken
 
 _log = logging.getLogger(__name__)
 _PHOTO = "/event/photo_taken"

@@ -9,8 +9,8 @@ from typing import Any
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.recording.forgetting.person_tracks import PersonTracks, messages_of
 from caris_desktop.recording.forgetting.search_terms import FORGOTTEN
+from caris_desktop.recording.session.session_conversation import UTTERANCE_STREAMS, SpokenUtterance, spoken
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, SpokenUtterance, spoken
 
 AROUND_VISIT_NS = 2_000_000_000
 """Somebody speaks before a camera sees them, and after."""

@@ -45,8 +45,7 @@ from caris_desktop.recording.forgetting.study_files import (
 from caris_desktop.recording.forgetting.text_erasure import Decision, TextWork
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, FolderHeldError, hold, is_held
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, write_manifest
-from caris_desktop.recording.session.session_clock import clock_text
-from caris_desktop.recording.session.session_header import SessionError, read_raw_header
+from caris_desktop.recording.session.session_header import SessionError, clock_text, read_raw_header
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.studies.study_index import DATABASE_NAME
 from caris_desktop.recording.table_files import delete_tables

@@ -13,9 +13,9 @@ from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting.search_terms import FORGOTTEN, FORGOTTEN_IN_YAML, PersonNames
 from caris_desktop.recording.forgetting.speech_erasure import Sentences, without_words
 from caris_desktop.recording.photo_file import PhotoFileError, texts_of, with_texts
-from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session import mcap_records as records
-from caris_desktop.recording.session.mcap_repair import copy_changed
+from caris_desktop.recording.session import events_file
+from caris_desktop.recording.session import events_file as records
+from caris_desktop.recording.session.events_file import copy_changed
 
 Decision = Literal["redact", "keep", "remove", ""]
 """Decision about a place; ``remove`` is for whole files. Empty: undecided."""
@@ -211,7 +211,7 @@ def inspect_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
     """List the places of an MCAP file. Raises OSError."""
     found = EventTexts()
     with path.open("rb") as opened:
-        index = mcap_chunks.scan(opened)
+        index = events_file.scan(opened)
 
         def scan(value: bytes) -> bytes:
             spans = work.find(_text_of(value), file, lambda: "recording header")
@@ -220,8 +220,8 @@ def inspect_events(work: TextWork, path: Path, file: str, moment: Callable[[int]
 
         for record in index.beside:
             changed_metadata(record, scan)
-        for content in mcap_chunks.intact_blocks(opened, index):
-            for message in mcap_chunks.messages_of(content):
+        for content in events_file.intact_blocks(opened, index):
+            for message in events_file.messages_of(content):
                 text = _text_of(content[message.start : message.end])
                 text, words = without_words(text, work.utterances)
                 found.to_change = found.to_change or words > 0
@@ -247,7 +247,7 @@ def rewrite_events(work: TextWork, path: Path, file: str, target: Path) -> int:
         return _with_own_checksum(changed).encode("utf-8", "surrogateescape") if here else data
 
     with path.open("rb") as opened:
-        index = mcap_chunks.scan(opened)
+        index = events_file.scan(opened)
         beside = tuple(changed_metadata(record, change) for record in index.beside)
         written = DiskFile(target)
         try:

@@ -19,10 +19,9 @@ from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import localized
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.video_encoders import MUXER, TICKS_PER_S, Encoder, add_stream
-from caris_desktop.recording.session import gap_messages
-from caris_desktop.recording.session.frame_times import INDEX_HEAD, index_cells
-from caris_desktop.recording.session.session_clock import SessionClock
-from caris_desktop.recording.session.session_header import VideoInfo
+from caris_desktop.recording.session import loss_messages
+from caris_desktop.recording.session.media_files import INDEX_HEAD, index_cells
+from caris_desktop.recording.session.session_header import SessionClock, VideoInfo
 
 _log = logging.getLogger(__name__)
 KEY_FRAME_EVERY_S = 0.4
@@ -58,7 +57,7 @@ class VideoFileWriter:
         self.last_stamp_ns = 0
         self.width_px, self.height_px = width_px // 2 * 2, height_px // 2 * 2
         if not (self.width_px and self.height_px):
-            raise ValueError(localized(gap_messages.PICTURE_TOO_SMALL, width=width_px, height=height_px))
+            raise ValueError(localized(loss_messages.PICTURE_TOO_SMALL, width=width_px, height=height_px))
         self._av = av
         self._clock = clock
         self._last_tick = -1

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from caris_desktop.domain.streams import BY_TYPE, Delivery, StreamSpec, spec_of_topic
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.session import mcap_chunks
-from caris_desktop.recording.session.mcap_chunks import BlockIndex, DamagedBlockError, Message
+from caris_desktop.recording.session import events_file
+from caris_desktop.recording.session.events_file import BlockIndex, DamagedBlockError, Message
 from caris_desktop.recording.session.session_header import reading
 from caris_desktop.recording.session.session_reader import Session, value_reader
 
@@ -42,7 +42,7 @@ class SessionTimeline:
         self.session = session
         self._path = session.folder / "events.mcap"
         with reading(self._path):
-            self._index: BlockIndex = mcap_chunks.read_index(self._path)
+            self._index: BlockIndex = events_file.read_index(self._path)
             self._file: IO[bytes] = self._path.open("rb")
         self._session_from_utc_ns = session.clock.at_utc(0)
         # Arrival of the last message of each chunk, including all before it.
@@ -209,11 +209,11 @@ class SessionTimeline:
     def _unfolded(self, number: int) -> _Block | None:
         try:
             with reading(self._path):
-                content = mcap_chunks.read_block(self._file, self._index, number)
+                content = events_file.read_block(self._file, self._index, number)
         except DamagedBlockError as error:
             _log.warning("%s: the block at byte %d is left out: %s", self._path, self._index.offsets[number], error)
             return None
-        messages = tuple(mcap_chunks.messages_of(content))
+        messages = tuple(events_file.messages_of(content))
         logged_ns = np.array([message.log_ns for message in messages], np.int64) + self._session_from_utc_ns
         if number:
             logged_ns = np.maximum(logged_ns, self._ends_ns[number - 1])

@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.video_files import FILM_OPTIONS
-from caris_desktop.recording.session.frame_times import (
+from caris_desktop.recording.session.media_files import (
     NO_ROBOT_STAMP,
     UNKNOWN,
     FrameTimes,
+    camera_of_video,
+    content_of,
     index_path,
     read_frame_times,
+    video_file_name,
 )
-from caris_desktop.recording.session.media_files import camera_of_video, video_file_name
-from caris_desktop.recording.session.media_repair import content_of
 from caris_desktop.recording.session.session_header import inside
 from caris_desktop.recording.session.session_reader import Session
 

@@ -20,18 +20,18 @@ from caris_desktop.domain.events import (
     UtteranceCorrected,
 )
 from caris_desktop.domain.streams import BY_TYPE
-from caris_desktop.recording.session.answers import (
+from caris_desktop.recording.session.session_conversation import (
     LlmAnswer,
     Response,
     ShownReply,
+    SpokenUtterance,
     answers_of,
     replies_of,
     reply_answers_of,
     responses_of,
+    spoken_utterances,
 )
-from caris_desktop.recording.session.session_alarms import AlarmRecord, alarms_of
-from caris_desktop.recording.session.session_clock import pauses_of
-from caris_desktop.recording.session.session_driving import Drive, NavigationGoal, drives_of, navigation_goals
+from caris_desktop.recording.session.session_header import pauses_of
 from caris_desktop.recording.session.session_marks import FinalMark, final_marks_of
 from caris_desktop.recording.session.session_protocol import (
     PROTOCOL_EVENTS,
@@ -42,8 +42,15 @@ from caris_desktop.recording.session.session_protocol import (
     steps_of,
 )
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.session_robot import (
+    AlarmRecord,
+    Drive,
+    NavigationGoal,
+    alarms_of,
+    drives_of,
+    navigation_goals,
+)
 from caris_desktop.recording.session.session_visits import VISIT_EVENTS, Visit, seen_throughout, visits_of
-from caris_desktop.recording.session.utterances import SpokenUtterance, spoken_utterances
 
 T = TypeVar("T")
 FOLDED: tuple[type[Any], ...] = (

@@ -19,11 +19,11 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.annotation.annotation_editing import AnnotationError
 from caris_desktop.recording.annotation.annotation_store import load_documents
 from caris_desktop.recording.session.folder_lock import is_held
+from caris_desktop.recording.session.loss_messages import read_loss
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
-from caris_desktop.recording.session.repair_messages import read_loss
+from caris_desktop.recording.session.session_conversation import UTTERANCE_STREAMS, UtteranceEvent, spoken_utterances
 from caris_desktop.recording.session.session_marks import final_marks_of
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
-from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, UtteranceEvent, spoken_utterances
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
 
 _log = logging.getLogger(__name__)

@@ -21,7 +21,7 @@ from caris_desktop.domain.schema_fields import union_members, without_alias
 from caris_desktop.domain.streams import StreamSpec
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.session.robot_clock_mapping import Measured, RobotClock
-from caris_desktop.recording.session.session_clock import SessionClock
+from caris_desktop.recording.session.session_header import SessionClock
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.tables.meanings import Meaning, meaning_of, split_docstring
 

@@ -6,16 +6,14 @@ from typing import Any
 
 from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.pseudonyms import coding_of
-from caris_desktop.recording.session.answers import LlmAnswer, Response, ShownReply
 from caris_desktop.recording.session.robot_clock_mapping import RobotClock
-from caris_desktop.recording.session.session_alarms import AlarmRecord
+from caris_desktop.recording.session.session_conversation import LlmAnswer, Response, ShownReply, SpokenUtterance
 from caris_desktop.recording.session.session_data import SessionData
-from caris_desktop.recording.session.session_driving import Drive, NavigationGoal
 from caris_desktop.recording.session.session_marks import FinalMark
 from caris_desktop.recording.session.session_protocol import StepRecord, StepVisit
 from caris_desktop.recording.session.session_reader import Session
+from caris_desktop.recording.session.session_robot import AlarmRecord, Drive, NavigationGoal
 from caris_desktop.recording.session.session_visits import Visit
-from caris_desktop.recording.session.utterances import SpokenUtterance
 from caris_desktop.recording.tables.catalog import TIME_COLUMNS, Column, Moment, Table, derived_columns
 from caris_desktop.recording.tables.meanings import split_docstring
 

@@ -17,8 +17,8 @@ from caris_desktop.recording.forgetting.search_terms import FORGOTTEN
 from caris_desktop.recording.forgetting.speech_erasure import Sentences
 from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, Forgotten, forget_person
 from caris_desktop.recording.session.manifest import verify_manifest
+from caris_desktop.recording.session.session_conversation import spoken
 from caris_desktop.recording.session.session_reader import Session, open_session
-from caris_desktop.recording.session.utterances import spoken
 from caris_desktop.recording.session_export import ExportRequest, export_all
 from tests.recording.forgetting.test_study_erasure import receipt_of, sessions_of
 from tests.support import recorded_session

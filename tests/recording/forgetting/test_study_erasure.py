@@ -32,9 +32,9 @@ from caris_desktop.recording.photo_file import PEOPLE, TAGS, change_texts, texts
 from caris_desktop.recording.recorder.media_writer import write_photo
 from caris_desktop.recording.session.folder_lock import hold
 from caris_desktop.recording.session.manifest import verify_manifest, write_manifest
-from caris_desktop.recording.session.media_repair import content_of
+from caris_desktop.recording.session.media_files import content_of
+from caris_desktop.recording.session.session_conversation import spoken
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.session.utterances import spoken
 from caris_desktop.recording.session_export import ExportRequest, export_all
 from tests.recording.forgetting.named_study import NAME, OTHER, PERSON, every_file, make_study, portrait
 from tests.support.recorded_session import make_session

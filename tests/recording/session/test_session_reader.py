@@ -84,7 +84,7 @@ def test_a_session_is_read_up_to_where_it_breaks_off(tmp_path: Path) -> None:
     assert previous == 30
 
 
-@pytest.mark.logs(r"session\.mcap_chunks: ", r"session\.session_reader: ")
+@pytest.mark.logs(r"session\.events_file: ", r"session\.session_reader: ")
 def test_damage_inside_costs_what_comes_after_it_and_nothing_else(tmp_path: Path) -> None:
     record(tmp_path / "s", [mark(str(number)) for number in range(50)])
     path = tmp_path / "s" / "events.mcap"

@@ -11,9 +11,9 @@ from caris_desktop.domain.events import (
     UtteranceCorrected,
     UtteranceState,
 )
+from caris_desktop.recording.session.session_conversation import spoken, spoken_utterances
 from caris_desktop.recording.session.session_marks import FinalMark, final_marks, final_marks_of
 from caris_desktop.recording.session.session_reader import open_session
-from caris_desktop.recording.session.utterances import spoken, spoken_utterances
 from tests.recording.session.test_session_reader import record
 
 

@@ -1,14 +1,20 @@
-"""Reader of ``events.mcap`` by chunk: uses the index if present, else scans the file once.
+"""Reader, writer and repair of ``events.mcap`` (https://mcap.dev/spec), by chunk.
 
-A block is a chunk with compressed messages, or a run of messages outside of chunks. See https://mcap.dev/spec for the
-records; damaged or truncated ones are left out, never guessed.
+The reader uses the index if present, else scans the file once. A block is a chunk with compressed messages, or a run of
+messages outside of chunks; damaged or truncated ones are left out, never guessed.
+
+The ``mcap`` package reads the result, in tests too. Its writer is not used: it accumulates an object per chunk and
+channel (megabytes per hour with short chunks), writes a chunk in several pieces, which a kill may interrupt, and cannot
+copy chunks of another file.
 """
 
 import json
 import logging
 import struct
 import zlib
-from collections.abc import Collection, Iterable, Iterator
+from array import array
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import field
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -16,29 +22,52 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.json_encoding import recorded_schema
 from caris_desktop.domain.value_class import Value, dataclass
-from caris_desktop.recording.session.mcap_records import (
-    ATTACHMENT,
-    CHANNEL,
-    CHUNK,
-    CHUNK_BODY,
-    CHUNK_INDEX,
-    CHUNK_INDEX_BODY,
-    DATA_END,
-    FOOTER,
-    FOOTER_BODY,
-    HEAD,
-    HEADER,
-    KNOWN,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_BODY,
-    MESSAGE_INDEX,
-    METADATA,
-    SCHEMA,
-    STATISTICS,
-    number_of,
-)
+from caris_desktop.recording.disk_file import DiskFile
+
+MAGIC = b"\x89MCAP0\r\n"
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, ATTACHMENT, ATTACHMENT_INDEX = range(1, 11)
+STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = range(11, 16)
+KNOWN = range(HEADER, DATA_END + 1)
+# Head of every record: opcode and length.
+HEAD = struct.Struct("<BQ")
+# Before the data of a message: channel, sequence, log time, publish time.
+MESSAGE_BODY = struct.Struct("<HIQQ")
+# Start, end, uncompressed size, checksum, and length of the compression name that follows.
+CHUNK_BODY = struct.Struct("<QQQII")
+# Start, end, offset and length of a chunk, and the length of the following message index offsets.
+CHUNK_INDEX_BODY = struct.Struct("<QQQQI")
+FOOTER_BODY = struct.Struct("<QQI")
+
+
+def record(opcode: int, body: bytes) -> bytes:
+    return HEAD.pack(opcode, len(body)) + body
+
+
+def text(words: str) -> bytes:
+    data = words.encode("utf-8", "replace")
+    return struct.pack("<I", len(data)) + data
+
+
+def text_map(entries: dict[str, str]) -> bytes:
+    data = b"".join(text(key) + text(value) for key, value in entries.items())
+    return struct.pack("<I", len(data)) + data
+
+
+def text_end(data: bytes, at: int) -> int:
+    """End offset of a string that begins at ``at``."""
+    return at + 4 + int.from_bytes(data[at : at + 4], "little")
+
+
+def schema_record(number: int, name: str, encoding: str, data: bytes) -> bytes:
+    return record(SCHEMA, struct.pack("<H", number) + text(name) + text(encoding) + struct.pack("<I", len(data)) + data)
+
+
+def number_of(declaration: bytes) -> int:
+    """Id of a schema or channel record."""
+    return int.from_bytes(declaration[HEAD.size : HEAD.size + 2], "little")
+
 
 _log = logging.getLogger(__name__)
 _BESIDE = (HEADER, ATTACHMENT, METADATA)
@@ -478,3 +507,319 @@ def _next_chunk(file: IO[bytes], at: int, end: int) -> int:
             found = content.find(_ZSTD, found + 1)
         at += window
     return end
+
+
+_MESSAGE_HEAD = struct.Struct("<BQHIQQ")
+_CHUNK_HEAD = struct.Struct("<QQQI")
+_LARGEST_CHUNK_BYTES = 1024 * 1024
+_COMPRESSION = "zstd"
+_COMPRESSION_LEVEL = 3
+
+
+@dataclass(slots=True)
+class _Chunk:
+    """Current chunk: its records, and alternating times and offsets of the messages per channel."""
+
+    records: bytearray = field(default_factory=bytearray)
+    index: "dict[int, array[int]]" = field(default_factory=dict)
+    begin_ns: int = 2**64 - 1
+    end_ns: int = 0
+
+    def note(self, channel: int, log_ns: int, at: int) -> None:
+        index = self.index.get(channel)
+        if index is None:
+            index = self.index[channel] = array("Q")
+        self.begin_ns = min(self.begin_ns, log_ns)
+        self.end_ns = max(self.end_ns, log_ns)
+        index.append(log_ns)
+        index.append(at)
+
+
+class McapFile:
+    """Sequential writer of one file. Times are UTC nanoseconds. Methods raise OSError."""
+
+    def __init__(self, file: DiskFile, *, library: str, header: bytes = b"") -> None:
+        """``header`` is the record of a copied file, instead of our own."""
+        import zstandard
+
+        self._file = file
+        self._compressor: Any = zstandard.ZstdCompressor(level=_COMPRESSION_LEVEL)
+        self._schemas: dict[int, bytes] = {}
+        self._channels: dict[int, bytes] = {}
+        self._counts: Counter[int] = Counter()
+        self._begin_ns: int | None = None
+        self._end_ns = 0
+        self._chunks = self._attachments = self._metadata = 0
+        self._chunk_indexes = bytearray()
+        self._attachment_indexes = bytearray()
+        self._metadata_indexes = bytearray()
+        self._chunk = _Chunk()
+        file.write(MAGIC + (header or record(HEADER, text("") + text(library))))
+
+    def add_metadata(self, name: str, entries: dict[str, str]) -> None:
+        """Write a metadata record. Call before the first message."""
+        self.copy_alongside(record(METADATA, text(name) + text_map(entries)))
+
+    def copy_alongside(self, data: bytes) -> None:
+        """Copy a metadata or attachment record. Call before the first message."""
+        place = struct.pack("<QQ", self._file.tell(), len(data))
+        body = data[HEAD.size :]
+        if data[0] == METADATA:
+            name = body[: text_end(body, 0)]
+            self._metadata_indexes += record(METADATA_INDEX, place + name)
+            self._metadata += 1
+        elif data[0] == ATTACHMENT:
+            # Two times, name, media type, then the length of the data.
+            names_end = text_end(body, text_end(body, 16))
+            data_bytes = body[names_end : names_end + 8]
+            self._attachment_indexes += record(ATTACHMENT_INDEX, place + body[:16] + data_bytes + body[16:names_end])
+            self._attachments += 1
+        self._file.write(data)
+
+    def add_schema(self, name: str, encoding: str, data: bytes) -> int:
+        """Add a schema; return its id."""
+        number = max(self._schemas, default=0) + 1
+        self._schemas[number] = schema_record(number, name, encoding, data)
+        self._chunk.records += self._schemas[number]
+        return number
+
+    def add_channel(self, topic: str, message_encoding: str, schema: int) -> int:
+        """Add a channel; return its id."""
+        number = max(self._channels, default=0) + 1
+        body = struct.pack("<HH", number, schema) + text(topic) + text(message_encoding) + text_map({})
+        self._channels[number] = record(CHANNEL, body)
+        self._chunk.records += self._channels[number]
+        return number
+
+    def declare(self, declaration: bytes) -> None:
+        """Declare a schema or channel record of copied chunks, for the summary."""
+        table = self._schemas if declaration[0] == SCHEMA else self._channels
+        table[number_of(declaration)] = declaration
+
+    def add_lost_schema(self, number: int, name: str, data: bytes) -> None:
+        """Add a JSON Schema for a copied channel whose own schema is missing in its file."""
+        if number not in self._schemas:
+            self._schemas[number] = schema_record(number, name, "jsonschema", data)
+            self._file.write(self._schemas[number])
+
+    def add_message(self, channel: int, data: bytes, *, log_time: int, publish_time: int, sequence: int) -> None:
+        """Add a message; it is in the file after :meth:`flush`. On an exception it is not added."""
+        if len(self._chunk.records) > _LARGEST_CHUNK_BYTES:
+            self.flush()
+        chunk = self._chunk
+        chunk.note(channel, log_time, len(chunk.records))
+        chunk.records += _MESSAGE_HEAD.pack(
+            MESSAGE, MESSAGE_BODY.size + len(data), channel, sequence, log_time, publish_time
+        )
+        chunk.records += data
+
+    def flush(self) -> None:
+        """Write the current chunk and its index in one piece; it is retained if the write fails."""
+        if self._chunk.index:
+            self._write_chunk(self._chunk, self._folded(self._chunk))
+            self._chunk = _Chunk()
+
+    def copy_chunk(self, content: bytes, folded: bytes = b"") -> None:
+        """Copy a chunk with these records of messages; ``folded`` is its compressed form, if available."""
+        self.flush()
+        chunk = _Chunk(bytearray(content))
+        for message in messages_of(content):
+            chunk.note(message.channel, message.log_ns, message.record_start)
+        self._write_chunk(chunk, folded or self._folded(chunk))
+
+    def _folded(self, chunk: _Chunk) -> bytes:
+        packed = self._compressor.compress(bytes(chunk.records))
+        head = _CHUNK_HEAD.pack(chunk.begin_ns, chunk.end_ns, len(chunk.records), zlib.crc32(chunk.records))
+        return record(CHUNK, head + text(_COMPRESSION) + struct.pack("<Q", len(packed)) + packed)
+
+    def _write_chunk(self, chunk: _Chunk, folded: bytes) -> None:
+        begin = self._file.tell()
+        block = bytearray(folded)
+        offsets = bytearray()
+        for channel, index in chunk.index.items():
+            offsets += struct.pack("<HQ", channel, begin + len(block))
+            entries = _little_endian(index)
+            block += record(MESSAGE_INDEX, struct.pack("<HI", channel, len(entries)) + entries)
+        self._file.write(bytes(block))
+        for channel, index in chunk.index.items():
+            self._counts[channel] += len(index) // 2
+        compression, folded_bytes = compression_of(folded)
+        self._chunk_indexes += record(
+            CHUNK_INDEX,
+            CHUNK_INDEX_BODY.pack(chunk.begin_ns, chunk.end_ns, begin, len(folded), len(offsets))
+            + offsets
+            + struct.pack("<Q", len(block) - len(folded))
+            + text(compression)
+            + struct.pack("<QQ", folded_bytes, len(chunk.records)),
+        )
+        self._chunks += 1
+        self._begin_ns = chunk.begin_ns if self._begin_ns is None else min(self._begin_ns, chunk.begin_ns)
+        self._end_ns = max(self._end_ns, chunk.end_ns)
+
+    def finish(self) -> None:
+        """Write the summary section for random access."""
+        self.flush()
+        data_end = record(DATA_END, struct.pack("<I", 0))
+        begin = self._file.tell() + len(data_end)
+        summary, offsets = bytearray(), bytearray()
+        for opcode, group in (
+            (SCHEMA, b"".join(self._schemas.values())),
+            (CHANNEL, b"".join(self._channels.values())),
+            (STATISTICS, self._statistics()),
+            (CHUNK_INDEX, bytes(self._chunk_indexes)),
+            (ATTACHMENT_INDEX, bytes(self._attachment_indexes)),
+            (METADATA_INDEX, bytes(self._metadata_indexes)),
+        ):
+            if group:
+                place = struct.pack("<BQQ", opcode, begin + len(summary), len(group))
+                offsets += record(SUMMARY_OFFSET, place)
+                summary += group
+        offsets_begin = begin + len(summary)
+        summary += offsets
+        # The checksum covers the footer up to itself.
+        footer = HEAD.pack(FOOTER, FOOTER_BODY.size) + struct.pack("<QQ", begin, offsets_begin)
+        checksum = zlib.crc32(footer, zlib.crc32(summary))
+        self._file.write(data_end + bytes(summary) + footer + struct.pack("<I", checksum) + MAGIC)
+
+    def _statistics(self) -> bytes:
+        counts = b"".join(struct.pack("<HQ", channel, count) for channel, count in sorted(self._counts.items()))
+        head = struct.pack(
+            "<QHIIIIQQI",
+            self._counts.total(),
+            len(self._schemas),
+            len(self._channels),
+            self._attachments,
+            self._metadata,
+            self._chunks,
+            self._begin_ns or 0,
+            self._end_ns,
+            len(counts),
+        )
+        return record(STATISTICS, head + counts)
+
+
+def _little_endian(numbers: "array[int]") -> bytes:
+    if struct.pack("=H", 1) != struct.pack("<H", 1):
+        numbers = numbers[:]
+        numbers.byteswap()
+    return numbers.tobytes()
+
+
+class AddedMessage(Value):
+    """Message to append. ``schema`` is a JSON Schema of that name; times are UTC nanoseconds."""
+
+    topic: str
+    schema_name: str
+    schema: bytes
+    data: bytes
+    log_ns: int
+    publish_ns: int
+
+
+def rewrite(
+    source: IO[bytes],
+    index: BlockIndex,
+    target: DiskFile,
+    *,
+    added: AddedMessage | None,
+    on_chunk: Callable[[bytes], None],
+) -> None:
+    """Copy the result of :func:`scan` of ``source`` to the new file ``target``.
+
+    ``on_chunk`` receives the decompressed content of each chunk. Raises OSError.
+    """
+    writer = _begun(target, index)
+    for number in range(index.count):
+        try:
+            record = read_record(source, index, number)
+            content = decompress(record)
+        except DamagedBlockError as error:
+            raise OSError(5, f"the disk returned different data than before: {error}") from error
+        on_chunk(content)
+        _copy_block(writer, index, content, record)
+    if added is not None:
+        _add(writer, index, added)
+    writer.finish()
+
+
+Change = Callable[[int, bytes], bytes]
+"""Receives channel and data of a message; returns the data to write."""
+
+
+def copy_changed(source: IO[bytes], index: BlockIndex, target: DiskFile, change: Change) -> None:
+    """Copy a log to the new file ``target``, with the data of each message replaced by ``change``.
+
+    ``index`` is from :func:`scan`. Damaged chunks are left out. Raises OSError.
+    """
+    writer = _begun(target, index)
+    for number in range(index.count):
+        try:
+            record = read_record(source, index, number)
+            content = decompress(record)
+        except DamagedBlockError as error:
+            _log.warning("the block at byte %d is left out: %s", index.offsets[number], error)
+            continue
+        changed = _changed(content, change)
+        _copy_block(writer, index, changed, record if changed == content else b"")
+    writer.finish()
+
+
+def _changed(content: bytes, change: Change) -> bytes:
+    parts: list[bytes] = []
+    at = 0
+    for message in messages_of(content):
+        data = content[message.start : message.end]
+        new = change(message.channel, data)
+        if new != data:
+            start = message.record_start
+            body = start + HEAD.size
+            parts.append(content[at:start])
+            parts.append(HEAD.pack(MESSAGE, message.start - body + len(new)))
+            parts.append(content[body : message.start])
+            parts.append(new)
+            at = message.end
+    return b"".join([*parts, content[at:]])
+
+
+def _begun(target: DiskFile, index: BlockIndex) -> McapFile:
+    """New file with the file-level records."""
+    header = next((record for record in index.beside if record[0] == HEADER), b"")
+    writer = McapFile(target, library="caris-desktop", header=header)
+    for record in index.beside:
+        if record[0] != HEADER:
+            writer.copy_alongside(record)
+    for channel in index.channels.values():
+        if channel.schema:
+            writer.declare(channel.schema)
+        writer.declare(channel.record)
+    for channel in index.channels.values():
+        if channel.schema_number and not channel.schema:
+            # Its schema was in a lost chunk, and readers require one.
+            writer.add_lost_schema(channel.schema_number, *_schema_of(channel.topic))
+    return writer
+
+
+def _copy_block(writer: McapFile, index: BlockIndex, content: bytes, record: bytes) -> None:
+    """Copy one chunk; ``record`` is its raw record, empty if the content was changed."""
+    messages = list(messages_of(content))
+    known = [message for message in messages if message.channel in index.channels]
+    if len(known) < len(messages) or (record and not is_chunk(record)):
+        # A run of messages outside of chunks, or one whose channel was in a lost chunk.
+        content = b"".join(content[message.record_start : message.end] for message in known)
+        record = b""
+    if known:
+        writer.copy_chunk(content, record)
+
+
+def _schema_of(topic: str) -> tuple[str, bytes]:
+    """Name and content of this program's JSON Schema for a topic."""
+    name, schema = recorded_schema(topic) or ("lost", {})
+    return name, json.dumps(schema).encode()
+
+
+def _add(writer: McapFile, index: BlockIndex, added: AddedMessage) -> None:
+    number = next((number for number, channel in index.channels.items() if channel.topic == added.topic), None)
+    if number is None:
+        schema = writer.add_schema(added.schema_name, "jsonschema", added.schema)
+        number = writer.add_channel(added.topic, "json", schema)
+    writer.add_message(number, added.data, log_time=added.log_ns, publish_time=added.publish_ns, sequence=1)
