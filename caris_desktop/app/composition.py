@@ -55,7 +55,7 @@ from caris_desktop.people.presence import PresenceTracker
 from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera, parse_camera, with_distinct_names
 from caris_desktop.perception.inference_messages import DetectorSettings, InferenceSettings
 from caris_desktop.perception.weights import DetectorChoice
-from caris_desktop.recording.recorder.expected_size import expected_bytes_per_hour
+from caris_desktop.recording.recorder.disk_watch import expected_bytes_per_hour
 from caris_desktop.recording.session.session_header import (
     RecordedRobot,
     RecordedScenario,
@@ -74,16 +74,17 @@ from caris_desktop.study.study_folder import (
     StudyFolder,
     StudyFolderError,
     default_study_path,
+    following,
     free_bytes,
     load_last_details,
     new_session_folder,
     open_study_folder,
     save_last_details,
+    with_recording_number,
 )
-from caris_desktop.study.trial_order import following, with_recording_number
 
 if TYPE_CHECKING:
-    from caris_desktop.recording.forgetting.own_files import OwnFiles
+    from caris_desktop.recording.forgetting.erasure_files import OwnFiles
 
 _log = logging.getLogger(__name__)
 
@@ -275,7 +276,7 @@ def own_files(study: Path) -> "OwnFiles":
     """This user's files outside the study that may name one of its people."""
     from caris_desktop.conversation.voices.engine_process import VOICE_FOLDER
     from caris_desktop.live.logs import log_file
-    from caris_desktop.recording.forgetting.own_files import OwnFiles
+    from caris_desktop.recording.forgetting.erasure_files import OwnFiles
 
     state = Path(platformdirs.user_state_dir("caris-desktop", appauthor=False))
     data = Path(platformdirs.user_data_dir("caris-desktop", appauthor=False))

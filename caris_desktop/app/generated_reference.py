@@ -18,7 +18,7 @@ from caris_desktop.domain.schema_json import schema_text
 from caris_desktop.domain.shipped import resources_dir
 from caris_desktop.recording.annotation.annotation_store import Coding
 from caris_desktop.recording.study_file import StudyFile
-from caris_desktop.recording.tables import tables_page
+from caris_desktop.recording.tables import derived
 from caris_desktop.robot.profile_model import ProfileFile
 from caris_desktop.scenario.scenario_file import schema_path
 from caris_desktop.scenario.scenario_model import Scenario
@@ -82,7 +82,7 @@ def reference_files() -> dict[Path, str]:
         sharing: with_tables(sharing.read_text("utf-8"), {"study": StudyFile}),
         TEXTS_PATH: _recorded_texts(),
         **commands_page.reference_files(),
-        **tables_page.reference_files(),
+        **derived.reference_files(),
         **shortcut_reference.reference_files(),
     }
 

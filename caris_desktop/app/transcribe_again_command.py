@@ -20,7 +20,7 @@ from caris_desktop.live.study_jobs import JobError, Progress
 from caris_desktop.perception.inference_messages import default_threads
 from caris_desktop.recording.csv_cells import SHOWN
 from caris_desktop.recording.session.media_files import wav_layout
-from caris_desktop.recording.session.session_conversation import spoken
+from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_header import AudioInfo, SessionError, inside
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.table_files import transcripts_folder

@@ -21,10 +21,9 @@ from caris_desktop.recording.annotation.annotation_editing import (
     merge_imported,
     tiers_of_coder,
 )
+from caris_desktop.recording.annotation.annotation_import import media_began_ms_of, read_csv, read_eaf
 from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.annotation_store import load_documents, save_coder
-from caris_desktop.recording.annotation.csv_import import read_csv
-from caris_desktop.recording.annotation.eaf_import import media_began_ms_of, read_eaf
 from caris_desktop.recording.annotation.timeline_builder import run_overview
 from caris_desktop.recording.session.session_reader import Session
 

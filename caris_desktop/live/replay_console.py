@@ -20,6 +20,7 @@ from caris_desktop.domain import intents, person_marks
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import (
     LayoutChanged,
+    Marked,
     PhotoDeleted,
     PhotoTagged,
     PhotoTaken,
@@ -46,7 +47,8 @@ from caris_desktop.recording.annotation.annotation_model import AnnotationDocume
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.recording.photo_file import PREVIEW_PX, THUMBNAIL_PX, previews
 from caris_desktop.recording.session.session_conversation import UTTERANCE_STREAMS
-from caris_desktop.recording.session.session_marks import FinalMark, final_marks, notes_among
+from caris_desktop.recording.session.session_data import read_data
+from caris_desktop.recording.session.session_marks import FinalMark, notes_among
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
@@ -165,7 +167,7 @@ class ReplayTranscript(QObject):
         return tuple(turn for turn in turns if turn.text or turn.over or turn.origin != "heard")
 
     def _read_notes(self) -> tuple[FinalMark, ...]:
-        return notes_among(final_marks(self._session))
+        return notes_among(read_data(self._session, (Marked,)).marks)
 
     def _on_failed(self, failure: UserFacingError) -> None:
         _log.warning("%s %s", failure.what, failure.meaning)

@@ -230,7 +230,12 @@ def _entries_of(folders: Iterable[Path], name: str) -> list[str]:
 def _coders_of(folders: Iterable[Path]) -> list[str]:
     found = set()
     for folder in folders:
-        for path in _annotations_in(folder):
+        try:
+            paths = annotation_files(folder)
+        except AnnotationError as error:
+            _log.warning("%s", error)
+            continue
+        for path in paths:
             try:
                 coder = json.loads(path.read_bytes()).get("coder")
             except (OSError, ValueError, AttributeError, RecursionError):
@@ -238,14 +243,6 @@ def _coders_of(folders: Iterable[Path]) -> list[str]:
             if isinstance(coder, str):
                 found.add(coder)
     return sorted(found)
-
-
-def _annotations_in(folder: Path) -> tuple[Path, ...]:
-    try:
-        return annotation_files(folder)
-    except AnnotationError as error:
-        _log.warning("%s", error)
-        return ()
 
 
 def _read_assignment(path: Path) -> Pseudonyms:

@@ -22,10 +22,9 @@ from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.recording.annotation.annotation_store import annotation_files
 from caris_desktop.recording.data_dictionary import DICTIONARY_TABLE, allowed_values, dictionary_columns, empty_of
 from caris_desktop.recording.session.folder_lock import hold, is_held
-from caris_desktop.recording.session.manifest import DERIVED_FOLDER, MANIFEST_NAME
+from caris_desktop.recording.session.manifest import DERIVED_FOLDER, MANIFEST_NAME, digest_of
 from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.tables.arrow import array, arrow_type
-from caris_desktop.recording.tables.build import session_batches
+from caris_desktop.recording.tables.build import array, arrow_type, session_batches
 from caris_desktop.recording.tables.catalog import Column, Table, key_columns, plain_text
 
 _log = logging.getLogger(__name__)
@@ -98,14 +97,9 @@ def _key(session: Session) -> str:
         (session.folder.name, session.header.to_json(), dict(session.lost), session.ended_ns, session.closed_properly),
         session.names,
         (events.st_size, events.st_mtime_ns),
-        [(path.name, _digest(path)) for path in files],
+        [(path.name, digest_of(path)) for path in files],
     ]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _valid(place: Path, session: Session, wanted: frozenset[str]) -> dict[str, Any] | None:
@@ -116,7 +110,7 @@ def _valid(place: Path, session: Session, wanted: frozenset[str]) -> dict[str, A
             return None
         files = {str(name): digest for name, digest in stored["files"].items()}
         files = {name: digest for name, digest in files.items() if not wanted or Path(name).stem in wanted}
-        if any(Path(name).name != name or _digest(place / name) != digest for name, digest in files.items()):
+        if any(Path(name).name != name or digest_of(place / name) != digest for name, digest in files.items()):
             _log.warning("the tables in %s are damaged and are made again", place)
             return None
         return {"damaged": [str(sentence) for sentence in stored["damaged"]], "files": files}
@@ -141,7 +135,7 @@ def _derived(
             part.mkdir(mode=_MODE)
             try:
                 key, damaged = _key(session), list[str]()
-                files = {path.name: _digest(path) for path in _write(session, part, progress, damaged.append)}
+                files = {path.name: digest_of(path) for path in _write(session, part, progress, damaged.append)}
                 stored = {"key": key, "folder": str(session.folder.resolve()), "damaged": damaged, "files": files}
                 (part / _KEY_FILE).write_text(json.dumps(stored, indent=1), encoding="utf-8")
                 narrow([part, *part.iterdir()])

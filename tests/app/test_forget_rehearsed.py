@@ -16,7 +16,7 @@ import pytest
 from mcap.reader import make_reader
 
 from caris_desktop.people.people_store import PeopleStore
-from caris_desktop.recording.session.session_conversation import spoken
+from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_reader import open_session
 
 NAME = "Philippa Quartermaine"

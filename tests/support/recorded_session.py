@@ -59,8 +59,7 @@ from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.recorder.audio_file import AudioWriter
 from caris_desktop.recording.recorder.event_log import EventLog
 from caris_desktop.recording.recorder.plain_files import PlainFiles
-from caris_desktop.recording.recorder.video_encoders import FASTEST
-from caris_desktop.recording.recorder.video_writer import VideoFileWriter
+from caris_desktop.recording.recorder.video_writer import FASTEST, VideoFileWriter
 from caris_desktop.recording.session.manifest import session_files, write_manifest
 from caris_desktop.recording.session.media_files import video_file_name
 from caris_desktop.recording.session.session_header import FORMAT, FORMAT_VERSION, AudioInfo, SessionClock, VideoInfo

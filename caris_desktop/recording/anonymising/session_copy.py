@@ -36,10 +36,8 @@ from caris_desktop.recording.annotation.annotation_store import annotation_files
 from caris_desktop.recording.anonymising.pseudonymous_copy import CODINGS, copy_file, renamed_coding
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.forgetting import media
-from caris_desktop.recording.forgetting.media import Cover, UnreadableMediaError
-from caris_desktop.recording.forgetting.search_terms import PersonNames
-from caris_desktop.recording.forgetting.session_media import sound_span_of
-from caris_desktop.recording.forgetting.text_erasure import changed_metadata, encoding_of, lines_of
+from caris_desktop.recording.forgetting.media import Cover, UnreadableMediaError, sound_span_of
+from caris_desktop.recording.forgetting.text_erasure import PersonNames, changed_metadata, encoding_of, lines_of
 from caris_desktop.recording.photo_file import PhotoFileError, change_texts, texts_of
 from caris_desktop.recording.pseudonyms import Pseudonyms, address_scrubber, other_wizards, scrubber_of
 from caris_desktop.recording.recorder.blurring import Covering, detections_around, parts_at
@@ -49,15 +47,13 @@ from caris_desktop.recording.session.events_file import ATTACHMENT, copy_changed
 from caris_desktop.recording.session.manifest import session_files, write_manifest
 from caris_desktop.recording.session.media_files import (
     INDEX_SUFFIX,
-    FrameTimes,
     WavLayout,
     index_path,
-    read_frame_times,
     wav_header,
     wav_layout,
 )
 from caris_desktop.recording.session.recovery import missing_words
-from caris_desktop.recording.session.session_conversation import spoken
+from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_header import (
     HEADER_NAME,
     Anonymised,
@@ -341,7 +337,13 @@ class _Copy:
         names.sort(key=lambda name: name.endswith(INDEX_SUFFIX))  # after their videos
         sizes = {name: (self._folder / name).stat().st_size for name in names}
         total, done = max(1, sum(sizes.values())), 0
-        named_in_sound = self._named_in_sound()
+        # Session times at which a name is spoken. In texts of the robot, marks replace the names that it says.
+        named_in_sound = [
+            sound_span_of(one)
+            for one in spoken(self._session)
+            for text in [f"{one.text}\n{one.heard_text or ''}"]
+            if self._names.named(text) or with_names(text, lambda _: "") != text
+        ]
         for name, size in sizes.items():
             path, target = self._folder / name, self._target / self._names.replace(name)
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -428,11 +430,8 @@ class _Copy:
                 return self._names.replace(self._scrub(data).decode("utf-8", "replace")).encode()
 
             beside = tuple(changed_metadata(one, change_metadata) for one in index.beside if one[0] != ATTACHMENT)
-            copy = DiskFile(target)
-            try:
+            with DiskFile(target) as copy:
                 copy_changed(file, replace(index, beside=beside), copy, change)
-            finally:
-                copy.close()
 
     def _changed_message(self, spec: StreamSpec | None, data: bytes) -> bytes:
         text = data.decode("utf-8", "surrogateescape")
@@ -471,15 +470,6 @@ class _Copy:
             find(text)
         return text
 
-    def _named_in_sound(self) -> list[tuple[int, int]]:
-        """Session times at which a name is spoken. In texts of the robot, marks replace the names that it says."""
-        return [
-            sound_span_of(one)
-            for one in spoken(self._session)
-            for text in [f"{one.text}\n{one.heard_text or ''}"]
-            if self._names.named(text) or with_names(text, lambda _: "") != text
-        ]
-
     # Media
 
     def _write_video(self, name: str, path: Path, target: Path, progress: Callable[[float], None]) -> None:
@@ -493,13 +483,8 @@ class _Copy:
         elif not self._people.get(video.camera):
             self._leave_out(name, _NO_PEOPLE)
         else:
-            try:
-                times = read_frame_times(index_path(path))
-            except (OSError, ValueError) as error:
-                _log.info("%s: %s", path, error)
-                times = FrameTimes.none()
             cover_at = partial(self._cover_at, video.camera, self._consents.video)
-            media.covered_video(path, target, times, video.first_stamp_ns, cover_at, progress=progress)
+            media.covered_video(path, target, video.first_stamp_ns, cover_at, progress=progress)
 
     def _write_photo(self, name: str, path: Path, target: Path) -> None:
         photo, covers = self._photos.get(name), list[Cover]()

@@ -8,7 +8,8 @@ from collections.abc import Iterable
 from pathlib import Path, PurePath
 
 from caris_desktop.recording.session.media_files import moments_words
-from caris_desktop.recording.session.session_conversation import SpokenUtterance, spoken
+from caris_desktop.recording.session.session_conversation import SpokenUtterance
+from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_header import VideoInfo
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
@@ -31,7 +32,11 @@ def write_vtt(session: Session, out: Path, context: ExportContext) -> list[Path]
         if theirs:
             paths.append(_write(out / f"captions-{speaker or 'somebody'}.vtt", session, session_video, theirs))
     taken = {path.name for path in paths}
-    for video in _videos(session):
+    for video in [
+        video
+        for video in session.header.videos
+        if video.last_stamp_ns >= video.first_stamp_ns and PurePath(video.file_name).stem
+    ]:
         name = f"{PurePath(video.file_name).stem}.vtt"
         if name in taken:
             name = f"video-{name}"
@@ -91,11 +96,3 @@ def _line(text: str) -> str:
     """Single line without characters that break a cue; an empty line would end it."""
     printable = "".join(character if character.isprintable() else " " for character in plain_text(text))
     return " ".join(printable.replace("-->", "->").split())
-
-
-def _videos(session: Session) -> list[VideoInfo]:
-    return [
-        video
-        for video in session.header.videos
-        if video.last_stamp_ns >= video.first_stamp_ns and PurePath(video.file_name).stem
-    ]

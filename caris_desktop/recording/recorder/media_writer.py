@@ -23,8 +23,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.photo_file import CAMERA, PEOPLE, POSE, TIME, with_texts
 from caris_desktop.recording.recorder.recorder_messages import TakePhoto
-from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders
-from caris_desktop.recording.recorder.video_writer import VideoFileWriter
+from caris_desktop.recording.recorder.video_writer import FASTEST, Encoder, Encoders, VideoFileWriter
 from caris_desktop.recording.session import loss_messages
 from caris_desktop.recording.session.media_files import video_file_name
 from caris_desktop.recording.session.session_header import SessionClock, VideoInfo

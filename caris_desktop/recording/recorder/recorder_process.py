@@ -39,7 +39,7 @@ from caris_desktop.recording.recorder.recorder_messages import (
     UseConsents,
 )
 from caris_desktop.recording.recorder.session_recorder import SessionRecorder, explain_start_error
-from caris_desktop.recording.recorder.video_encoders import Encoders
+from caris_desktop.recording.recorder.video_writer import Encoders
 from caris_desktop.recording.session.media_files import free_name
 from caris_desktop.recording.session.session_header import SessionClock
 

@@ -54,7 +54,7 @@ from caris_desktop.recording.recorder.media_writer import (
 )
 from caris_desktop.recording.recorder.plain_files import PlainFiles
 from caris_desktop.recording.recorder.recorder_messages import BlurDemand, RecorderReport, StartRecording, TakePhoto
-from caris_desktop.recording.recorder.video_encoders import Encoders
+from caris_desktop.recording.recorder.video_writer import Encoders
 from caris_desktop.recording.session import loss_messages
 from caris_desktop.recording.session.folder_lock import LOCK_NAME, hold
 from caris_desktop.recording.session.manifest import HashingStopped, forget_counts, store_counts, write_manifest

@@ -17,6 +17,7 @@ from caris_desktop.recording.session.media_files import (
     FrameTimes,
     camera_of_video,
     content_of,
+    frame_times_of,
     index_path,
     read_frame_times,
     video_file_name,
@@ -323,8 +324,5 @@ def _unnamed(session: Session, path: Path) -> tuple[Path, str, int] | None:
             if video_file_name(value.camera, set()) == path.name:
                 break
     camera = camera_of_video(path.name, cameras)
-    try:
-        times = read_frame_times(index_path(path))
-    except (OSError, ValueError):
-        times = FrameTimes.none()
+    times = frame_times_of(path)
     return path, camera, int(times.stamps_ns[0]) if times.count else cameras.get(camera, session.started_ns)

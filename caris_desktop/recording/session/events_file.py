@@ -395,7 +395,8 @@ def scan(file: IO[bytes], *, thorough: bool = True) -> BlockIndex:
 
     def end_run() -> None:
         if run:
-            _add_messages(gathered, b"".join(run), run_at)
+            records = b"".join(run)
+            _add_records(gathered, records, (run_at, len(records)))
             run.clear()
 
     while at < end:
@@ -468,10 +469,6 @@ def _add_chunk(gathered: _Gathered, record: bytes, at: int) -> bool:
         return False
     _add_records(gathered, content, (at, len(record)))
     return True
-
-
-def _add_messages(gathered: _Gathered, records: bytes, at: int) -> None:
-    _add_records(gathered, records, (at, len(records)))
 
 
 def _add_records(gathered: _Gathered, content: bytes, place: tuple[int, int]) -> None:
@@ -759,26 +756,22 @@ def copy_changed(source: IO[bytes], index: BlockIndex, target: DiskFile, change:
         except DamagedBlockError as error:
             _log.warning("the block at byte %d is left out: %s", index.offsets[number], error)
             continue
-        changed = _changed(content, change)
+        parts: list[bytes] = []
+        at = 0
+        for message in messages_of(content):
+            data = content[message.start : message.end]
+            new = change(message.channel, data)
+            if new != data:
+                start = message.record_start
+                body = start + HEAD.size
+                parts.append(content[at:start])
+                parts.append(HEAD.pack(MESSAGE, message.start - body + len(new)))
+                parts.append(content[body : message.start])
+                parts.append(new)
+                at = message.end
+        changed = b"".join([*parts, content[at:]])
         _copy_block(writer, index, changed, record if changed == content else b"")
     writer.finish()
-
-
-def _changed(content: bytes, change: Change) -> bytes:
-    parts: list[bytes] = []
-    at = 0
-    for message in messages_of(content):
-        data = content[message.start : message.end]
-        new = change(message.channel, data)
-        if new != data:
-            start = message.record_start
-            body = start + HEAD.size
-            parts.append(content[at:start])
-            parts.append(HEAD.pack(MESSAGE, message.start - body + len(new)))
-            parts.append(content[body : message.start])
-            parts.append(new)
-            at = message.end
-    return b"".join([*parts, content[at:]])
 
 
 def _begun(target: DiskFile, index: BlockIndex) -> McapFile:

@@ -75,8 +75,13 @@ def write_manifest(folder: Path, *, may_go_on: Callable[[], bool] = lambda: True
         If ``may_go_on``, asked about every few milliseconds, says no.
     """
     lines = []
+
+    def stop(_count: int) -> None:
+        if not may_go_on():
+            raise HashingStopped
+
     for name in session_files(folder):
-        digest = _digest(folder / name, may_go_on)
+        digest = digest_of(folder / name, stop)
         escaped = name.replace("\\", "\\\\").replace("\n", "\\n").replace("\r", "\\r")
         lines.append(f"{'' if escaped == name else chr(92)}{digest}  {escaped}\n")
     path = folder / MANIFEST_NAME
@@ -134,7 +139,7 @@ def _problem_of(folder: Path, name: str, digest: str) -> str:
     if pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(folder.resolve()):
         return f"{name} is outside the session folder."
     try:
-        found = _digest(path, lambda: True)
+        found = digest_of(path)
     except FileNotFoundError:
         return f"{name} is missing."
     except OSError as error:
@@ -142,11 +147,11 @@ def _problem_of(folder: Path, name: str, digest: str) -> str:
     return "" if found == digest else f"{name} was changed after the session closed."
 
 
-def _digest(path: Path, may_go_on: Callable[[], bool]) -> str:
+def digest_of(path: Path, on_bytes: Callable[[int], object] = lambda _count: None) -> str:
+    """SHA-256 of a file. ``on_bytes`` gets the length of each piece, and may raise to stop. Raises OSError."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
         while block := file.read(_BLOCK_BYTES):
             digest.update(block)
-            if not may_go_on():
-                raise HashingStopped
+            on_bytes(len(block))
     return digest.hexdigest()

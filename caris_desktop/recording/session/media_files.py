@@ -204,6 +204,15 @@ def read_frame_times(path: Path) -> FrameTimes:
     )
 
 
+def frame_times_of(video: Path) -> FrameTimes:
+    """Frame times of a video; none if its index is missing or cannot be read."""
+    try:
+        return read_frame_times(index_path(video))
+    except (OSError, ValueError) as error:
+        _log.info("%s: %s", video, error)
+        return FrameTimes.none()
+
+
 def moments_words(video: VideoInfo) -> str:
     """User text on which moments a video shows."""
     if video.delay_ms is None or video.uncertainty_ms is None:
@@ -352,7 +361,11 @@ def _missing_lines(
     *,
     columns: int,
 ) -> list[bytes]:
-    of_size = [ref for ref in recorded if _even_size(ref) == (content.width_px, content.height_px)] or recorded
+    of_size = [
+        ref
+        for ref in recorded
+        if (ref.width_px // 2 * 2, ref.height_px // 2 * 2) == (content.width_px, content.height_px)
+    ] or recorded
     if retained:
         zero_ns = int(times.shown_ns[0]) - round(float(times.video_s[0]) * 1e9)
     else:
@@ -370,7 +383,3 @@ def _missing_lines(
             cells = f"{video_s:.6f},{at_ns},,{clock.utc(at_ns)},,,,"
         rows.append(",".join(f"{number},{cells}".split(",")[:columns]).encode())
     return rows
-
-
-def _even_size(ref: FrameRef) -> tuple[int, int]:
-    return ref.width_px // 2 * 2, ref.height_px // 2 * 2

@@ -83,11 +83,7 @@ def missing_values(folder: Path, header: SessionHeader) -> Counter[str]:
     if header.ended_ns is None or not header.counts:
         return Counter()
     expected = Counter(header.counts)
-    return expected - _values_in(folder / _EVENTS, expected)
-
-
-def _values_in(path: Path, named: Counter[str]) -> Counter[str]:
-    """Readable values per stream; unknown streams by the names in ``named``."""
+    path = folder / _EVENTS
     index = events_file.read_index(path)
     of_channel: Counter[int] = Counter()
     with path.open("rb") as file:
@@ -101,9 +97,9 @@ def _values_in(path: Path, named: Counter[str]) -> Counter[str]:
         spec = spec_of_topic(its.topic)
         name = its.topic.removeprefix("/") if spec is None else spec.name
         if spec is None:
-            name = next((one for one in named if name.startswith(f"{one}/")), name)
+            name = next((one for one in expected if name.startswith(f"{one}/")), name)
         found[name] += count
-    return found
+    return expected - found
 
 
 def _files_lacking(folder: Path, header: SessionHeader) -> tuple[str, ...]:
@@ -231,7 +227,11 @@ def repair_session(folder: Path) -> RepairReport:
             )
             return RepairReport(False, (localized(message, why=reason),))
         finally:
-            _remove(folder / _REWRITTEN)
+            path = folder / _REWRITTEN
+            try:
+                path.unlink(missing_ok=True)
+            except OSError:
+                _log.debug("%s stays behind", path, exc_info=True)
 
 
 def _wanting(folder: Path, header: SessionHeader) -> Literal["", "end", "manifest"]:
@@ -281,13 +281,28 @@ class _Repair:
                 header = replace(header, files=(*others, events))
             else:
                 sounds = tuple(self._repair_sounds())
-                videos = self._repair_videos()
+                recorded = {video.file_name: video.camera for video in self._header.videos}
+                videos = []
+                for frames in self._record.frames.values():
+                    frames.sort(key=lambda ref: ref.stamp_ns)
+                for path in sorted(self._folder.glob("video-*.mp4")):
+                    if inside(self._folder, path.name):
+                        video = self._repair_video(path, recorded.get(path.name, ""))
+                        if video is not None:
+                            videos.append(video)
+                self._count_lost_frames(videos)
                 self._move_leftovers()
+                pauses: list[RecordedPause] = []
+                for event in self._record.pauses:
+                    if event.paused:
+                        pauses.append(RecordedPause(event.stamp_ns))
+                    elif pauses:
+                        pauses[-1] = RecordedPause(pauses[-1].paused_ns, event.stamp_ns)
                 header = header.ended(
                     self._ended_ns,
                     self._reason,
                     dropped=dict(sorted(self._record.dropped.items())),
-                    pauses=self._pauses(),
+                    pauses=tuple(pauses),
                     videos=tuple(videos),
                     audio=sounds,
                     files=recorded_files(self._folder),
@@ -338,13 +353,10 @@ class _Repair:
         part.unlink(missing_ok=True)
         for number in range(index.count):
             self._record.newest_utc_ns = max(self._record.newest_utc_ns, int(index.ends_utc_ns[number]))
-        target = DiskFile(part)
-        try:
+        with DiskFile(part) as target:
             end = self._end_event(index, file)
             rewrite(file, index, target, added=end, on_chunk=lambda content: self._inspect(index, content))
             target.sync()
-        finally:
-            target.close()
         if end is not None:
             self._record.counts[BY_TYPE[SessionEnded].name] += 1
         self._preserve(self._folder / _EVENTS)
@@ -474,19 +486,6 @@ class _Repair:
             last_ns = first_ns + sound.samples * 1_000_000_000 // rate_hz
             yield AudioInfo(path.name, source, sound.sample_rate_hz, sound.channels, sound.samples, first_ns, last_ns)
 
-    def _repair_videos(self) -> list[VideoInfo]:
-        recorded = {video.file_name: video.camera for video in self._header.videos}
-        videos = []
-        for frames in self._record.frames.values():
-            frames.sort(key=lambda ref: ref.stamp_ns)
-        for path in sorted(self._folder.glob("video-*.mp4")):
-            if inside(self._folder, path.name):
-                video = self._repair_video(path, recorded.get(path.name, ""))
-                if video is not None:
-                    videos.append(video)
-        self._count_lost_frames(videos)
-        return videos
-
     def _repair_video(self, path: Path, camera: str) -> VideoInfo | None:
         self._cut_tail(path)
         content = media_files.content_of(path)
@@ -573,15 +572,6 @@ class _Repair:
             self._preserve(path)
         replace(changed, lost=lost, losses=tuple(self._losses), repairs=repairs, as_read=as_read).write(self._folder)
 
-    def _pauses(self) -> tuple[RecordedPause, ...]:
-        pauses: list[RecordedPause] = []
-        for event in self._record.pauses:
-            if event.paused:
-                pauses.append(RecordedPause(event.stamp_ns))
-            elif pauses:
-                pauses[-1] = RecordedPause(pauses[-1].paused_ns, event.stamp_ns)
-        return tuple(pauses)
-
     def _preserved_name(self, name: str) -> str:
         """Name of the newest preserved original of a file; empty if there is none."""
         found = sorted((self._folder / KEPT_FOLDER).glob(f"{name}.original*"), key=lambda path: path.stat().st_mtime_ns)
@@ -606,10 +596,3 @@ class _Repair:
 
 def _unused(path: Path) -> Path:
     return path.with_name(free_name(path.name, "", lambda name: path.with_name(name).exists()))
-
-
-def _remove(path: Path) -> None:
-    try:
-        path.unlink(missing_ok=True)
-    except OSError:
-        _log.debug("%s stays behind", path, exc_info=True)

@@ -11,7 +11,6 @@ from caris_desktop.domain.events import (
     RESPONSE_LIMIT_S,
     AnswerUsed,
     LlmExchange,
-    RecordingPaused,
     ReplyMeans,
     ResponseTimed,
     SuggestionChanged,
@@ -21,9 +20,7 @@ from caris_desktop.domain.events import (
     UtteranceState,
 )
 from caris_desktop.domain.value_class import Value
-from caris_desktop.recording.session.session_header import pauses_of
-from caris_desktop.recording.session.session_reader import Session
-from caris_desktop.recording.session.session_visits import VISIT_STREAMS, Visit, VisitEvent, seen_throughout, visits_of
+from caris_desktop.recording.session.session_visits import Visit
 
 HEARD_FROM_NS = 200_000_000
 """A syllable: of speech cut short earlier, nobody heard a word."""
@@ -83,24 +80,6 @@ class SpokenUtterance(Value):
     @property
     def duration_s(self) -> float | None:
         return None if self.start_ns is None or self.end_ns is None else (self.end_ns - self.start_ns) / 1e9
-
-
-def spoken(session: Session) -> tuple[SpokenUtterance, ...]:
-    """Utterances of a session in order of their start (or request). Raises SessionError."""
-    events = [value for _, value in session.values(*UTTERANCE_STREAMS, *VISIT_STREAMS, "event/recording_paused")]
-    paused = [event for event in events if isinstance(event, RecordingPaused)]
-    return spoken_utterances(
-        (event for event in events if isinstance(event, UtteranceEvent)),
-        ended_ns=session.ended_ns,
-        paused_ns=[event.stamp_ns for event in paused if event.paused],
-        visits=visits_of(
-            (event for event in events if isinstance(event, VisitEvent)),
-            started_ns=session.started_ns,
-            ended_ns=session.ended_ns,
-            pauses=pauses_of(paused, ended_ns=session.ended_ns),
-        )
-        or seen_throughout(session),
-    )
 
 
 def spoken_utterances(

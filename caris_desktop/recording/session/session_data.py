@@ -37,7 +37,6 @@ from caris_desktop.recording.session.session_protocol import (
     PROTOCOL_EVENTS,
     StepRecord,
     StepVisit,
-    scenario_file,
     step_visits_of,
     steps_of,
 )
@@ -152,18 +151,24 @@ class SessionData:
             self.of_any(PROTOCOL_EVENTS),
             ended_ns=self.session.ended_ns,
             pauses=self.pauses,
-            scenario=scenario_file(self.session),
+            scenario=self.session.header.scenario.file,
         )
 
     @cached_property
     def steps(self) -> tuple[StepRecord, ...]:
-        return steps_of(self.of_any(PROTOCOL_EVENTS), self.step_visits, scenario=scenario_file(self.session))
+        scenario = self.session.header.scenario.file  # of events before the first that names one
+        return steps_of(self.of_any(PROTOCOL_EVENTS), self.step_visits, scenario=scenario)
 
     @cached_property
     def photos(self) -> tuple[PhotoTaken, ...]:
         """Photos without deleted ones."""
         deleted = {event.file_name: not event.restored for event in self.of(PhotoDeleted)}
         return tuple(photo for photo in self.of(PhotoTaken) if not deleted.get(photo.file_name))
+
+
+def spoken(session: Session) -> tuple[SpokenUtterance, ...]:
+    """Utterances of a session in order of their start (or request). Raises SessionError."""
+    return read_data(session, (UtteranceChanged, UtteranceCorrected, RecordingPaused, *VISIT_EVENTS)).utterances
 
 
 def read_data(

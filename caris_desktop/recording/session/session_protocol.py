@@ -21,7 +21,6 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.value_class import Value
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
-from caris_desktop.recording.session.session_reader import Session
 
 _log = logging.getLogger(__name__)
 _MAX_CHARACTERS = 256 * 1024
@@ -209,11 +208,6 @@ class StepRecord(Value):
     scenario: str = ""
 
 
-def scenario_file(session: Session) -> str:
-    """Scenario file of the header, for events before the first that names one."""
-    return session.header.scenario.file
-
-
 def step_visits_of(
     events: Iterable[ProtocolEvent], *, ended_ns: int, pauses: Sequence[tuple[int, int]] = (), scenario: str = ""
 ) -> tuple[StepVisit, ...]:
@@ -231,7 +225,8 @@ def step_visits_of(
         key = entered_in, step.step_id
         planned, end_ns = plan.get(step.step_id), max(step.stamp_ns, at_ns)
         expected_s = 0.0 if planned is None else planned.expected_s
-        time_s = _without(step.stamp_ns, end_ns, pauses)
+        paused_ns = sum(max(0, min(end_ns, until_ns) - max(step.stamp_ns, since_ns)) for since_ns, until_ns in pauses)
+        time_s = (end_ns - step.stamp_ns - paused_ns) / 1e9
         before_s = spent_s.get(key, 0.0) if step.how == "back" else 0.0
         late_s = max(0.0, before_s + time_s - max(expected_s, before_s)) if expected_s else 0.0
         spent_s[key] = before_s + time_s
@@ -309,9 +304,3 @@ def _by_scenario(events: Iterable[ProtocolEvent], scenario: str) -> Iterator[tup
 def _unvisited(scenario: str, step: PlannedStep, number: int) -> StepRecord:
     items = len(step.tick)
     return StepRecord(step.step_id, step.title, number, step.expected_s, 0, 0.0, 0.0, 0, 0, items, None, scenario)
-
-
-def _without(start_ns: int, end_ns: int, pauses: Sequence[tuple[int, int]]) -> float:
-    """Seconds between two times, without pauses."""
-    paused_ns = sum(max(0, min(end_ns, until_ns) - max(start_ns, since_ns)) for since_ns, until_ns in pauses)
-    return (end_ns - start_ns - paused_ns) / 1e9

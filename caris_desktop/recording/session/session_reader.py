@@ -127,7 +127,12 @@ def open_session(folder: Path, *, repair: bool = True) -> Session:
         return replace(session, ended_ns=header.ended_ns, closed_properly=reason != RECOVERED, reason=reason)
     for _, end in session.values(BY_TYPE[SessionEnded].name):
         return replace(session, ended_ns=end.stamp_ns, closed_properly=end.reason != RECOVERED, reason=end.reason)
-    return replace(session, ended_ns=_newest_ns(folder / _EVENTS, clock))
+    path = folder / _EVENTS
+    with reading(path):
+        ends_utc_ns = events_file.read_index(path).ends_utc_ns
+    return replace(
+        session, ended_ns=max(clock.started_ns, clock.at_utc(int(ends_utc_ns.max()) if len(ends_utc_ns) else 0))
+    )
 
 
 def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | None]:
@@ -151,13 +156,6 @@ def value_reader(path: Path) -> Callable[[str, bytes], tuple[StreamSpec, Any] | 
             return None
 
     return read
-
-
-def _newest_ns(path: Path, clock: SessionClock) -> int:
-    """Arrival of the last saved message."""
-    with reading(path):
-        ends_utc_ns = events_file.read_index(path).ends_utc_ns
-    return max(clock.started_ns, clock.at_utc(int(ends_utc_ns.max()) if len(ends_utc_ns) else 0))
 
 
 def _values(session: Session, names: set[str]) -> Iterator[tuple[int, StreamSpec, Any]]:

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from caris_desktop.recording.forgetting.byte_search import ByteSearch
-from caris_desktop.recording.forgetting.search_terms import all_of
 from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, forget_person, unfinished_erasures
+from caris_desktop.recording.forgetting.text_erasure import all_of
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.media_files import content_of
 from tests.recording.forgetting.named_study import NAME, PERSON

@@ -11,8 +11,7 @@ import pytest
 
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.recording.recorder.video_encoders import FASTEST, Encoder, Encoders, works, x264
-from caris_desktop.recording.recorder.video_writer import VideoFileWriter
+from caris_desktop.recording.recorder.video_writer import FASTEST, Encoder, Encoders, VideoFileWriter, works, x264
 from caris_desktop.recording.session.media_files import (
     content_of,
     index_lines,

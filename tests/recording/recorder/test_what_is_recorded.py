@@ -35,7 +35,7 @@ from caris_desktop.recording.recorder.recorder_messages import (
 from caris_desktop.recording.session.folder_lock import is_held
 from caris_desktop.recording.session.loss_messages import read_reason
 from caris_desktop.recording.session.manifest import verify_manifest
-from caris_desktop.recording.session.session_conversation import spoken
+from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_reader import open_session
 from tests.recording import driving
 from tests.recording.driving import RecorderUnderTest, command, feed_frames, header, mark, picture, pose, scan, start
