@@ -34,6 +34,7 @@ _FOLDER, _KEY_FILE, _PART = "tables", "key.json", ".part"
 _TRANSCRIPTS = "transcripts"
 DELETED_BY_ERASURE = frozenset((_FOLDER, _TRANSCRIPTS))
 """Folders in the derived folder that the erasure of a person deletes."""
+_ROWS_AT_ONCE = 5_000
 _MODE = 0o770  # narrowed to what this user shares
 
 
@@ -212,24 +213,34 @@ class ParquetTables:
     def write(self, table: Table, columns: list[list[Any]]) -> None:
         """Add rows, given by column, as a row group."""
         import pyarrow as pa
-        import pyarrow.parquet as pq
 
-        if table.name not in self._writers:
-            schema = pa.schema(
-                [_field(column) for column in (*self._whose, *table.columns)],
-                metadata={
-                    key: plain_text(value) for key, value in {**self._about, "description": table.description}.items()
-                },
-            )
-            writer = pq.ParquetWriter(self._out / f"{table.name}.parquet", schema, compression="zstd")
-            self._writers[table.name] = self._files.enter_context(writer)
-            self.tables.append(table)
-        writer = self._writers[table.name]
+        writer = self._writers.get(table.name) or self._begin(
+            table, pa.schema([_field(column) for column in (*self._whose, *table.columns)])
+        )
         if count := len(columns[0]):
             constants = [pa.repeat(pa.scalar(value, pa.string()), count) for value in self._of_all]
             arrays = [array(table.name, column, values) for column, values in zip(table.columns, columns, strict=True)]
             rows = pa.Table.from_arrays([*constants, *arrays], schema=writer.schema)
             writer.write_table(rows, row_group_size=count)
+
+    def append(self, table: Table, path: Path) -> int:
+        """Add the rows of a file of this table; return their number."""
+        import pyarrow.parquet as pq
+
+        with pq.ParquetFile(path) as part:
+            writer = self._writers.get(table.name) or self._begin(table, part.schema_arrow)
+            for rows in part.iter_batches(_ROWS_AT_ONCE):
+                writer.write_batch(rows)
+            return int(part.metadata.num_rows)
+
+    def _begin(self, table: Table, schema: Any) -> Any:
+        import pyarrow.parquet as pq
+
+        about = {key: plain_text(value) for key, value in {**self._about, "description": table.description}.items()}
+        writer = pq.ParquetWriter(self._out / f"{table.name}.parquet", schema.with_metadata(about), compression="zstd")
+        self._writers[table.name] = self._files.enter_context(writer)
+        self.tables.append(table)
+        return writer
 
 
 def _field(column: Column) -> Any:

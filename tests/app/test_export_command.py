@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.app import export_command, statistics_command
-from caris_desktop.recording import session_export
 from caris_desktop.recording.session import events_file
 from caris_desktop.recording.session.manifest import write_manifest
 from caris_desktop.recording.session_export import (
@@ -27,6 +26,7 @@ from caris_desktop.recording.session_export import (
     export_session,
     remove_partial_exports,
     run_exports,
+    whole_folder,
 )
 from caris_desktop.recording.studies import sessions_command
 from tests.recording.minute import everything, make_session
@@ -330,13 +330,14 @@ def test_leftovers_of_a_killed_export_are_removed_and_nothing_else(study: Path, 
         assert isinstance(ours.recv(), ExportProgress), "it was over before it could be killed"
     process.kill()
     process.join(10)
-    (tmp_path / "out" / ".mine").mkdir()
-    (tmp_path / "out" / ".mine.exporting").mkdir()
-    running = session_export._new_partial(tmp_path / "out" / "running")
-    remove_partial_exports(tmp_path / "out")
-    left = [path for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
-    assert sorted(left) == sorted([tmp_path / "out" / ".mine", tmp_path / "out" / ".mine.exporting", running])
-    whole = [path for path in (tmp_path / "out").iterdir() if not path.name.startswith(".")]
+    (out / ".mine").mkdir()
+    (out / ".mine.exporting").mkdir()
+    with whole_folder(out / "running", request.sessions[0]) as running:
+        remove_partial_exports(out)
+        found = list(out.iterdir())
+    left = [path for path in found if path.name.startswith(".")]
+    assert sorted(left) == sorted([out / ".mine", out / ".mine.exporting", running])
+    whole = [path for path in found if not path.name.startswith(".")]
     assert whole
     assert all(is_whole(path) for path in whole)
 

@@ -11,10 +11,10 @@ import logging
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element, ParseError
 
@@ -206,8 +206,11 @@ def _document_of_table(lines: list[_Line], coder: str) -> tuple[AnnotationDocume
         lines_of[annotation.annotation_id] = row.number
     annotations = with_moments(annotations)
     _refuse_overlaps(annotations, {tier.tier_id: tier.title for tier in tiers.values()}, lines_of)
-    vocabularies = _vocabularies(tuple(tiers.values()), annotations)
-    document = sorted_document(AnnotationDocument(tuple(tiers.values()), vocabularies, tuple(annotations)))
+    document = sorted_document(AnnotationDocument(tuple(tiers.values()), annotations=tuple(annotations)))
+    vocabularies = (
+        Vocabulary(name, tuple(map(VocabularyEntry, sorted(values)))) for name, values in document.values_used().items()
+    )
+    document = replace(document, vocabularies=tuple(vocabularies))
     check_document(document)
     return document, skipped
 
@@ -361,18 +364,6 @@ def _refuse_overlaps(annotations: Sequence[Annotation], names: dict[str, str], l
                 tier=names[item.tier_id],
             )
         before[item.tier_id] = item
-
-
-def _vocabularies(tiers: Sequence[Tier], annotations: Sequence[Annotation]) -> tuple[Vocabulary, ...]:
-    """Vocabularies that the tiers name, with the values in use."""
-    values: dict[str, dict[str, None]] = {tier.vocabulary: {} for tier in tiers if tier.vocabulary}
-    vocabulary_of_tier = {tier.tier_id: tier.vocabulary for tier in tiers}
-    for item in annotations:
-        if item.value and vocabulary_of_tier[item.tier_id]:
-            values[vocabulary_of_tier[item.tier_id]][item.value] = None
-    return tuple(
-        Vocabulary(name, tuple(VocabularyEntry(value) for value in sorted(entries))) for name, entries in values.items()
-    )
 
 
 def _by_headings(headings: list[str], lines: list[_Line]) -> _Columns | None:
@@ -801,14 +792,10 @@ def _in_sequence(parts: list[_Item]) -> list[_Item]:
 
 
 def _with_values_used(document: AnnotationDocument) -> AnnotationDocument:
-    used: dict[str, dict[str, Any]] = {}
-    vocabulary_of_tier = {tier.tier_id: tier.vocabulary for tier in document.tiers if tier.vocabulary}
-    for item in document.annotations:
-        if item.value and item.tier_id in vocabulary_of_tier:
-            used.setdefault(vocabulary_of_tier[item.tier_id], {})[item.value] = None
+    used = document.values_used()
     vocabularies = []
     for vocabulary in document.vocabularies:
         known = {entry.value for entry in vocabulary.entries}
         added = tuple(VocabularyEntry(value) for value in used.get(vocabulary.name, {}) if value not in known)
-        vocabularies.append(Vocabulary(vocabulary.name, (*vocabulary.entries, *added), vocabulary.description))
-    return AnnotationDocument(document.tiers, tuple(vocabularies), document.annotations, document.duration_ms)
+        vocabularies.append(replace(vocabulary, entries=(*vocabulary.entries, *added)))
+    return replace(document, vocabularies=tuple(vocabularies))

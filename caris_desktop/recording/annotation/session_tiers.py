@@ -6,7 +6,7 @@ Names and states are English in files and translated for display; texts by peopl
 
 import dataclasses
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, get_args
 
 from caris_desktop.domain.actor import CONSOLE, WIZARD
@@ -370,14 +370,11 @@ def _document(data: SessionData, rows: list[_Row]) -> AnnotationDocument:
             tiers.append(Tier(tier_id, name, "", row.vocabulary, plain_text(row.participant)))
             for start_ms, end_ms, value in lane:
                 annotations.append(Annotation(f"r{len(annotations) + 1}", tier_id, start_ms, end_ms, value))
-    used: dict[str, set[str]] = {tier.vocabulary: set() for tier in tiers if tier.vocabulary}
-    vocabulary_of_tier = {tier.tier_id: tier.vocabulary for tier in tiers}
-    for annotation in annotations:
-        used.get(vocabulary_of_tier[annotation.tier_id], set()).add(annotation.value)
-    return AnnotationDocument(tuple(tiers), _vocabularies(data, used), tuple(annotations), duration_ms)
+    document = AnnotationDocument(tuple(tiers), (), tuple(annotations), duration_ms)
+    return dataclasses.replace(document, vocabularies=_vocabularies(data, document.values_used()))
 
 
-def _vocabularies(data: SessionData, used: dict[str, set[str]]) -> tuple[Vocabulary, ...]:
+def _vocabularies(data: SessionData, used: Mapping[str, Iterable[str]]) -> tuple[Vocabulary, ...]:
     labels = dict.fromkeys(
         " ".join(plain_text(label).split())
         for opened in data.of(ScenarioOpened)
@@ -393,10 +390,9 @@ def _vocabularies(data: SessionData, used: dict[str, set[str]]) -> tuple[Vocabul
     }
     vocabularies = []
     for name, (description, entries) in known.items():
-        values = used.get(name, set())
         if name in used or (name == MARKS_VOCABULARY and labels):
             # Wizards also mark with labels of their own, or without one.
-            others = dict.fromkeys(sorted(values - set(entries) - {""}), "")
+            others = dict.fromkeys(sorted({*used.get(name, ())} - set(entries)), "")
             vocabularies.append(
                 Vocabulary(name, tuple(VocabularyEntry(*entry) for entry in {**entries, **others}.items()), description)
             )
@@ -513,44 +509,19 @@ _LONGEST_SUMMARY = 300
 
 
 EVENTS_IN_WORDS = (
-    QT_TR_NOOP("Drive ended"),
-    QT_TR_NOOP("Movement changed"),
-    QT_TR_NOOP("Stop requested"),
-    QT_TR_NOOP("Navigation speed changed"),
-    QT_TR_NOOP("Initial pose set"),
-    QT_TR_NOOP("Map request changed"),
-    QT_TR_NOOP("Mapping changed"),
-    QT_TR_NOOP("Places changed"),
-    QT_TR_NOOP("Head moved"),
-    QT_TR_NOOP("Control used"),
-    QT_TR_NOOP("Gamepad changed"),
-    QT_TR_NOOP("Response timed"),
-    QT_TR_NOOP("Suggestion changed"),
-    QT_TR_NOOP("Proposal changed"),
-    QT_TR_NOOP("Level changed"),
-    QT_TR_NOOP("Voice changed"),
-    QT_TR_NOOP("Assistant changed"),
-    QT_TR_NOOP("Face changed"),
-    QT_TR_NOOP("Person renamed"),
-    QT_TR_NOOP("Person suggested"),
-    QT_TR_NOOP("Person described"),
-    QT_TR_NOOP("Consent noted"),
-    QT_TR_NOOP("Person attended"),
-    QT_TR_NOOP("Photo taken"),
-    QT_TR_NOOP("Photo tagged"),
-    QT_TR_NOOP("Photo deleted"),
-    QT_TR_NOOP("Step ticked"),
-    QT_TR_NOOP("Preflight checked"),
-    QT_TR_NOOP("Robot chosen"),
-    QT_TR_NOOP("Layout changed"),
-    QT_TR_NOOP("Gap"),
-    QT_TR_NOOP("Problem"),
-    QT_TR_NOOP("Alarm changed"),
-    QT_TR_NOOP("Trial resumed"),
-    QT_TR_NOOP("Confirmed as before"),
-    QT_TR_NOOP("Practice step ended"),
+    QT_TR_NOOP("Drive ended"), QT_TR_NOOP("Movement changed"), QT_TR_NOOP("Stop requested"),
+    QT_TR_NOOP("Navigation speed changed"), QT_TR_NOOP("Initial pose set"), QT_TR_NOOP("Map request changed"),
+    QT_TR_NOOP("Mapping changed"), QT_TR_NOOP("Places changed"), QT_TR_NOOP("Head moved"), QT_TR_NOOP("Control used"),
+    QT_TR_NOOP("Gamepad changed"), QT_TR_NOOP("Response timed"), QT_TR_NOOP("Suggestion changed"),
+    QT_TR_NOOP("Proposal changed"), QT_TR_NOOP("Level changed"), QT_TR_NOOP("Voice changed"),
+    QT_TR_NOOP("Assistant changed"), QT_TR_NOOP("Face changed"), QT_TR_NOOP("Person renamed"),
+    QT_TR_NOOP("Person suggested"), QT_TR_NOOP("Person described"), QT_TR_NOOP("Consent noted"),
+    QT_TR_NOOP("Person attended"), QT_TR_NOOP("Photo taken"), QT_TR_NOOP("Photo tagged"), QT_TR_NOOP("Photo deleted"),
+    QT_TR_NOOP("Step ticked"), QT_TR_NOOP("Preflight checked"), QT_TR_NOOP("Robot chosen"),
+    QT_TR_NOOP("Layout changed"), QT_TR_NOOP("Gap"), QT_TR_NOOP("Problem"), QT_TR_NOOP("Alarm changed"),
+    QT_TR_NOOP("Trial resumed"), QT_TR_NOOP("Confirmed as before"), QT_TR_NOOP("Practice step ended"),
     QT_TR_NOOP("Practice ended"),
-)
+)  # fmt: skip
 """Texts of ``type_in_words`` for events whose tier has no other name, for translators of the timeline."""
 
 

@@ -13,7 +13,7 @@ from caris_desktop.recording.annotation.annotation_editing import AnnotationErro
 from caris_desktop.recording.annotation.annotation_store import coding_jsonable, load_coding
 from caris_desktop.recording.disk_file import DiskFile
 from caris_desktop.recording.session.events_file import copy_changed, intact_blocks, scan
-from caris_desktop.recording.session.manifest import MANIFEST_NAME, digest_of, session_files
+from caris_desktop.recording.session.manifest import MANIFEST_NAME, digest_of, manifest_entries, session_files
 from caris_desktop.recording.session.session_header import HEADER_NAME
 from caris_desktop.recording.session.session_reader import Session
 
@@ -45,8 +45,10 @@ def copy_session(
     after the session closed. ``warn`` gets a sentence for each file that is left out. Raises OSError.
     """
     names = session_files(session.folder)
-    manifest = _manifest(session.folder / MANIFEST_NAME)
-    names += [MANIFEST_NAME] if (session.folder / MANIFEST_NAME).is_file() else []
+    manifest: dict[str, str] = {}
+    if (session.folder / MANIFEST_NAME).is_file():
+        manifest |= filter(None, manifest_entries(session.folder))
+        names.append(MANIFEST_NAME)
     names += sorted(
         f"{CODINGS}{path.name}"
         for path in (session.folder / CODINGS).glob("*.json")
@@ -201,12 +203,3 @@ def _manifest_renewed(content: bytes, new_checksums: dict[str, tuple[str, str]])
         new_line = f"{copy}  {name}\n" if copy else ""
         lines = [new_line if line.fullmatch(one) else one for one in lines]
     return "".join(lines).encode("utf-8", "surrogateescape")
-
-
-def _manifest(path: Path) -> dict[str, str]:
-    try:
-        lines = path.read_bytes().decode("utf-8", "surrogateescape").splitlines()
-    except FileNotFoundError:
-        return {}
-    matches = (re.fullmatch(r"([0-9a-f]{64}) [ *](.+)", line) for line in lines)
-    return {match[2]: match[1] for match in matches if match is not None}

@@ -50,7 +50,6 @@ from caris_desktop.recording.session.media_files import (
     WavLayout,
     index_path,
     wav_header,
-    wav_layout,
 )
 from caris_desktop.recording.session.recovery import missing_words
 from caris_desktop.recording.session.session_data import spoken
@@ -147,10 +146,7 @@ def write_sound(source: Path, target: Path, pitch: float = 1.0) -> None:
     Raises OSError, UnreadableMediaError.
     """
     with source.open("rb") as old, target.open("wb") as new:
-        try:
-            wav = wav_layout(old)
-        except ValueError as error:
-            raise UnreadableMediaError(localized(QT_TR_NOOP("{file} contains no audio"), file=source.name)) from error
+        wav = media.sound_layout(old, source)
         samples = max(0, source.stat().st_size - wav.offset_bytes) // wav.frame_bytes
         if 0 < wav.data_bytes < samples * wav.frame_bytes:
             samples = wav.data_bytes // wav.frame_bytes
@@ -178,9 +174,7 @@ def _blocks(file: IO[bytes], wav: WavLayout, samples: int) -> Iterator[NDArray[n
 def _changed(blocks: Iterator[NDArray[np.int16]], wav: WavLayout, pitch: float) -> Iterator[NDArray[np.int16]]:
     import av
 
-    rate, layout = wav.sample_rate_hz, "mono" if wav.channels == 1 else "stereo" if wav.channels == 2 else ""
-    if not layout:
-        layout = f"{wav.channels}c"
+    rate, layout = wav.sample_rate_hz, {1: "mono", 2: "stereo"}.get(wav.channels, f"{wav.channels}c")
     graph = av.filter.Graph()
     nodes = [
         graph.add_abuffer(format="s16", sample_rate=rate, layout=layout),
@@ -221,8 +215,6 @@ _EVENTS, _RECOVERED = "events.mcap", "recovered/"
 _PHOTOS, _SOUNDS = (".png", ".jpg", ".jpeg"), (".wav",)
 _TOLD_ANYWAY = ("movement.txt", "speech.txt")
 _LARGEST_TEXT_BYTES = 64 << 20
-# A photo is the newest frame at its request, hence slightly older than the request.
-_PHOTO_NS = range(-700_000_000, 200_000_001, 100_000_000)
 _FREE_TEXTS = (
     "answer", "branch", "committed", "content", "detail", "heard_text", "item", "label", "message", "note", "prompt",
     "tags", "tentative", "text", "title", "value",
@@ -493,7 +485,7 @@ class _Copy:
                 self._leave_out(name, _NO_PEOPLE)
                 return
             moments = [
-                self._cover_at(photo.camera, self._consents.photos, photo.stamp_ns + since) for since in _PHOTO_NS
+                self._cover_at(photo.camera, self._consents.photos, photo.stamp_ns + since) for since in media.PHOTO_NS
             ]
             covers = list(filter(None, moments))
 

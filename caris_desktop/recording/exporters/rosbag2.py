@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import CommandSent, GoalChanged, LinkQuality, RobotChosen, UtteranceChanged
-from caris_desktop.domain.foxglove import BASE, MAP
+from caris_desktop.domain.foxglove import BASE, MAP, optical_frame
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.picture_checks import jpeg_of
 from caris_desktop.domain.schema import to_jsonable
@@ -278,7 +278,7 @@ class _Translator:
             yield GOAL, message_conversion.encode_pose_stamped(_PLAIN, goal.target_in_map, stamp_ns=at_ns, frame_id=MAP)
 
     def _lens(self, lens: CameraLens, at_ns: int) -> _Out:
-        model, frame = lens.model, _camera_frame(self._name_of(lens.camera))
+        model, frame = lens.model, optical_frame(self._name_of(lens.camera))
         if not model.on_head:
             yield from self._fixed(frame, _camera_transform(model, frame, at_ns=at_ns))
         camera_model = message_conversion.Lens(
@@ -311,7 +311,7 @@ class _Translator:
         yield (
             replace(topic, ros=(1,)) if encoded else topic,
             message_conversion.encode_compressed_image(
-                _PLAIN, jpeg, stamp_ns=at_ns, encoding="jpeg", frame_id=_camera_frame(name)
+                _PLAIN, jpeg, stamp_ns=at_ns, encoding="jpeg", frame_id=optical_frame(name)
             ),
         )
 
@@ -327,7 +327,7 @@ class _Translator:
         # Topic name that image_transport expects for this encoding of /camera/NAME/image.
         topic = RosTopic(f"/camera/{name}/image/foxglove", "foxglove_msgs/msg/CompressedVideo", ros=(2,))
         stamp = encode_time(_PLAIN, at_ns)
-        return topic, {"timestamp": stamp, "frame_id": _camera_frame(name), "data": data, "format": "h264"}
+        return topic, {"timestamp": stamp, "frame_id": optical_frame(name), "data": data, "format": "h264"}
 
     def _people(self, people: PeopleInMap, at_ns: int) -> _Out:
         header = encode_header(_PLAIN, stamp_ns=at_ns, frame_id=MAP)
@@ -578,7 +578,3 @@ def _ros_name(camera: str) -> str:
     """Part of a topic name: letters, digits and underscores, no leading digit."""
     plain = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in camera).strip("_")
     return plain if plain and not plain[0].isdigit() else f"camera_{plain}"
-
-
-def _camera_frame(ros_name: str) -> str:
-    return f"{ros_name}_optical_frame"

@@ -8,7 +8,6 @@ import re
 import shutil
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +35,7 @@ from caris_desktop.recording.session_export import ExportContext, attempt
 from caris_desktop.recording.studies.study_index import copies_among
 from caris_desktop.recording.table_files import ParquetTables, copy_tables
 from caris_desktop.recording.tables.build import DERIVED_TABLES, all_tables, table_sql
-from caris_desktop.recording.tables.catalog import Column, Kind, Table, key_columns, key_values, plain_text, unit_of
+from caris_desktop.recording.tables.catalog import Column, Kind, Table, key_columns, key_values, unit_of
 
 _MOST_TEXT_BYTES = 4_000
 """Longer texts are cut off: all cells of a column have the width of its longest one."""
@@ -142,7 +141,6 @@ def _text(value: Any) -> str:
 
 
 _log = logging.getLogger(__name__)
-_ROWS_AT_ONCE = 5_000
 _FORMAT, _FORMAT_VERSION = "caris-desktop study tables", 1
 
 
@@ -191,8 +189,7 @@ class _StudyTables:
         self._about = {"program_version": __version__, "licence": context.licence}
         self._tables: dict[str, Table] = {}
         self._rows: dict[str, int] = {}
-        self._writers: dict[str, Any] = {}
-        self._open = ExitStack()
+        self._files = ParquetTables(self._parquet, self._about)
         self._plugins = plugin_measures(context.warn)
         self._plugin_values: list[tuple[str, str, float]] = []
 
@@ -200,7 +197,7 @@ class _StudyTables:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._open.close()
+        self._files.__exit__()
         shutil.rmtree(self._part, ignore_errors=True)
 
     def add(self, session: Session, progress: Callable[[float], None]) -> None:
@@ -211,8 +208,10 @@ class _StudyTables:
         for path in copy_tables(session, self._part, progress, self._context.warn):
             if path.stem != DICTIONARY_TABLE.name:
                 table = all_tables()[path.stem]
-                self._tables.setdefault(table.name, Table(table.name, table.description, (*whose, *table.columns)))
-                self._append(path)
+                table = self._tables.setdefault(
+                    path.stem, Table(table.name, table.description, (*whose, *table.columns))
+                )
+                self._rows[table.name] = self._rows.get(table.name, 0) + self._files.append(table, path)
         name = session.folder.name
 
         def warn(failure: str) -> None:
@@ -220,21 +219,6 @@ class _StudyTables:
 
         values = plugin_values(self._plugins, session.folder, self._context.pseudonyms, warn)
         self._plugin_values += [(name, *value) for value in values.items()]
-
-    def _append(self, path: Path) -> None:
-        """Append the rows of a session's table."""
-        import pyarrow.parquet as pq
-
-        name = path.stem
-        with pq.ParquetFile(path) as part:
-            if name not in self._writers:
-                about = {**self._about, "description": self._tables[name].description}
-                schema = part.schema_arrow.with_metadata({key: plain_text(value) for key, value in about.items()})
-                writer = pq.ParquetWriter(self._parquet / path.name, schema, compression="zstd")
-                self._writers[name] = self._open.enter_context(writer)
-            for rows in part.iter_batches(_ROWS_AT_ONCE):
-                self._writers[name].write_batch(rows)
-            self._rows[name] = self._rows.get(name, 0) + part.metadata.num_rows
 
     def finish(self, sessions: Sequence[Session]) -> list[Path]:
         """Write what is computed from all sessions, and the descriptions; return all files."""

@@ -6,7 +6,7 @@ from contextlib import suppress
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import IO, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from caris_desktop.recording.forgetting.person_tracks import WHOLE, Area, Person
 from caris_desktop.recording.forgetting.text_erasure import AROUND_VISIT_NS
 from caris_desktop.recording.photo_file import PEOPLE, PhotoFileError, texts_of, with_texts
 from caris_desktop.recording.recorder.video_writer import MUXER, TICKS_PER_S, add_stream, x264
-from caris_desktop.recording.session.media_files import FrameTimes, frame_times_of, index_path, wav_layout
+from caris_desktop.recording.session.media_files import FrameTimes, WavLayout, frame_times_of, index_path, wav_layout
 from caris_desktop.recording.session.session_conversation import SpokenUtterance
 from caris_desktop.recording.session.session_data import spoken
 from caris_desktop.recording.session.session_header import inside
@@ -148,13 +148,18 @@ def cover_areas(areas: Iterable[Area], image: NDArray[np.uint8]) -> None:
         part[...] = _COVER_BGR[: part.shape[2]] if part.ndim == 3 and part.shape[2] <= 3 else _COVER_BGR[0]
 
 
+def sound_layout(file: IO[bytes], path: Path) -> WavLayout:
+    """Layout of the WAV file ``path``. Raises OSError, UnreadableMediaError."""
+    try:
+        return wav_layout(file)
+    except ValueError as error:
+        raise UnreadableMediaError(localized(QT_TR_NOOP("{file} contains no audio"), file=path.name)) from error
+
+
 def silenced_sound(source: Path, target: Path, first_stamp_ns: int, spans_ns: Iterable[tuple[int, int]]) -> None:
     """Rewrite a WAV file with silence in these intervals. Raises OSError, UnreadableMediaError."""
     with source.open("rb") as old:
-        try:
-            wav = wav_layout(old)
-        except ValueError as error:
-            raise UnreadableMediaError(localized(QT_TR_NOOP("{file} contains no audio"), file=source.name)) from error
+        wav = sound_layout(old, source)
         begin, rate_hz, frame_bytes = wav.offset_bytes, wav.sample_rate_hz, wav.frame_bytes
         quiet = sorted(
             (
@@ -180,7 +185,7 @@ def silenced_sound(source: Path, target: Path, first_stamp_ns: int, spans_ns: It
 _PHOTO = "/event/photo_taken"
 _ASIDE = ".deleted"
 # A photo is the newest frame at its request, hence slightly older than the request.
-_PHOTO_FROM_NS, _PHOTO_UNTIL_NS, _PHOTO_STEP_NS = -700_000_000, 200_000_000, 100_000_000
+PHOTO_NS = range(-700_000_000, 200_000_001, 100_000_000)
 _SOUND_AROUND_NS = 300_000_000
 # Speaking time per letter, where only the end of an utterance is known.
 _SPEAKS_NS, _LEAST_SPOKEN_NS = 90_000_000, 2_000_000_000
@@ -281,8 +286,7 @@ class SessionMedia:
             if not path.exists():
                 path = path.with_name(_ASIDE) / path.name
                 recorded_paths.add(path)
-            moments = range(stamp_ns + _PHOTO_FROM_NS, stamp_ns + _PHOTO_UNTIL_NS + 1, _PHOTO_STEP_NS)
-            areas = {area for at_ns in moments for area in self._tracks.areas_at(camera, at_ns)}
+            areas = {area for since_ns in PHOTO_NS for area in self._tracks.areas_at(camera, stamp_ns + since_ns)}
             meant = (str(photo.get("person_id") or ""), *map(str, photo.get("person_ids") or ()))
             if not areas and self._ids.intersection(meant):
                 areas = {WHOLE}
@@ -341,7 +345,7 @@ def examined_media(session: Session, tracks: PersonTracks | None) -> frozenset[P
         return tracks.any or bool(tracks.detections_ns.get(str(entry.get("camera"))))
 
     media = [*filter(was_looked_at, _recorded_entries(session, "videos")), *_recorded_entries(session, "audio")]
-    photos = [path for path in folder.rglob("*.png") if names_people(path)]
+    photos = [path for path in folder.rglob("*.png") if people_in(path)]
     for path in (folder / photo["file_name"] for photo in _photo_events(folder) if was_looked_at(photo)):
         photos += [path, path.with_name(_ASIDE) / path.name]
     return frozenset((*(folder / str(entry.get("file_name")) for entry in media), *photos))
@@ -366,25 +370,17 @@ def _photo_events(folder: Path) -> Iterator[dict[str, Any]]:
             yield photo | known | {"stamp_ns": int(photo["stamp_ns"])}
 
 
-def names_people(photo: Path) -> bool:
-    """True if the photo lists the people in it. Raises OSError."""
+def people_in(photo: Path) -> frozenset[str]:
+    """Ids of the people that a photo lists. Raises OSError."""
     try:
-        return bool(texts_of(photo.read_bytes()).get(PEOPLE))
+        return frozenset(texts_of(photo.read_bytes()).get(PEOPLE, "").split())
     except PhotoFileError:
-        return False
+        return frozenset()
 
 
 def photos_of(folder: Path, person_ids: frozenset[str]) -> list[Path]:
     """Photos in a folder that list one of these people. Raises OSError."""
-    found = []
-    for path in sorted(folder.rglob("*.png")):
-        try:
-            people = texts_of(path.read_bytes()).get(PEOPLE, "").split()
-        except PhotoFileError:
-            continue
-        if not person_ids.isdisjoint(people):
-            found.append(path)
-    return found
+    return [path for path in sorted(folder.rglob("*.png")) if not person_ids.isdisjoint(people_in(path))]
 
 
 def _covered(path: Path, areas: tuple[Area, ...], part: Path) -> int:

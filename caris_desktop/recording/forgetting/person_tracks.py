@@ -5,7 +5,7 @@ import logging
 import math
 import re
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -170,7 +170,7 @@ def sightings_in(events: Path, person_ids: frozenset[str]) -> PersonTracks:
 def links_in(events: Path) -> Iterator[tuple[bool, str, str]]:
     """Identity decisions in order: (linked or unlinked, who, same as whom). Raises OSError."""
     for topic, data in messages_of(events, lambda topic: topic in _LINKS or topic in _UNLINKS):
-        message = _read(data)
+        message = fields_of(data)
         who = str(message.get("person_id") or "")
         whom = next((str(message[name]) for name in _WHOM if message.get(name)), "")
         if who and whom:
@@ -201,7 +201,8 @@ def messages_of(events: Path, is_selected: Callable[[str], bool]) -> Iterator[tu
             yield topics[message.channel], data
 
 
-def _read(data: bytes) -> Mapping[str, Any]:
+def fields_of(data: bytes | str) -> dict[str, Any]:
+    """Fields of a message; empty if it cannot be read."""
     try:
         message = json.loads(data)
     except (ValueError, RecursionError):
@@ -211,7 +212,7 @@ def _read(data: bytes) -> Mapping[str, Any]:
 
 def _detections_in(data: bytes, person_ids: frozenset[str]) -> Iterator[tuple[str, int, int, str, Area]]:
     """Camera, track, time, id and area of each box that is the person's or unidentified."""
-    message = _read(data)
+    message = fields_of(data)
     try:
         stamp_ns, camera = int(message["stamp_ns"]), str(message["camera"])
         width_px, height_px = float(message["frame_width_px"]), float(message["frame_height_px"])

@@ -38,7 +38,7 @@ from caris_desktop.recording.forgetting.erasure_files import (
     path_of,
     without_lines,
 )
-from caris_desktop.recording.forgetting.media import SessionMedia, examined_media, names_people, photos_of
+from caris_desktop.recording.forgetting.media import SessionMedia, examined_media, people_in, photos_of
 from caris_desktop.recording.forgetting.person_tracks import (
     PersonTracks,
     everyone_who_is,
@@ -467,7 +467,7 @@ class _Forgetting:
                 self._decide_on(path, QT_TR_NOOP("it could not be decompressed"))
             if any(path.is_relative_to(folder) for folder in sessions) or not is_opaque(path):
                 continue
-            tagged = path.parent == self._study / "photos" and names_people(path)
+            tagged = path.parent == self._study / "photos" and people_in(path)
             if not tagged if export is None else exports.shown_in(export) & blind:
                 self._decide_on(path, _UNEXAMINED)
 

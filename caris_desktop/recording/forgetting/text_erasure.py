@@ -19,7 +19,7 @@ from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.disk_file import DiskFile
-from caris_desktop.recording.forgetting.person_tracks import PersonTracks, messages_of
+from caris_desktop.recording.forgetting.person_tracks import PersonTracks, fields_of, messages_of
 from caris_desktop.recording.photo_file import PhotoFileError, texts_of, with_texts
 from caris_desktop.recording.session import events_file
 from caris_desktop.recording.session.session_conversation import UTTERANCE_STREAMS, SpokenUtterance
@@ -305,11 +305,7 @@ def _read(message: str, utterance_ids: frozenset[str]) -> dict[str, Any]:
     named = _UTTERANCE.search(message)
     if named is None or json.loads(named[1]) not in utterance_ids:
         return {}
-    try:
-        fields = json.loads(message)
-    except (ValueError, RecursionError):
-        return {}
-    return fields if isinstance(fields, dict) else {}
+    return fields_of(message)
 
 
 Decision = Literal["redact", "keep", "remove", ""]

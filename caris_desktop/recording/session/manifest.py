@@ -8,7 +8,7 @@ import json
 import logging
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 
 from caris_desktop.domain.file_replacement import replace_file
@@ -99,22 +99,32 @@ def verify_manifest(folder: Path) -> list[str]:
     OSError
         If the manifest itself cannot be read (FileNotFoundError where there is none).
     """
-    text = (folder / MANIFEST_NAME).read_bytes().decode("utf-8", "surrogateescape")
     problems, listed = [], set()
-    for number, line in enumerate(text.removesuffix("\n").split("\n"), start=1):
-        match = _LINE.fullmatch(line)
-        if match is None:
+    for number, entry in enumerate(manifest_entries(folder), start=1):
+        if entry is None:
             problems.append(f"Line {number} of {MANIFEST_NAME} is not a checksum.")
             continue
-        escaped, digest, name = match.groups()
-        if escaped:
-            name = re.sub(r"\\(.)", lambda found: {"n": "\n", "r": "\r"}.get(found[1], found[1]), name)
+        name, digest = entry
         listed.add(name)
         problem = _problem_of(folder, name, digest)
         if problem:
             problems.append(problem)
     problems += [f"{name} was added after the session closed." for name in session_files(folder) if name not in listed]
     return problems
+
+
+def manifest_entries(folder: Path) -> Iterator[tuple[str, str] | None]:
+    """Name and checksum of each line of the manifest; None for a line that is no entry. Raises OSError."""
+    text = (folder / MANIFEST_NAME).read_bytes().decode("utf-8", "surrogateescape")
+    for line in text.removesuffix("\n").split("\n"):
+        match = _LINE.fullmatch(line)
+        if match is None:
+            yield None
+            continue
+        escaped, digest, name = match.groups()
+        if escaped:
+            name = re.sub(r"\\(.)", lambda found: {"n": "\n", "r": "\r"}.get(found[1], found[1]), name)
+        yield name, digest
 
 
 def session_files(folder: Path) -> list[str]:

@@ -256,6 +256,12 @@ def plain_text(text: str) -> str:
     return text if text.isascii() else _HALVES.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
+def one_line(text: str) -> str:
+    """Printable characters of ``text``, with single spaces."""
+    printable = "".join(character if character.isprintable() else " " for character in plain_text(text))
+    return " ".join(printable.split())
+
+
 # Columns from the fields of dataclasses
 
 
