@@ -317,7 +317,10 @@ def test_the_process_shows_how_far_it_is_and_what_it_wrote(study: Path, tmp_path
     assert problem.startswith("bad: ")
 
 
-def test_leftovers_of_a_killed_export_are_removed_and_nothing_else(study: Path, tmp_path: Path) -> None:
+def test_leftovers_of_a_killed_export_are_removed_and_nothing_else(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))  # of the killed process, which leaves its temporary folder
     request = ExportRequest(tuple(sorted((study / "sessions").iterdir())) * 4, ("csv",), tmp_path / "out")
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe(duplex=True)

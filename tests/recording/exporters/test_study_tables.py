@@ -195,7 +195,7 @@ def test_the_codebook_describes_each_column_of_each_table(out: Path) -> None:
 def test_rows_are_written_in_groups_that_bound_memory(
     study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(study_tables, "_ROWS_AT_ONCE", 3)
+    monkeypatch.setattr(table_files, "_ROWS_AT_ONCE", 3)
     folder = study_tables.write_tables_of_study(
         [open_session(study / "sessions" / "one")], _folder(tmp_path), study_tables.ExportContext()
     )[0].parent
