@@ -144,7 +144,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def trial_language() -> Iterator[None]:
     """Translate with the trial language: texts that go through ``tr`` get its marks, other texts stay English."""
     from caris_desktop.domain.translation import use_translator
-    from caris_desktop.ui.language import in_trial_language
+    from caris_desktop.ui.window_appearance import in_trial_language
 
     use_translator(in_trial_language)
     yield

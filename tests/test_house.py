@@ -54,7 +54,7 @@ READ_ASIDE = {
     "ui/export_dialog.py: ExportDialog._choose_folder": "Qt's own file dialog reads the same folder as it opens",
     "ui/help_window.py": "the installed guide, in a window whose opening ends driving",
     "ui/icons.py": "the program's own files, once",
-    "ui/language.py": "the program's own files, once",
+    "ui/window_appearance.py: languages": "the program's own files, once",
     "ui/main_window.py: _read_scenario": "read aside",
     "ui/scenario_editor/saving.py: opened_file": "read aside",
     "ui/scenario_editor/saving.py: opened_as_form": "read aside",
@@ -62,7 +62,7 @@ READ_ASIDE = {
     "ui/scenario_editor/editor_window.py: _names_of_files": "read aside",
     "ui/scenario_editor/editor_window.py: _text_of": "read aside",
     "ui/scenario_editor/editor_window.py: ScenarioEditor._others": "read aside",
-    "ui/shortcuts/shortcut_reference.py": "writes the pages of the guide, without a window",
+    "ui/shortcut_reference.py": "writes the pages of the guide, without a window",
 }
 READING_NAMES = {
     "check_output", "list_profiles", "list_scenarios", "load_documents", "load_profile", "load_scenario", "open",

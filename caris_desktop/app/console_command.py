@@ -37,10 +37,10 @@ from caris_desktop.live.services.robot_service import RobotConnection
 from caris_desktop.live.session_library import LiveSessionLibrary
 from caris_desktop.live.status import LinkStatus
 from caris_desktop.scenario.scenario_model import Scenario
-from caris_desktop.ui.closing_window import ClosingWindow
-from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, Language
 from caris_desktop.ui.main_window import MainWindow
+from caris_desktop.ui.quit_guard import ClosingWindow
 from caris_desktop.ui.theme import SCALE_KEY, THEME_KEY, Theme, as_choice
+from caris_desktop.ui.window_appearance import ENGLISH, LANGUAGE_KEY, Language
 
 _log = logging.getLogger(__name__)
 # No input has this name on any system.

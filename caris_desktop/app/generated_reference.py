@@ -22,7 +22,7 @@ from caris_desktop.recording.tables import tables_page
 from caris_desktop.robot.profile_model import ProfileFile
 from caris_desktop.scenario.scenario_file import schema_path
 from caris_desktop.scenario.scenario_model import Scenario
-from caris_desktop.ui.shortcuts import shortcut_reference
+from caris_desktop.ui import shortcut_reference
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 

@@ -45,9 +45,9 @@ from caris_desktop.recording.session.session_reader import Session, SessionError
 from caris_desktop.robot.profile import RobotProfile, parse_profile
 from caris_desktop.scenario.scenario_file import ScenarioError, parse_scenario
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario, checked_layout
-from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
+from caris_desktop.ui.window_appearance import ENGLISH, LANGUAGE_KEY, Language
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")

@@ -26,7 +26,20 @@ from caris_desktop.scenario.phrases import (
 from caris_desktop.scenario.protocol_steps import Branch, ProtocolStep, step_named
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui.action_spec import ActionSpec, EnabledWhen, gives
-from caris_desktop.ui.speed_steps import fraction_after
+
+SPEED_FRACTIONS = (0.3, 0.6, 1.0)
+SPEED_NAMES = (QT_TR_NOOP("Slow"), QT_TR_NOOP("Normal"), QT_TR_NOOP("Fast"))
+
+
+def speed_step(fraction: float) -> int:
+    """Index of the step nearest to a speed setting."""
+    return min(range(len(SPEED_FRACTIONS)), key=lambda index: abs(SPEED_FRACTIONS[index] - fraction))
+
+
+def speed_after(fraction: float, direction: int) -> float:
+    """The next step up (1) or down (-1); unchanged at the end."""
+    return SPEED_FRACTIONS[max(0, min(len(SPEED_FRACTIONS) - 1, speed_step(fraction) + direction))]
+
 
 PHRASE_COUNT = KEYS_OF_A_GROUP
 SUGGESTION_COUNT = 3
@@ -95,7 +108,7 @@ def perform_nth_gesture(scenario: Scenario, state: LiveState, number: int) -> In
 @gives(intents.SetSpeed)
 def change_speed(_scenario: Scenario, state: LiveState, direction: int) -> Intent:
     """Change the speed by one of the three steps, up (1) or down (-1)."""
-    return intents.SetSpeed(fraction_after(state.drive.value.speed_fraction, direction))
+    return intents.SetSpeed(speed_after(state.drive.value.speed_fraction, direction))
 
 
 @gives(intents.GoToPlace)

@@ -28,7 +28,7 @@ from caris_desktop.ui.layout.layout_rect import Rect, on_a_screen
 from caris_desktop.ui.layout.layout_tree import Side, panels_in
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.tab_order import PanelWindow
-from caris_desktop.ui.window_above import WindowAbove
+from caris_desktop.ui.window_place import WindowAbove
 
 _FLOATING: tuple[int, int] = (480, 360)
 _CASCADE_PX = 36

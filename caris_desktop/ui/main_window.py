@@ -24,54 +24,43 @@ from caris_desktop.ui.accessible_roles import install_accessible_roles
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GROUP
 from caris_desktop.ui.announcing import Announcements
-from caris_desktop.ui.app_context import AppContext
 from caris_desktop.ui.background_reading import Remembered, read_for
-from caris_desktop.ui.banners import EmergencyBanner, GuardBanner, NoticeStrip, QuestionBanner
-from caris_desktop.ui.connection_card import ConnectionCard
+from caris_desktop.ui.banners import EmergencyBanner, GuardBanner, Hints, NoticeStrip, QuestionBanner
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.emergency_over_dialogs import EmergencyOverDialogs
-from caris_desktop.ui.face.face_windows import FaceWindows
-from caris_desktop.ui.first_use.first_use import FirstUse
-from caris_desktop.ui.gamepad_window import GamepadWindow
+from caris_desktop.ui.first_use import FirstUse
 from caris_desktop.ui.help_window import HelpWindows
-from caris_desktop.ui.hint import Hints
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.input.key_owner import KeyOwnerChip
 from caris_desktop.ui.input.talk_key import Talking
-from caris_desktop.ui.late_imports import LateImports
 from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.layout_store import LayoutStore
 from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.notifications import AlarmList, AlarmsButton, NotificationLine, NotificationPopups
-from caris_desktop.ui.observer.observer_window import ObserverWindows
+from caris_desktop.ui.observer_window import ObserverWindows
 from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.palette.palette_entries import PaletteEntries, QuickChoices
 from caris_desktop.ui.palette.palette_search import PaletteItem, PaletteMemory
 from caris_desktop.ui.panel import Panel, PanelContext
-from caris_desktop.ui.panel_manager import PanelManager
+from caris_desktop.ui.panel_manager import LateImports, PanelManager
 from caris_desktop.ui.people.pending_identity_question import PendingIdentityQuestion
 from caris_desktop.ui.people.shown_people import name_of
-from caris_desktop.ui.practice.practice_strip import PracticeStrip
+from caris_desktop.ui.practice_strip import PracticeStrip
 from caris_desktop.ui.preferences import Preferences
-from caris_desktop.ui.preflight.preflight_card import PreflightButton, PreflightCard
+from caris_desktop.ui.preflight_list import PreflightButton, PreflightCard
 from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.quit_guard import QuitGuard
-from caris_desktop.ui.resume_trial_card import ResumeTrialCard
-from caris_desktop.ui.robot_choice import RobotChooser
-from caris_desktop.ui.saved_session_card import SavedSessionCard
-from caris_desktop.ui.scenario_editor_window import ScenarioEditorWindow
 from caris_desktop.ui.scenario_files import ScenarioFiles
-from caris_desktop.ui.session_windows import SessionWindows
-from caris_desktop.ui.shortcuts.shortcut_sheet import ShortcutSheet
-from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
-from caris_desktop.ui.status_bar import StatusBar
+from caris_desktop.ui.shortcut_sheet import ShortcutSheet, WizardKeys
+from caris_desktop.ui.status_bar import ConnectionCard, StatusBar
 from caris_desktop.ui.tab_order import PanelWindow
 from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
-from caris_desktop.ui.top_bar import TopBar
+from caris_desktop.ui.top_bar import EmergencyOverDialogs, TopBar
+from caris_desktop.ui.trial_cards import ResumeTrialCard, SavedSessionCard
 from caris_desktop.ui.window_appearance import Appearance
-from caris_desktop.ui.window_menus import WindowMenus
+from caris_desktop.ui.window_menus import AppContext, WindowMenus
 from caris_desktop.ui.window_place import Settings, WindowPlace
+from caris_desktop.ui.windows import FaceWindows, GamepadWindow, RobotChooser, ScenarioEditorWindow, SessionWindows
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 if TYPE_CHECKING:  # imported at first use

@@ -30,7 +30,7 @@ from caris_desktop.ui.widgets.icon_label import IconLabel
 from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.widgets.popups import Popup
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
-from caris_desktop.ui.window_above import clear_place, windows_above
+from caris_desktop.ui.window_place import clear_place, windows_above
 
 HELD_AFTER_S = 0.4
 ANSWER_WITHIN_S = 5.0

@@ -25,6 +25,7 @@ from caris_desktop.ui.layout.dock_area import DockArea
 from caris_desktop.ui.layout.dock_geometry import TITLE_PX, GroupPlace
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.overlay import Overlay
+from caris_desktop.ui.text_formatting import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.icon_label import IconLabel
@@ -33,8 +34,7 @@ from caris_desktop.ui.widgets.labels import label, restyle
 from caris_desktop.ui.widgets.popups import Popup
 from caris_desktop.ui.widgets.scroll_areas import list_area
 from caris_desktop.ui.widgets.status_button import StatusButton
-from caris_desktop.ui.window_above import PLACE_CHANGES, InSight, windows_above
-from caris_desktop.ui.wrapped_tip import wrapped_tip
+from caris_desktop.ui.window_place import PLACE_CHANGES, InSight, windows_above
 
 SHOWN_AT_ONCE = 3
 _GOES_AWAY_AFTER_MS = {"info": 8_000, "warning": 20_000}

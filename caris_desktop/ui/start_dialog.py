@@ -13,9 +13,9 @@ from caris_desktop.live.status import PreflightCheck
 from caris_desktop.live.wizard_console import BeforeRecording, WizardConsole
 from caris_desktop.scenario.scenario_model import BlurSettings, Permissions
 from caris_desktop.ui import layouts, text_formatting
+from caris_desktop.ui.event_messages import checks_summary, open_checks
 from caris_desktop.ui.form_dialog import FormDialog
-from caris_desktop.ui.preflight.preflight_list import PreflightList
-from caris_desktop.ui.preflight.preflight_words import open_words, summary
+from caris_desktop.ui.preflight_list import PreflightList
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
@@ -220,14 +220,14 @@ class StartDialog(FormDialog):
         return side
 
     def _show_checks(self, checks: tuple[PreflightCheck, ...]) -> None:
-        self._summary.setText(summary(checks))
+        self._summary.setText(checks_summary(checks))
         if not self._question.isHidden():
             self._ask_about_open(checks)
 
     def _ask_about_open(self, checks: tuple[PreflightCheck, ...]) -> None:
         """Name the checks that are not passed."""
         waits = any(check.asks_first for check in checks)
-        self._question.setText(open_words(checks) if waits else "")
+        self._question.setText(open_checks(checks) if waits else "")
         self._question.setVisible(waits)
         if waits:
             self._begin_button.set_label(tr("Record anyway"), role="amber")

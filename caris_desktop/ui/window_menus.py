@@ -1,22 +1,57 @@
-"""Menus of the top bar: scenarios, window and panels, robots. Filled on opening."""
+"""Menus of the top bar: scenarios, window and panels, robots. Filled on opening, from parts of the window."""
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QLineEdit, QMenu, QVBoxLayout, QWidget
 
 from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.ui.app_context import THEME_WORDS, AppContext
-from caris_desktop.ui.menu_choices import add_choices, add_switch
-from caris_desktop.ui.observer.observer_window import SEES_WORDS
+from caris_desktop.domain.value_class import Value
+from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.background_reading import Remembered
+from caris_desktop.ui.layout_store import LayoutStore
+from caris_desktop.ui.menus import add_choices, add_sound_menus, add_switch
+from caris_desktop.ui.observer_window import SEES_WORDS, ObserverWindows
+from caris_desktop.ui.panel_manager import PanelManager
 from caris_desktop.ui.panel_table import PANELS
-from caris_desktop.ui.sound_menu import add_sound_menus
+from caris_desktop.ui.scenario_files import ScenarioFiles
 from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.text_formatting import in_menu
-from caris_desktop.ui.theme import CHOICES, SCALES, Theme
+from caris_desktop.ui.theme import CHOICES, SCALES, Theme, ThemeChoice
 from caris_desktop.ui.top_bar import TopBar, as_menu
-from caris_desktop.ui.window_appearance import scale_words
+from caris_desktop.ui.window_appearance import Appearance, scale_words
+from caris_desktop.ui.windows import GamepadWindow, RobotChooser, ScenarioEditorWindow, SessionWindows
+from caris_desktop.ui.wizard_profiles import WizardProfiles
+
+THEME_WORDS: dict[ThemeChoice, str] = {
+    "system": QT_TR_NOOP("Same as system"),
+    "dark": QT_TR_NOOP("Dark"),
+    "light": QT_TR_NOOP("Light"),
+}
+
+
+class AppContext(Value):
+    console: WizardConsole
+    theme: Theme
+    actions: Actions
+    panels: PanelManager
+    layout: LayoutStore
+    sessions: SessionWindows
+    robots: RobotChooser
+    gamepad: GamepadWindow
+    editor: ScenarioEditorWindow
+    wizards: WizardProfiles
+    scenarios: Remembered  # of ScenarioChoice
+    open_scenario: Callable[[Path], None]
+    appearance: Appearance
+    practise: Callable[[], None]
+    scenario_files: ScenarioFiles
+    observers: ObserverWindows
+    close_window: Callable[[], None]
+
 
 _LONGEST_TITLE = 80
 _UNDO_AND_REDO = 2

@@ -24,7 +24,7 @@ from caris_desktop.domain.translation import (
 )
 from caris_desktop.domain.yaml_writing import yaml_text
 from caris_desktop.live.process_manager import localize_problem
-from caris_desktop.ui.language import in_trial_language
+from caris_desktop.ui.window_appearance import in_trial_language
 
 GERMAN = {
     "The disk is slow: it took {delay} s.": "{delay} s hat die Festplatte gebraucht.",

@@ -11,7 +11,7 @@ from PySide6.QtCore import QPoint, Qt, QTimer
 from PySide6.QtWidgets import QApplication, QComboBox, QCompleter, QDialog, QLineEdit, QWidget
 
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.ui.input import drive_input_filter, keyboard_grab
+from caris_desktop.ui.input import drive_input_filter, physical_keys
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.layout.layout_tree import groups_in, panels_in, without
 from caris_desktop.ui.main_window import MainWindow
@@ -154,7 +154,7 @@ class Subject(StdinCommands):
         self.console.stop = slow_stop  # type: ignore[method-assign]
 
     def do_keep_keys(self, seconds: str) -> None:
-        keyboard_grab.KEPT_S = float(seconds)
+        physical_keys.KEPT_S = float(seconds)
         self.window.hold._keyboard_grab.give_back()
 
     def do_combo(self) -> None:

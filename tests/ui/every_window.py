@@ -18,12 +18,12 @@ from caris_desktop.live.status import CrashRecoveryStatus, LiveRobotsStatus, Pra
 from caris_desktop.robot.discovery import Exploration
 from caris_desktop.robot.profile_proposal import propose
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.ui.language import ENGLISH, Language
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.observer.observer_window import SEES_WORDS
+from caris_desktop.ui.observer_window import SEES_WORDS
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.panels.video_panel import VideoPanel
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_appearance import ENGLISH, Language
 from caris_desktop.ui.window_menus import TitleDialog
 from caris_desktop.ui.window_place import WINDOW_FRAME
 from tests.support.window_check import text_flaws

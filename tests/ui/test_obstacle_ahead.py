@@ -13,8 +13,8 @@ from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.robot.profile import CameraTopic, RobotProfile
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.obstacle_ahead import Ahead, ahead_of, ahead_words, gaze_is_away
 from caris_desktop.ui.panels.video_panel import VideoPanel, guard_chip
+from caris_desktop.ui.robot_motion import Ahead, ahead_of, ahead_words, gaze_is_away
 from tests.ui import samples
 from tests.ui.conftest import freshen
 from tests.ui.fake_console import FakeConsole

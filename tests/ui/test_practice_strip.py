@@ -9,7 +9,7 @@ from caris_desktop.domain import intents
 from caris_desktop.live.services.practice_service import STEPS
 from caris_desktop.live.status import PracticeStatus, PracticeStepStatus
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.practice.practice_strip import practised
+from caris_desktop.ui.practice_strip import practised
 from tests.ui.conftest import click, find
 from tests.ui.fake_console import FakeConsole
 

@@ -21,13 +21,13 @@ from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.palette.palette_entries import step_entries
 from caris_desktop.ui.protocol_strip import ProtocolStrip, short_time, time_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
+from caris_desktop.ui.window_appearance import ENGLISH, TRIAL, Language
 from tests.support.polling import wait_for
 from tests.support.tab_order_check import tab_order
 from tests.support.window_check import text_flaws

@@ -14,7 +14,7 @@ from caris_desktop.scenario.scenario_model import Permissions, SoundSettings
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.input.drive_input_filter import HELD_TO_TALK_MS
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.sound_menu import add_sound_menus
+from caris_desktop.ui.menus import add_sound_menus
 from caris_desktop.ui.speak.speak_field import SpeakField
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples

@@ -18,12 +18,12 @@ from caris_desktop.robot.profile import load_profile, shipped_profiles
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import PanelName, Permissions, TabNode
 from caris_desktop.ui import text_formatting
-from caris_desktop.ui.language import ENGLISH, TRIAL, Language
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_area import PanelTabs
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.observer.observer_window import SEES_WORDS
+from caris_desktop.ui.observer_window import SEES_WORDS
 from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.window_appearance import ENGLISH, TRIAL, Language
 from tests.support.trial_language_check import (
     StudyTexts,
     is_unmarked,

@@ -21,8 +21,8 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.notifications import AlarmRow
 from caris_desktop.ui.panels.map_panel import MapPanel
 from caris_desktop.ui.panels.people_panel import PeoplePanel
-from caris_desktop.ui.preflight.preflight_list import PreflightRow
-from caris_desktop.ui.protocol.step_pills import DisplayedStep, StepPill
+from caris_desktop.ui.preflight_list import PreflightRow
+from caris_desktop.ui.protocol_strip import DisplayedStep, StepPill
 from caris_desktop.ui.status_bar import StatusBar
 from caris_desktop.ui.theme import Theme
 from tests.ui.conftest import find

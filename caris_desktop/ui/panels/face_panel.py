@@ -12,7 +12,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_rows import EXPRESSION_COUNT
-from caris_desktop.ui.face.face_view import FaceView, show_on
+from caris_desktop.ui.face_window import FaceView, show_on
 from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow

@@ -20,9 +20,9 @@ from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.scenario.scenario_model import PanelSettings, Place
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
 from caris_desktop.ui.map.map_state import Layer, legend
-from caris_desktop.ui.obstacle_ahead import nearest_words
 from caris_desktop.ui.panel import Panel, PanelContext, show_part
 from caris_desktop.ui.people.shown_people import as_permitted
+from caris_desktop.ui.robot_motion import nearest_words
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, sentences, warnings_in
 from caris_desktop.ui.widgets.buttons import ActionButton

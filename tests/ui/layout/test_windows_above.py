@@ -11,7 +11,7 @@ from caris_desktop.scenario.scenario_model import PanelName
 from caris_desktop.ui.dock_host import FloatingWindow
 from caris_desktop.ui.layout.layout_rect import Rect
 from caris_desktop.ui.main_window import MainWindow
-from caris_desktop.ui.window_above import clear_place
+from caris_desktop.ui.window_place import clear_place
 from tests.ui.conftest import find
 from tests.ui.fake_console import FakeConsole
 from tests.ui.test_quit_guard import AskedByTheWindowManager

@@ -18,7 +18,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.intents import Intent
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.scenario.scenario_model import PanelLeaf, SplitNode
-from caris_desktop.ui.face.face_view import FaceView
+from caris_desktop.ui.face_window import FaceView
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.face_panel import FacePanel
 from caris_desktop.ui.theme import Theme

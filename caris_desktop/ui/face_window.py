@@ -1,14 +1,28 @@
-"""Face editor with preview. Controls follow from the schema of a face; the result is saved as a face of the user."""
+"""The robot's face: its view, the window for a screen on the robot, and the editor."""
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, assert_never
 
-from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QCloseEvent
+import numpy as np
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import (
+    QAccessible,
+    QCloseEvent,
+    QColor,
+    QFont,
+    QGuiApplication,
+    QImage,
+    QMouseEvent,
+    QPainter,
+    QPainterPath,
+    QPaintEvent,
+    QPen,
+    QScreen,
+)
 from PySide6.QtWidgets import QFormLayout, QLineEdit, QSlider, QWidget
 
-from caris_desktop.conversation.face.drawing import drawing_of
+from caris_desktop.conversation.face.drawing import Box, Drawing, Lips, Words, drawing_of
 from caris_desktop.conversation.face.face_file import (
     DEFAULT_FACE,
     Expression,
@@ -24,15 +38,162 @@ from caris_desktop.conversation.face.face_motion import FaceMotion, SpokenLoudne
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.schema_fields import Key, keys_of
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
+from caris_desktop.live.state import LiveState
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import layouts
-from caris_desktop.ui.face.face_view import FaceView
 from caris_desktop.ui.form_dialog import FormDialog
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
+from caris_desktop.ui.widgets.foreign_picture import image_of
 from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.widgets.scroll_areas import list_area
+
+
+class FaceView(QWidget):
+    """Displays a face drawing, a text or a picture."""
+
+    accessible_role = QAccessible.Role.Graphic
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._drawing: Drawing | None = None
+        self._picture: QImage | None = None
+        self.setAccessibleName(tr("The robot's face"))
+
+    def sizeHint(self) -> QSize:
+        return QSize(320, 240)
+
+    def show_drawing(self, drawing: Drawing | None) -> None:
+        if drawing != self._drawing or self._picture is not None:
+            self._drawing, self._picture = drawing, None
+            self.update()
+
+    def show_picture(self, picture: QImage) -> None:
+        self._picture = picture
+        self.update()
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        if self._picture is not None:
+            painter.fillRect(self.rect(), QColor("black"))
+            size = self._picture.size().scaled(self.size(), Qt.AspectRatioMode.KeepAspectRatio)
+            left, top = (self.width() - size.width()) / 2, (self.height() - size.height()) / 2
+            painter.drawImage(QRectF(left, top, size.width(), size.height()), self._picture)
+            return
+        drawing = self._drawing
+        painter.fillRect(self.rect(), QColor(drawing.background if drawing is not None else "black"))
+        if drawing is None:
+            return
+        unit = min(self.width(), self.height()) / 100
+        painter.translate(self.width() / 2, self.height() / 2)
+        for shape in drawing.shapes:
+            draw_shape(painter, shape, unit)
+
+
+def draw_shape(painter: QPainter, shape: Box | Lips | Words, unit: float) -> None:
+    """Draw a shape around the painter's origin; ``unit``: pixels per hundredth of the shorter side."""
+    ink = QColor(shape.ink)
+    match shape:
+        case Box():
+            painter.save()
+            painter.translate(shape.x * unit, shape.y * unit)
+            painter.rotate(shape.turn_deg)
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(ink)
+            width, height, radius = shape.width * unit, shape.height * unit, shape.radius * unit
+            painter.drawRoundedRect(QRectF(-width / 2, -height / 2, width, height), radius, radius)
+            painter.restore()
+        case Lips():
+            path = QPainterPath(QPointF(shape.left * unit, shape.y * unit))
+            middle = (shape.left + shape.right) / 2 * unit
+            path.quadTo(middle, _through(shape.y, shape.upper) * unit, shape.right * unit, shape.y * unit)
+            path.quadTo(middle, _through(shape.y, shape.lower) * unit, shape.left * unit, shape.y * unit)
+            pen = QPen(ink, shape.stroke * unit, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap)
+            pen.setJoinStyle(Qt.PenJoinStyle.RoundJoin)
+            painter.setPen(pen)
+            painter.setBrush(ink)
+            painter.drawPath(path)
+        case Words():
+            font = QFont(painter.font())
+            font.setPixelSize(max(1, round(shape.size * unit)))
+            painter.setFont(font)
+            painter.setPen(ink)
+            width = shape.width * unit
+            box = QRectF(-width / 2, shape.y * unit, width, 100 * unit)
+            flags = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignTop
+            painter.drawText(box, int(flags) | int(Qt.TextFlag.TextWordWrap), shape.text)
+        case _:
+            assert_never(shape)
+
+
+def _through(y: float, middle: float) -> float:
+    """Control point of a curve whose midpoint is ``middle``."""
+    return 2 * middle - y
+
+
+def show_on(view: FaceView, contents: Any) -> None:
+    """Show a drawing, an image array or JPEG data, or nothing."""
+    if isinstance(contents, bytes):
+        view.show_picture(image_of(contents))
+    elif isinstance(contents, np.ndarray):
+        height, width = contents.shape[:2]
+        # The array may be freed before the widget paints.
+        view.show_picture(QImage(contents.data, width, height, 3 * width, QImage.Format.Format_BGR888).copy())
+    else:
+        view.show_drawing(contents if isinstance(contents, Drawing) else None)
+
+
+class FaceWindow(QWidget):
+    """Full screen on a second screen if there is one. A double click toggles full screen."""
+
+    accessible_role = QAccessible.Role.Window
+
+    closed_by_hand = Signal()
+
+    def __init__(self, state: LiveState, beside: QWidget) -> None:
+        super().__init__(None, Qt.WindowType.Window | Qt.WindowType.WindowDoesNotAcceptFocus)
+        self.setObjectName("face_window")
+        self.setWindowTitle(tr("Robot’s face"))
+        self.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._view = FaceView()
+        layout = layouts.vbox(self, margins_px=0)
+        layout.addWidget(self._view)
+        state.face_drawing.changed.connect(self._on_shown)
+        self._on_shown(state.face_drawing.value)
+        self._place(beside)
+
+    def _place(self, beside: QWidget) -> None:
+        other = next((one for one in QGuiApplication.screens() if one is not beside.screen()), None)
+        self.resize(640, 400)
+        if other is None:
+            corner = beside.screen().availableGeometry().bottomRight()
+            self.move(corner.x() - 680, corner.y() - 460)
+        else:
+            self._fill(other)
+
+    def _fill(self, screen: QScreen) -> None:
+        self.setGeometry(screen.geometry())
+        self.showFullScreen()
+
+    def _on_shown(self, contents: Any) -> None:
+        show_on(self._view, contents)
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        if self.isFullScreen():
+            self.showNormal()
+        else:
+            self._fill(self.screen())
+        event.accept()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        if event.spontaneous():
+            self.closed_by_hand.emit()
+        super().closeEvent(event)
+
 
 _STEPS = 200
 _DRAW_EVERY_MS = 40

@@ -17,15 +17,15 @@ from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.focus_widget import Bar
-from caris_desktop.ui.robot_choice import RobotChooser
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.icon_label import IconLabel
 from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.window_place import Settings
+from caris_desktop.ui.windows import RobotChooser
 
 if TYPE_CHECKING:  # imported at first use
-    from caris_desktop.ui.first_use.set_up_page import SetUpPage
+    from caris_desktop.ui.set_up_page import SetUpPage
 
 SET_UP_KEY, DRIVEN_KEY = "first_use/set_up", "first_use/driven"
 
@@ -62,7 +62,7 @@ class FirstUse(QObject):
 
     def open(self) -> None:
         """Open the set-up page at its beginning."""
-        from caris_desktop.ui.first_use.set_up_page import SetUpPage
+        from caris_desktop.ui.set_up_page import SetUpPage
 
         if self._page is None:
             self._page = SetUpPage(self._theme, self._window, self._console, self._robots)

@@ -1,9 +1,11 @@
-"""Sound menu: microphones, and volume of the robot's microphone."""
+"""Checkable entries of menus; sound menu: microphones, and volume of the robot's microphone."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import field
 from functools import partial
 from itertools import groupby
 
+from PySide6.QtGui import QAction, QActionGroup
 from PySide6.QtWidgets import QMenu
 
 from caris_desktop.domain import intents
@@ -13,7 +15,28 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.live.remote_microphone import participant_microphone
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import text_formatting
-from caris_desktop.ui.menu_choices import add_choices
+
+
+def add_choices(menu: QMenu, choices: Iterable[tuple[str, bool, Callable[[], object]]]) -> list[QAction]:
+    """Add alternatives, of which one holds: text, whether it holds, and what choosing it does."""
+    group = QActionGroup(menu)
+    actions = []
+    for text, holds, choose in choices:
+        action = menu.addAction(text)
+        action.setCheckable(True)
+        action.setChecked(holds)
+        action.setActionGroup(group)
+        action.triggered.connect(lambda _checked=False, choose=choose: choose())
+        actions.append(action)
+    return actions
+
+
+def add_switch(menu: QMenu, text: str, on: bool, use: Callable[[bool], object]) -> None:
+    action = menu.addAction(text)
+    action.setCheckable(True)
+    action.setChecked(on)
+    action.triggered.connect(use)
+
 
 _VOLUMES = (1.0, 0.7, 0.4, 0.2)
 

@@ -1,9 +1,9 @@
-"""Shortcut sheet: all key bindings of the action table, each editable."""
+"""Shortcut sheet: all key bindings of the action table, each editable and saved in the wizard's profile."""
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
-from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -22,14 +22,123 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.input.key_bindings import PressedKey
-from caris_desktop.ui.key_choices import COLUMNS, Column, Keys, changed, owners, refusal
+from caris_desktop.ui.input.teleop_input import PressedKey
+from caris_desktop.ui.key_choices import (
+    COLUMNS,
+    Column,
+    Keys,
+    as_text,
+    changed,
+    from_text,
+    name_of_row,
+    owners,
+    refusal,
+    with_keys,
+    without,
+)
 from caris_desktop.ui.overlay import Overlay
-from caris_desktop.ui.shortcuts.wizard_keys import WizardKeys
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
+from caris_desktop.ui.wizard_profiles import WizardProfiles
+
+_KEY = "shortcuts"
+_UNREAD_KEY = "shortcuts unread"
+
+
+class WizardKeys(QObject):
+    """Key bindings of the current wizard. ``tell`` receives what happened, its meaning and advice if saved keys cannot
+    be used.
+    """
+
+    changed = Signal()
+
+    def __init__(
+        self, wizards: WizardProfiles, actions: Actions, tell: Callable[[str, str, str], None], parent: QObject
+    ) -> None:
+        super().__init__(parent)
+        self._wizards = wizards
+        self._actions = actions
+        self._tell = tell
+        self._choices: dict[str, Keys] = {}
+        self._reported: frozenset[str] = frozenset()
+        wizards.changed.connect(self.take_up)
+        actions.rebuilt.connect(self._report_fallbacks)
+        self.take_up()
+
+    @property
+    def wizard(self) -> str:
+        return self._wizards.current
+
+    def take_up(self) -> None:
+        """Apply the current wizard's bindings."""
+        stored = str(self._wizards.value(_KEY, "") or "")
+        try:
+            choices = from_text(stored) if stored else {}
+        except ValueError:
+            choices = {}
+            self._wizards.set_value(_UNREAD_KEY, stored)
+            self._wizards.set_value(_KEY, "")
+            self._tell(
+                tr("Your custom keys could not be read."),
+                tr("All commands use their default keys. The unreadable data stays in the settings."),
+                tr("Set your keys again in All shortcuts."),
+            )
+        if choices != self._choices:
+            self._use(choices)
+
+    def is_changed(self, spec: ActionSpec) -> bool:
+        return name_of_row(spec) in self._choices
+
+    @property
+    def any_changed(self) -> bool:
+        return bool(self._choices)
+
+    def choose(self, spec: ActionSpec, keys: Keys) -> None:
+        """Set the row's keys; other rows lose conflicting ones."""
+        rows = {row.id: row for row in self._actions.all_specs}
+        choices = dict(self._choices)
+        for key, other in owners(rows.values(), spec, keys):
+            left = without(rows[other.id], key)
+            choices[name_of_row(other)] = left
+            rows[other.id] = with_keys(rows[other.id], left)
+        choices[name_of_row(spec)] = keys
+        for row in (*rows.values(), spec):
+            standard = self._actions.standard_row(row.id)
+            if choices.get(name_of_row(row)) == Keys(standard.keys, standard.driving_keys):
+                del choices[name_of_row(row)]
+        self._persist(choices)
+
+    def reset(self, spec: ActionSpec) -> None:
+        """Restore the row's default keys."""
+        standard = self._actions.standard_row(spec.id)
+        self.choose(spec, Keys(standard.keys, standard.driving_keys))
+
+    def reset_all(self) -> None:
+        self._persist({})
+
+    def _persist(self, choices: dict[str, Keys]) -> None:
+        self._wizards.set_value(_KEY, as_text(choices))
+        self._use(choices)
+
+    def _use(self, choices: dict[str, Keys]) -> None:
+        self._choices = choices
+        self._actions.use_choices(choices)
+        self._report_fallbacks()
+        self.changed.emit()
+
+    def _report_fallbacks(self) -> None:
+        fallen_back = frozenset(self._actions.settled.fallen_back)
+        news = fallen_back - self._reported
+        self._reported = fallen_back
+        if news:
+            self._tell(
+                tr("Some of your keys cannot be used here."),
+                " ".join(sorted(news)),
+                tr("These commands use their default keys. View and change them in All shortcuts."),
+            )
+
 
 _WIDTH_PX = 1120
 _BESIDE_FROM_PX = 900
