@@ -21,6 +21,7 @@ from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import PROTOCOL_GROUP, present_step, target_of
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
+from caris_desktop.ui.text_formatting import duration
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import CheckBox
@@ -304,7 +305,7 @@ class ProtocolStrip(Bar, QWidget):
         self._clock.timeout.connect(self._show_time)
         state = console.state
         for value in (state.protocol, state.scenario):
-            value.changed.connect(self._on_changed)
+            value.changed.connect(self.refresh)
         actions.answer_for(PROTOCOL_GROUP, self)
         actions.keys_changed.connect(self._make_room)
         hold.escape_pressed.connect(self.put_away)
@@ -375,9 +376,6 @@ class ProtocolStrip(Bar, QWidget):
             else DisplayedStep(step.step_id, number, step.title, _state(step.step_id, status))
             for number, step in enumerate(self._console.scenario.protocol.steps, start=1)
         ]
-
-    def _on_changed(self, _value: object) -> None:
-        self.refresh()
 
     def _show_time(self) -> None:
         steps = self.shown_steps()
@@ -616,13 +614,6 @@ def _state(step_id: str, status: ProtocolStatus) -> StepState:
     return "skipped" if step_id in status.skipped else "done" if step_id in status.done else "ahead"
 
 
-def short_time(seconds: float) -> str:
-    """Duration as 0:42, 12:05, or 1:02:03 from an hour on."""
-    minutes, secs = divmod(max(0, int(seconds)), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{secs:02}" if hours else f"{minutes}:{secs:02}"
-
-
 def time_words(status: ProtocolStatus, now_ns: int) -> str:
     """Elapsed, expected and late time of the current step."""
     return _planned_and_actual(status.elapsed_s(now_ns), status.expected_s, status.late_s(now_ns))
@@ -640,11 +631,11 @@ def record_words(record: "StepRecord") -> str:
 
 def _planned_and_actual(actual_s: float, expected_s: float, late_s: float) -> str:
     if not expected_s:
-        return short_time(actual_s)
+        return duration(actual_s)
     if late_s < LATE_FROM_S:
-        return tr("{elapsed} of {expected}").format(elapsed=short_time(actual_s), expected=short_time(expected_s))
+        return tr("{elapsed} of {expected}").format(elapsed=duration(actual_s), expected=duration(expected_s))
     return tr("{elapsed} of {expected} · {late} late").format(
-        elapsed=short_time(actual_s), expected=short_time(expected_s), late=short_time(late_s)
+        elapsed=duration(actual_s), expected=duration(expected_s), late=duration(late_s)
     )
 
 

@@ -21,7 +21,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.bundle import NAME, SUFFIX, ImportQuestion, NameConflict, bundle_name
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts
-from caris_desktop.ui.form_dialog import FormDialog, lay_out_form
+from caris_desktop.ui.form_dialog import FormDialog, lay_out_form, show_file_dialog
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -30,7 +30,7 @@ from caris_desktop.ui.widgets.scroll_areas import list_area
 
 
 class ScenarioFiles:
-    """Non-modal Qt dialogs: a system file dialog would take the keys that stop the robot."""
+    """Import, export and their questions in non-modal dialogs."""
 
     def __init__(self, console: WizardConsole, window: QWidget, theme: Theme) -> None:
         self._console = console
@@ -41,10 +41,7 @@ class ScenarioFiles:
         console.state.file_question.changed.connect(self._ask_to_confirm)
 
     def choose_import(self) -> None:
-        dialog = self._dialog(tr("Import a scenario"), Path.home())
-        dialog.setFileMode(QFileDialog.FileMode.ExistingFile)
-        dialog.fileSelected.connect(lambda chosen: self._console.do(intents.ImportScenario(Path(chosen))))
-        dialog.show()
+        self._choose(tr("Import a scenario"), lambda path: self._console.do(intents.ImportScenario(path)))
 
     def _ask(self, question: ImportQuestion | None) -> None:
         """Ask about name conflicts. Cancel changes nothing."""
@@ -77,20 +74,18 @@ class ScenarioFiles:
     def choose_share(self) -> None:
         scenario = self._console.scenario
         stem = bundle_name(scenario.path.stem if scenario.path is not None else scenario.title)
-        dialog = self._dialog(tr("Export this scenario as one file"), Path.home())
+        title = tr("Export this scenario as one file")
+        share, mode = (lambda path: self._console.do(intents.ShareScenario(path))), QFileDialog.FileMode.AnyFile
+        dialog = self._choose(title, share, mode)
         dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
         dialog.setDefaultSuffix(SUFFIX.removeprefix("."))
         dialog.selectFile(f"{stem}{SUFFIX}")
-        dialog.fileSelected.connect(lambda chosen: self._console.do(intents.ShareScenario(Path(chosen))))
-        dialog.show()
 
-    def _dialog(self, title: str, folder: Path) -> QFileDialog:
-        dialog = QFileDialog(self._window, title, str(folder), tr("Scenarios ({files})").format(files=f"*{SUFFIX}"))
-        dialog.setObjectName("scenario_file_dialog")
-        dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
-        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        dialog.setModal(False)
-        return dialog
+    def _choose(
+        self, title: str, do: Callable[[Path], object], mode: QFileDialog.FileMode = QFileDialog.FileMode.ExistingFile
+    ) -> QFileDialog:
+        files = tr("Scenarios ({files})").format(files=f"*{SUFFIX}")
+        return show_file_dialog(self._window, "scenario_file_dialog", title, do, files=files, mode=mode)
 
 
 _SELECTABLE = Qt.TextInteractionFlag.TextSelectableByMouse

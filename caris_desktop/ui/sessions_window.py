@@ -109,7 +109,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self.table.setAccessibleName(tr("Sessions"))
         self.table.chosen.connect(self._replay)
         self.table.doubleClicked.connect(self._on_row_chosen)
-        self.table.selectionModel().selectionChanged.connect(self._on_selection_changed)
+        self.table.selectionModel().selectionChanged.connect(self._show_buttons)
         for number, column in enumerate(COLUMNS):
             heading_px = self.table.horizontalHeader().sectionSizeHint(number)
             self.table.setColumnWidth(number, max(column.width_px, heading_px))
@@ -281,9 +281,6 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         """Selected sessions, top to bottom."""
         rows = sorted(index.row() for index in self.table.selectionModel().selectedRows())
         return [self.model.entry(row) for row in rows]
-
-    def _on_selection_changed(self, _selected: object, _deselected: object) -> None:
-        self._show_buttons()
 
     def _show_buttons(self) -> None:
         chosen = self.selected()

@@ -3,7 +3,6 @@ a dialog: the red button stays usable.
 """
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, Literal
 
 from PySide6.QtCore import QRectF, QSize, Qt, QTimer, Signal
@@ -22,7 +21,6 @@ from PySide6.QtWidgets import (
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import PreflightState
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.domain.value_class import Value
 from caris_desktop.live.remote_microphone import participant_microphone
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
@@ -52,65 +50,32 @@ _PICTURE_PX = QSize(480, 270)
 StepName = Literal["robot", "camera", "sound", "model"]
 
 
-class SetUpStep(Value):
-    """A set-up step. ``checks``: ids of its checks; if the scenario has none of them, the step is skipped."""
+class StepPage(QWidget):
+    """A set-up step: explanation, checks and advice. ``checks``: ids of its checks; if the scenario has none of them,
+    the step is skipped.
+    """
 
     name: StepName
     title: str
     about: str
     checks: tuple[str, ...]
 
-    def of(self, checks: Sequence[PreflightCheck]) -> tuple[PreflightCheck, ...]:
-        return tuple(check for check in checks if check.id in self.checks)
-
-
-STEPS: tuple[SetUpStep, ...] = (
-    SetUpStep(
-        "robot",
-        QT_TR_NOOP("Robot"),
-        QT_TR_NOOP("Choose the robot. It must run rosbridge and be on the same network as this computer."),
-        ("robot",),
-    ),
-    SetUpStep(
-        "camera",
-        QT_TR_NOOP("Camera"),
-        QT_TR_NOOP("This is what the robot sees now. The scenario determines which cameras are used."),
-        ("video",),
-    ),
-    SetUpStep(
-        "sound",
-        QT_TR_NOOP("Sound"),
-        QT_TR_NOOP("Check that the robot speaks and that the microphone picks up sound."),
-        ("voice", "microphone"),
-    ),
-    SetUpStep(
-        "model",
-        QT_TR_NOOP("Language model"),
-        QT_TR_NOOP("It suggests what to say. Everything else works without it."),
-        ("model",),
-    ),
-)
-
-
-def steps_for(checks: Sequence[PreflightCheck]) -> tuple[SetUpStep, ...]:
-    """Steps that the scenario needs."""
-    return tuple(step for step in STEPS if step.of(checks))
-
-
-class StepPage(QWidget):
-    """Explanation, checks and advice of a step."""
-
-    def __init__(self, theme: Theme, console: WizardConsole, step: SetUpStep) -> None:
+    def __init__(self, theme: Theme, console: WizardConsole, robots: RobotChooser) -> None:
         super().__init__()
-        self.setObjectName(f"first_use_step_{step.name}")
-        self.theme, self.console, self.step = theme, console, step
+        self.setObjectName(f"first_use_step_{self.name}")
+        self.theme, self.console, self.robots = theme, console, robots
         self._rows: dict[str, PreflightRow] = {}
-        title, about = label(tr(step.title), "heading"), label(tr(step.about), tone="dim", wraps=True)
+        title, about = label(tr(self.title), "heading"), label(tr(self.about), tone="dim", wraps=True)
         self.column = layouts.vbox(self, title, about, margins_px=0, spacing_px=10)
         self.build()
         self.column.addStretch(1)
         console.state.preflight.changed.connect(self._show_checks)
         self._show_checks(console.state.preflight.value)
+
+    @classmethod
+    def of(cls, checks: Sequence[PreflightCheck]) -> tuple[PreflightCheck, ...]:
+        """The checks of this step."""
+        return tuple(check for check in checks if check.id in cls.checks)
 
     def build(self) -> None:
         """Add the widgets of this step."""
@@ -123,6 +88,9 @@ class StepPage(QWidget):
             self.column.addWidget(self._rows[check_id])
         return check is not None
 
+    def button(self, name: str, text: str, icon: str, run: Callable[[], object], **more: Any) -> ActionButton:
+        return ActionButton(self.theme, text, icon=icon, objectName=f"first_use_{name}", clicked=run, **more)
+
     def add_choice(self, title: str, choice: DropDown, *beside: QWidget, holder: QWidget | None = None) -> None:
         """Add a drop-down with its title; in ``holder`` if it can be hidden."""
         choice.setMinimumWidth(_CHOICE_PX)
@@ -131,7 +99,7 @@ class StepPage(QWidget):
         self.column.addWidget(row_widget)
 
     def _show_checks(self, checks: tuple[PreflightCheck, ...]) -> None:
-        for check in self.step.of(checks):
+        for check in self.of(checks):
             if check.id in self._rows:
                 self._rows[check.id].show_check(check, in_full=True)
 
@@ -139,37 +107,33 @@ class StepPage(QWidget):
 class RobotPage(StepPage):
     """Robots with a profile, and robot discovery."""
 
-    def __init__(self, theme: Theme, console: WizardConsole, step: SetUpStep, robots: RobotChooser) -> None:
-        self._robots = robots
-        super().__init__(theme, console, step)
+    name, title, checks = "robot", QT_TR_NOOP("Robot"), ("robot",)
+    about = QT_TR_NOOP("Choose the robot. It must run rosbridge and be on the same network as this computer.")
 
     def build(self) -> None:
         self._flow = FlowRow()
         self._buttons: dict[str, ActionButton] = {}
-        self._robots.choices.changed.connect(self._add_robots)
+        self.robots.choices.changed.connect(self._add_robots)
         self._add_robots()
         self.console.state.robot.changed.connect(self._show_present)
         self.column.addWidget(self._flow)
-        if self._robots.can_detect:
-            other = ActionButton(self.theme, tr("Another robot…"), icon="magnifying-glass")
-            other.setObjectName("first_use_another_robot")
+        if self.robots.can_detect:
+            other = self.button("another_robot", tr("Another robot…"), "magnifying-glass", self.robots.open_dialog)
             other.setToolTip(tr("Inspect a robot by its address and see its data live"))
-            other.clicked.connect(self._robots.open_dialog)
             self.column.addWidget(other)
         # Below the buttons: its height changes while the mouse is over them.
         self.add_check("robot")
 
     def _add_robots(self) -> None:
         """Add buttons for robots found on disk meanwhile."""
-        for choice in self._robots.choices.now():
+        for choice in self.robots.choices.now():
             if choice.name in self._buttons:
                 continue
-            button = self._buttons[choice.name] = ActionButton(self.theme, choice.title, icon="robot", may_shrink=True)
-            button.setCheckable(True)  # the connected robot's is checked
-            button.setObjectName(f"first_use_robot_{choice.name}")
-            button.setEnabled(not choice.problem)
-            button.setToolTip(choice.problem or choice.address)
-            button.clicked.connect(self._robots.chooser(choice))
+            # The button of the connected robot is checked.
+            button = self._buttons[choice.name] = self.button(
+                f"robot_{choice.name}", choice.title, "robot", self.robots.chooser(choice), may_shrink=True,
+                checkable=True, enabled=not choice.problem, toolTip=choice.problem or choice.address,
+            )  # fmt: skip
             button.clicked.connect(self._show_present)
             self._flow.add(button)
         self._show_present()
@@ -182,6 +146,9 @@ class RobotPage(StepPage):
 
 class CameraPage(StepPage):
     """Camera page with live video."""
+
+    name, title, checks = "camera", QT_TR_NOOP("Camera"), ("video",)
+    about = QT_TR_NOOP("This is what the robot sees now. The scenario determines which cameras are used.")
 
     def build(self) -> None:
         self.add_check("video")
@@ -256,15 +223,16 @@ class LivePicture(QWidget):
 class SoundPage(StepPage):
     """Sound page: a test sentence, and the microphone level."""
 
+    name, title, checks = "sound", QT_TR_NOOP("Sound"), ("voice", "microphone")
+    about = QT_TR_NOOP("Check that the robot speaks and that the microphone picks up sound.")
+
     def build(self) -> None:
         console = self.console
         self._output: DropDown | None = None
         if self.add_check("voice"):
             self._output = DropDown(self.theme, "first_use_voice", tr("Who speaks"))
             self._output.activated.connect(self._on_output)
-            say = ActionButton(self.theme, tr("Say a sentence"), icon="speaker-high")
-            say.setObjectName("first_use_say")
-            say.clicked.connect(self._on_say)
+            say = self.button("say", tr("Say a sentence"), "speaker-high", self._on_say)
             self.add_choice(tr("Who speaks"), self._output, say)
             console.state.voice.changed.connect(self._show_voice)
             self._show_voice()
@@ -318,14 +286,15 @@ class SoundPage(StepPage):
 class ModelPage(StepPage):
     """Model page: a model, and a test question."""
 
+    name, title, checks = "model", QT_TR_NOOP("Language model"), ("model",)
+    about = QT_TR_NOOP("It suggests what to say. Everything else works without it.")
+
     def build(self) -> None:
         self.add_check("model")
         state = self.console.state
         self._models = DropDown(self.theme, "first_use_model", tr("Language model"))
         self._models.activated.connect(self._on_chosen)
-        ask = ActionButton(self.theme, tr("Ask it to say hello"), icon="chat-text")
-        ask.setObjectName("first_use_ask")
-        ask.clicked.connect(self._on_ask)
+        ask = self.button("ask", tr("Ask it to say hello"), "chat-text", self._on_ask)
         self.add_choice(tr("Model"), self._models, ask)
         self._answer = label("", objectName="first_use_answer")
         self.column.addWidget(self._answer)
@@ -353,18 +322,7 @@ class ModelPage(StepPage):
             self._answer.setText(f"“{assistant.answer}”" if assistant.answer else tr(assistant.detail))
 
 
-def page_maker(
-    theme: Theme, console: WizardConsole, robots: RobotChooser
-) -> dict[StepName, Callable[[SetUpStep], StepPage]]:
-    """Page factories by step name."""
-    return {
-        "robot": lambda step: RobotPage(theme, console, step, robots),
-        "camera": partial(CameraPage, theme, console),
-        "sound": partial(SoundPage, theme, console),
-        "model": partial(ModelPage, theme, console),
-    }
-
-
+PAGES: tuple[type[StepPage], ...] = (RobotPage, CameraPage, SoundPage, ModelPage)
 _WIDTH_PX, _WELCOME_PX, _HEIGHT_PX, _STEPS_PX = 880, 430, 600, 220
 _BESIDE_FROM_PX, _NARROW_STEPS_PX = 700, 184
 
@@ -380,13 +338,13 @@ class SetUpPage(Overlay):
         self.setObjectName("first_use")
         self.setAccessibleName(tr("Set up"))
         self._console = console
-        self._make_page = page_maker(theme, console, robots)
+        self._robots = robots
         self._through = False
         self._pages = QStackedWidget()
         self._pages.addWidget(self._make_welcome())
         column = layouts.vbox(self.card, margins_px=(28, 22, 28, 20))
         column.addWidget(self._pages)
-        self._steps: tuple[SetUpStep, ...] = ()
+        self._steps: tuple[type[StepPage], ...] = ()
         self._step_buttons: dict[StepName, StepButton] = {}
         self._step_page: QWidget | None = None
         console.state.preflight.changed.connect(self._show_checks)
@@ -396,7 +354,7 @@ class SetUpPage(Overlay):
         """Current step; None on the welcome page."""
         page = self._stack.currentWidget() if self._step_page is not None else None
         on_show = self._pages.currentWidget() is self._step_page
-        return page.step.name if on_show and isinstance(page, StepPage) else None
+        return page.name if on_show and isinstance(page, StepPage) else None
 
     def open_welcome(self) -> None:
         self._through = False
@@ -473,10 +431,13 @@ class SetUpPage(Overlay):
             self._pages.removeWidget(self._step_page)
             self._step_page.deleteLater()
         theme, page = self._theme, QWidget()
-        self._steps = steps_for(self._console.state.preflight.value)
+        checks = self._console.state.preflight.value
+        self._steps = tuple(page for page in PAGES if page.of(checks))
         self._stack = QStackedWidget()
         group = QButtonGroup(page)
-        side = layouts.vbox(spacing_px=4)
+        rail = self._rail = QWidget()
+        rail.setFixedWidth(_STEPS_PX)
+        side = layouts.vbox(rail, margins_px=0, spacing_px=4)
         self._step_buttons = {}
         for step in self._steps:
             button = self._step_buttons[step.name] = StepButton(theme, tr(step.title))
@@ -484,7 +445,7 @@ class SetUpPage(Overlay):
             button.clicked.connect(lambda _on=False, name=step.name: self.show_step(name))
             group.addButton(button)
             side.addWidget(button)
-            self._stack.addWidget(self._make_page[step.name](step))
+            self._stack.addWidget(step(theme, self._console, self._robots))
         side.addStretch(1)
         self._back = ActionButton(
             theme, tr("Back"), icon="caret-left", role="ghost", objectName="first_use_back", clicked=self._on_back
@@ -494,10 +455,6 @@ class SetUpPage(Overlay):
             theme, tr("Close"), key="Esc", role="ghost", toolTip=tr(ESC_CLOSES), objectName="first_use_close",
             clicked=self.close_overlay,
         )  # fmt: skip
-        rail = self._rail = QWidget()
-        rail.setLayout(side)
-        rail.setFixedWidth(_STEPS_PX)
-        side.setContentsMargins(0, 0, 0, 0)
         content = QWidget()
         layouts.hbox(content, rail, (self._stack, 1), margins_px=(0, 0, 8, 0), spacing_px=28)
         foot = layouts.hbox(None, self._back, 1, close, self._next)

@@ -8,8 +8,6 @@ from PySide6.QtGui import QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QAbstractButton,
     QHBoxLayout,
-    QLabel,
-    QLineEdit,
     QScrollArea,
     QSizePolicy,
     QVBoxLayout,
@@ -41,6 +39,7 @@ from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
+from caris_desktop.ui.widgets.labels import label, line_edit
 from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 _KEY = "shortcuts"
@@ -211,23 +210,20 @@ class ShortcutRow(QWidget):
         self.spec = spec
         self._words = ElidedLabel()
         self.cells: dict[Column, KeyCell] = {column: KeyCell(theme, column) for column in COLUMNS}
-        self._back = ActionButton(theme, "", icon="arrow-counter-clockwise", role="ghost", height_px=_CELL_PX)
-        self._back.clicked.connect(self.put_back)
+        self._back = ActionButton(
+            theme, icon="arrow-counter-clockwise", role="ghost", height_px=_CELL_PX, clicked=self.put_back
+        )
         back_room = QWidget()
         back_room.setFixedWidth(_PUT_BACK_PX)
-        layouts.hbox(back_room, margins_px=0).addWidget(self._back)
-        line = layouts.hbox(self, margins_px=0, spacing_px=4)
-        line.addWidget(self._words, 1)
+        layouts.hbox(back_room, self._back, margins_px=0)
+        layouts.hbox(self, (self._words, 1), *self.cells.values(), back_room, margins_px=0, spacing_px=4)
         for cell in self.cells.values():
-            line.addWidget(cell)
             cell.clicked.connect(lambda _checked=False, cell=cell: self.cell_clicked.emit(cell))
-        line.addWidget(back_room)
 
     def show_spec(self, spec: ActionSpec, text: str, actions: Actions, keys: WizardKeys) -> None:
         """``spec``: row with its current keys; ``text``: its current text."""
         self.spec = spec
         self._words.setText(text)
-        self._words.setToolTip(text)
         fixed = spec.kind == "safety"
         titles: dict[Column, str] = {"keys": tr("anywhere"), "driving_keys": tr("while driving")}
         for column, cell in self.cells.items():
@@ -257,28 +253,21 @@ class ShortcutRow(QWidget):
 class ShortcutGroup(QWidget):
     """Rows of one group below its heading."""
 
-    def __init__(self, theme: Theme, title: str, rows: list[ShortcutRow]) -> None:
+    def __init__(self, title: str, rows: list[ShortcutRow]) -> None:
         super().__init__()
         self.rows = rows
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
-        column = layouts.vbox(self, margins_px=(0, 0, 0, 12), spacing_px=0)
-        heading = layouts.hbox(spacing_px=4)
-        words = QLabel(title)
-        words.setFont(theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD))
-        heading.addWidget(words, 1)
+        heading = layouts.hbox(None, (label(title, "caption"), 1), spacing_px=4)
         for name, width in (
             (tr("In the list") if rows[0].spec.within == "queue" else tr("Anywhere"), _CELL_WIDTHS_PX["keys"]),
             ("" if rows[0].spec.within else tr("Driving"), _CELL_WIDTHS_PX["driving_keys"]),
         ):
-            label = QLabel(name)
-            label.setProperty("role", "note")
-            label.setContentsMargins(6, 0, 0, 0)
-            label.setMinimumWidth(width)
-            heading.addWidget(label)
+            column = label(name, "note")
+            column.setContentsMargins(6, 0, 0, 0)
+            column.setMinimumWidth(width)
+            heading.addWidget(column)
         heading.addSpacing(_PUT_BACK_PX + 4)
-        column.addLayout(heading)
-        for row in rows:
-            column.addWidget(row)
+        layouts.vbox(self, heading, *rows, margins_px=(0, 0, 0, 12), spacing_px=0)
 
     def show_found(self, query: str) -> int:
         """Show only matching rows; returns their number."""
@@ -320,38 +309,25 @@ class ShortcutSheet(Overlay):
         self._to_build: deque[tuple[QVBoxLayout, str, list[ActionSpec]]] = deque()
         self._building = QTimer(self, interval=0)
         self._building.timeout.connect(self._build_next)
-        self._heading = QLabel()
-        self._heading.setProperty("role", "heading")
-        self.search = QLineEdit(placeholderText=tr("Find a command or key"))
-        self.search.setObjectName("shortcut_search")
-        self.search.setAccessibleName(tr("Find a command or key"))
+        self._heading = label("", "heading")
+        find = tr("Find a command or key")
+        self.search = line_edit("shortcut_search", find, placeholderText=find, textChanged=self._show_found)
         self.search.setFixedWidth(260)
-        self.search.textChanged.connect(self._show_found)
         self._reset_all = self._button("shortcut_reset_all", tr("Reset all keys"), self._on_reset_all)
-        top = layouts.hbox(spacing_px=12)
-        top.addWidget(self._heading, 1)
-        top.addWidget(self._reset_all)
-        top.addWidget(self.search)
-        self._clashes = self._line("shortcut_clashes", "warning")
-        self._nothing = self._line("shortcut_nothing", "note")
-        self._nothing.setText(tr("No matching entries."))
+        top = layouts.hbox(None, (self._heading, 1), self._reset_all, self.search, spacing_px=12)
+        self._clashes = label("", "warning", wraps=True, objectName="shortcut_clashes")
+        self._nothing = label(tr("No matching entries."), "note", wraps=True, objectName="shortcut_nothing")
         self._scroll = QScrollArea(widgetResizable=True)
         self._scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self._message_label = self._line("shortcut_says", "")
+        self._message_label = label(wraps=True, objectName="shortcut_says")
         self._reassign = self._button("shortcut_reassign", tr("Reassign"), self._on_reassign)
         self._remove = self._button("shortcut_remove", tr("No key"), self._on_remove)
         self._leave = self._button("shortcut_leave", tr("Cancel"), self.stop_asking)
-        below = layouts.hbox(spacing_px=8)
-        below.addWidget(self._message_label, 1)
-        for button in (self._reassign, self._remove, self._leave):
-            below.addWidget(button)
-        column = layouts.vbox(self.card, margins_px=(24, 18, 20, 16), spacing_px=8)
-        column.addLayout(top)
-        column.addWidget(self._clashes)
-        column.addWidget(self._nothing)
-        column.addWidget(self._scroll, 1)
-        column.addLayout(below)
+        answers = self._reassign, self._remove, self._leave
+        below = layouts.hbox(None, (self._message_label, 1), *answers, spacing_px=8)
+        parts = top, self._clashes, self._nothing, (self._scroll, 1), below
+        layouts.vbox(self.card, *parts, margins_px=(24, 18, 20, 16), spacing_px=8)
         keys.changed.connect(self._on_changed)
         actions.rows_changed.connect(self._on_changed)
         actions.rebuilt.connect(self._on_changed)
@@ -430,7 +406,7 @@ class ShortcutSheet(Overlay):
             row.cell_clicked.connect(lambda cell, row=row: self.ask_for(row, cell))
             row.put_back.connect(lambda row=row: self._keys.reset(row.spec))
             rows.append(row)
-        group = ShortcutGroup(self._theme, tr(name), rows)
+        group = ShortcutGroup(tr(name), rows)
         self._groups.append(group)
         side.insertWidget(side.count() - 1, group)
         self._show_found()
@@ -574,14 +550,5 @@ class ShortcutSheet(Overlay):
         self._remove.setVisible(remove)
         self._leave.setVisible(waits)
 
-    def _line(self, name: str, role: str) -> QLabel:
-        label = QLabel(wordWrap=True)
-        label.setObjectName(name)
-        label.setProperty("role", role)
-        return label
-
-    def _button(self, name: str, text: str, do: object) -> ActionButton:
-        button = ActionButton(self._theme, text, height_px=32)
-        button.setObjectName(name)
-        button.clicked.connect(do)
-        return button
+    def _button(self, name: str, text: str, run: Callable[[], object]) -> ActionButton:
+        return ActionButton(self._theme, text, height_px=32, objectName=name, clicked=run)

@@ -120,7 +120,7 @@ class TopBar(Bar, QWidget):
         self._record_menu.setObjectName("record_menu")
         self._pause = self._record_menu.addAction(tr("Pause recording"))
         self._pause.triggered.connect(self._on_pause)
-        self._record_menu.addAction(tr("Stop recording")).triggered.connect(self._on_stop_recording)
+        self._record_menu.addAction(tr("Stop recording"), lambda: console.do(intents.StopRecording()))
         self._paused_ns: int | None = None
         self.mark_button = ActionButton(theme, tr("Mark"), icon="bookmark-simple", objectName="mark_button")
         self.mark_button.bind(actions, "mark")
@@ -163,9 +163,9 @@ class TopBar(Bar, QWidget):
             self, self._replay_badge, self.scenario_button, self._trial, self.record_button, *marks, self._find, 1,
             self.window_button, self.emergency, margins_px=(_SIDE_PX, 0, _SIDE_PX, 0), spacing_px=_GAP_PX,
         )  # fmt: skip
-        console.state.recording.changed.connect(self._on_recording_changed)
+        console.state.recording.changed.connect(self._refresh)
         console.state.drive.changed.connect(self._on_drive_changed)
-        console.state.marks.changed.connect(self._on_marks_changed)
+        console.state.marks.changed.connect(self._show_interval)
         actions.keys_changed.connect(self._show_interval)
         actions.keys_changed.connect(self._make_room)
         console.state.event_happened.connect(self._on_event)
@@ -298,9 +298,6 @@ class TopBar(Bar, QWidget):
     def _on_pause(self) -> None:
         self._console.do(intents.PauseRecording(paused=self._console.state.recording.value.state == "recording"))
 
-    def _on_stop_recording(self) -> None:
-        self._console.do(intents.StopRecording())
-
     def _on_event(self, event: object) -> None:
         if isinstance(event, Marked) and event.kind == "mark" and event.state != "withdrawn":
             self._unmark.start()
@@ -309,9 +306,6 @@ class TopBar(Bar, QWidget):
         elif isinstance(event, RecordingPaused):
             self._paused_ns = event.stamp_ns if event.paused else None
             self._refresh()
-
-    def _on_marks_changed(self, _status: object) -> None:
-        self._show_interval()
 
     def _on_end_interval(self) -> None:
         going_on = self._console.state.marks.value.open
@@ -346,9 +340,6 @@ class TopBar(Bar, QWidget):
     def _on_mark_shown(self) -> None:
         self.mark_button.set_label(self.mark_button.text(), icon="bookmark-simple")
         self._make_room()
-
-    def _on_recording_changed(self, _status: RecordingStatus) -> None:
-        self._refresh()
 
     def _refresh(self) -> None:
         status: RecordingStatus = self._console.state.recording.value

@@ -4,24 +4,26 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QLineEdit, QMenu, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialogButtonBox, QMenu, QWidget
 
 from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.wizard_console import WizardConsole
+from caris_desktop.ui import layouts
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.background_reading import Remembered
+from caris_desktop.ui.form_dialog import FormDialog
 from caris_desktop.ui.layout_store import LayoutStore
 from caris_desktop.ui.menus import add_choices, add_sound_menus, add_switch
 from caris_desktop.ui.observer_window import SEES_WORDS, ObserverWindows
 from caris_desktop.ui.panel_manager import PanelManager
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.scenario_files import ScenarioFiles
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.text_formatting import in_menu
 from caris_desktop.ui.theme import CHOICES, SCALES, Theme, ThemeChoice
 from caris_desktop.ui.top_bar import TopBar, as_menu
+from caris_desktop.ui.widgets.labels import label, line_edit
 from caris_desktop.ui.window_appearance import Appearance, scale_words
 from caris_desktop.ui.windows import GamepadWindow, RobotChooser, ScenarioEditorWindow, SessionWindows
 from caris_desktop.ui.wizard_profiles import WizardProfiles
@@ -225,33 +227,24 @@ class WindowMenus:
         dialog.show()
 
 
-class TitleDialog(VisualTabOrderMixin, QDialog):
-    """Title dialog of a new scenario. Non-modal: the robot can be driven and stopped meanwhile."""
+class TitleDialog(FormDialog):
+    """Title dialog of a new scenario."""
 
     def __init__(self, theme: Theme, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setObjectName("layout_title_dialog")
-        self.setWindowTitle(tr("Save as another scenario"))
-        column = QVBoxLayout(self)
-        words = QLabel(
-            tr(
-                "The new scenario contains everything in this one, with the current panel layout. What should it be "
-                "called?"
-            )
+        super().__init__(theme, parent, "layout_title_dialog", tr("Save as another scenario"))
+        words = tr(
+            "The new scenario contains everything in this one, with the current panel layout. What should it be called?"
         )
-        words.setWordWrap(True)
-        self._field = QLineEdit(maxLength=_LONGEST_TITLE)
-        self._field.setObjectName("layout_title_field")
-        self._field.setAccessibleName(tr("Title of the new scenario"))
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Save | QDialogButtonBox.StandardButton.Cancel)
-        self._save = buttons.button(QDialogButtonBox.StandardButton.Save)
-        self._save.setEnabled(False)
-        self._field.textChanged.connect(lambda text: self._save.setEnabled(bool(text.strip())))
+        save = buttons.button(QDialogButtonBox.StandardButton.Save)
+        save.setEnabled(False)
+        self._field = line_edit(
+            "layout_title_field", tr("Title of the new scenario"), maxLength=_LONGEST_TITLE,
+            textChanged=lambda text: save.setEnabled(bool(text.strip())),
+        )  # fmt: skip
         buttons.accepted.connect(self.accept)
         buttons.rejected.connect(self.reject)
-        for part in (words, self._field, buttons):
-            part.setFont(theme.font())
-            column.addWidget(part)
+        layouts.vbox(self, label(words, wraps=True), self._field, buttons)
         self.setMinimumWidth(420)
         self.finished.connect(self.deleteLater)
 

@@ -1,14 +1,17 @@
-"""Prompt context chips: parts sent with the next question, with their size; a click or Space toggles a part."""
+"""Prompt context chips: parts sent with the next question, with their size; and the choice of a model file to add."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import cast
 
 from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QWidget
 
-from caris_desktop.domain.intents import CAMERA_PICTURE, PromptPart
+from caris_desktop.conversation.models.embedded_models import SUFFIX
+from caris_desktop.domain.intents import CAMERA_PICTURE, AddModel, Intent, PromptPart
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import ContextPartStatus
 from caris_desktop.ui import tokens
+from caris_desktop.ui.form_dialog import show_file_dialog
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
@@ -110,3 +113,9 @@ def picture_words(name: str) -> str:
     if name.startswith(CAMERA_PICTURE):
         return tr("Current picture: {camera}").format(camera=name.removeprefix(CAMERA_PICTURE))
     return tr("Photo {name}").format(name=name.rsplit("/", 1)[-1].removesuffix(".png"))
+
+
+def choose_model_file(window: QWidget, do: Callable[[Intent], object]) -> None:
+    """Open a dialog whose file is added."""
+    files = tr("Language models ({files})").format(files=f"*{SUFFIX}")
+    show_file_dialog(window, "model_file_dialog", tr("Add a model file"), lambda path: do(AddModel(path)), files=files)
