@@ -35,7 +35,9 @@ _READ_PROFILES_AFTER_MS = 1500  # the window comes first
 
 
 class LiveRobotExplorer(QObject):
-    """Implements the dialog's RobotExplorer. GUI thread only; a new request replaces the current one."""
+    """Robot discovery outside the GUI thread. Call from the GUI thread; every call returns at once, and its callbacks
+    follow in the GUI thread. A new request replaces the current one.
+    """
 
     _answered = Signal(int, object, object)  # request number, callback, its argument
 
@@ -64,6 +66,7 @@ class LiveRobotExplorer(QObject):
         progress: Callable[[str], None],
         done: "Callable[[Exploration | UserFacingError], None]",
     ) -> None:
+        """Query topics, services and actions of the robot at ``address``. ``progress`` gets a short text per step."""
         number = self._begin()
 
         async def ask() -> "Exploration":
@@ -82,6 +85,7 @@ class LiveRobotExplorer(QObject):
         progress: "Callable[[StreamCheck], None]",
         done: "Callable[[tuple[StreamCheck, ...] | UserFacingError], None]",
     ) -> None:
+        """Check all streams of the profile; ``progress`` gets each result as it arrives."""
         number = self._begin()
 
         async def listen() -> "tuple[StreamCheck, ...]":
@@ -92,12 +96,14 @@ class LiveRobotExplorer(QObject):
         self._run(number, listen(), done)
 
     def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | UserFacingError], None]) -> None:
+        """Save the profile as one of the user's under ``title``; an existing one is never overwritten."""
         self._run(self._begin(), asyncio.to_thread(_save, profile, title), done)
 
     def read(self, name: str, *, done: Callable[[RobotProfile | UserFacingError], None]) -> None:
         self._run(self._begin(), asyncio.to_thread(_read, name), done)
 
     def cancel(self) -> None:
+        """Abort the current operation without callback."""
         self._begin()
 
     def _begin(self) -> int:

@@ -34,8 +34,7 @@ from caris_desktop.ui.action_rows import (
     show_nth_expression,
 )
 from caris_desktop.ui.action_spec import ALWAYS, ActionSpec, EnabledWhen
-from caris_desktop.ui.key_choices import Choices, ResolvedBindings, conflicts, settle, types_something
-from caris_desktop.ui.key_positions import modifier_name
+from caris_desktop.ui.key_choices import Choices, ResolvedBindings, conflicts, modifier_name, settle, types_something
 from caris_desktop.ui.panel_table import possible_panels
 
 logger = logging.getLogger(__name__)

@@ -5,6 +5,7 @@ A row carries the intent that it sends to the console. Only commands that concer
 
 from collections.abc import Callable
 from functools import partial
+from operator import attrgetter
 
 from caris_desktop.conversation.conversation_transcript import newest_heard, next_speaker
 from caris_desktop.domain import intents
@@ -258,21 +259,9 @@ def _step(state: LiveState) -> ProtocolStep | None:
     return None if scenario is None else present_step(scenario, state)
 
 
-def _has_question(state: LiveState) -> bool:
-    return state.asked_person.value is not None or bool(state.proposal.value.proposal_id)
-
-
-def _has_suggestions(state: LiveState) -> bool:
-    return bool(state.suggestions.value.cards) or state.suggestions.value.filler_ns is not None
-
-
 def _can_photograph(state: LiveState) -> bool:
     """Not while the recording is paused: nothing about people may be saved then."""
     return state.frame.freshness == "fresh" and state.recording.value.state != "paused"
-
-
-def _has_next_step(state: LiveState) -> bool:
-    return bool(state.protocol.value.steps) and not state.protocol.value.ended
 
 
 def _has_previous_step(state: LiveState) -> bool:
@@ -286,11 +275,20 @@ _RECORDING = EnabledWhen(
 )
 _PHOTO = EnabledWhen(_can_photograph, QT_TR_NOOP("There is no picture to save now."))
 _CAMERAS = EnabledWhen(lambda state: len(state.cameras.value) > 1, QT_TR_NOOP("There is no other camera."))
-_ASKED = EnabledWhen(_has_question, QT_TR_NOOP("No question is pending."))
-_SUGGESTED = EnabledWhen(_has_suggestions, QT_TR_NOOP("This suggestion is not available now."))
+_ASKED = EnabledWhen(
+    lambda state: state.asked_person.value is not None or bool(state.proposal.value.proposal_id),
+    QT_TR_NOOP("No question is pending."),
+)
+_SUGGESTED = EnabledWhen(
+    lambda state: bool(state.suggestions.value.cards) or state.suggestions.value.filler_ns is not None,
+    QT_TR_NOOP("This suggestion is not available now."),
+)
 _QUEUED = EnabledWhen(lambda state: bool(state.speech.value.waiting), QT_TR_NOOP("The speech queue is empty."))
 _STEP = EnabledWhen(lambda state: _step(state) is not None, QT_TR_NOOP("No protocol step is active."))
-_STEP_AHEAD = EnabledWhen(_has_next_step, QT_TR_NOOP("The protocol has no next step."))
+_STEP_AHEAD = EnabledWhen(
+    lambda state: bool(state.protocol.value.steps) and not state.protocol.value.ended,
+    QT_TR_NOOP("The protocol has no next step."),
+)
 _STEP_BACK = EnabledWhen(_has_previous_step, QT_TR_NOOP("The protocol has no previous step."))
 _STEP_BRANCHES = EnabledWhen(
     lambda state: (step := _step(state)) is not None and bool(step.branches),
@@ -306,16 +304,8 @@ _STEP_GOES = EnabledWhen(
 )
 
 
-def _moves_sideways(robot: RobotProfile) -> bool:
-    return robot.holonomic
-
-
 def has_head(robot: RobotProfile) -> bool:
     return robot.head is not None
-
-
-def _has_steps(scenario: Scenario) -> bool:
-    return bool(scenario.protocol.steps)
 
 
 def _asks(scenario: Scenario) -> bool:
@@ -343,7 +333,7 @@ _speaking = partial(ActionSpec, group=SPEAKING_GROUP)
 _queue = partial(ActionSpec, group=QUEUE_GROUP, within="queue", panel="speak", enabled=_QUEUED)
 _conversation = partial(ActionSpec, group=QT_TR_NOOP("Conversation"), panel="conversation")
 _people = partial(ActionSpec, group=PEOPLE_GROUP)
-_protocol = partial(ActionSpec, group=PROTOCOL_GROUP, applies=_has_steps)
+_protocol = partial(ActionSpec, group=PROTOCOL_GROUP, applies=lambda scenario: bool(scenario.protocol.steps))
 _session = partial(ActionSpec, group=QT_TR_NOOP("Session"))
 _marks = partial(ActionSpec, group=MARKS_GROUP, kind="mark", enabled=_RECORDING)
 _window = partial(ActionSpec, group=WINDOW_GROUP)
@@ -359,9 +349,9 @@ ACTIONS: tuple[ActionSpec, ...] = (
     _held(_DRIVING_HOLD_GROUP, "turn_left", QT_TR_NOOP("Turn left"), "arrow-left", "A", "Left"),
     _held(_DRIVING_HOLD_GROUP, "turn_right", QT_TR_NOOP("Turn right"), "arrow-right", "D", "Right"),
     _held(_DRIVING_HOLD_GROUP, "strafe_left", QT_TR_NOOP("Move sideways to the left"), "arrow-line-left", "Z",
-          needs=_moves_sideways),
+          needs=attrgetter("holonomic")),
     _held(_DRIVING_HOLD_GROUP, "strafe_right", QT_TR_NOOP("Move sideways to the right"), "arrow-line-right", "C",
-          needs=_moves_sideways),
+          needs=attrgetter("holonomic")),
     _driving("slower", QT_TR_NOOP("Slower"), "minus", ("Alt+Q",), ("Q",), intent=change_speed, argument=-1,
              by_position=True),
     _driving("faster", QT_TR_NOOP("Faster"), "plus", ("Alt+E",), ("E",), intent=change_speed, argument=1,

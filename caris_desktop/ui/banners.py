@@ -15,8 +15,8 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.accessibility import announce
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.announcing import announce
 from caris_desktop.ui.focus_widget import Bar, focused_widget, window_of
 from caris_desktop.ui.input.drive_input_filter import NOWHERE_MS, DriveInputFilter
 from caris_desktop.ui.theme import Theme

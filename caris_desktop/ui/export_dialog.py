@@ -15,8 +15,8 @@ from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.session_export import all_formats
 from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.form_dialog import lay_out_form, resize_to, show_file_dialog
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import TEXT_LEFT_PX, CheckBox

@@ -246,7 +246,7 @@ class FaceEditor(FormDialog):
             form.addRow(tr(words), field)
         self._speak = ActionButton(
             theme, tr("Speak"), icon="chat-text", height_px=32, objectName="face_speak", checkable=True,
-            toggled=self._on_speak,
+            toggled=lambda on: self._motion.speak(SpokenLoudness(clock.now_ns()) if on else None),
         )  # fmt: skip
         keep = ActionButton(
             theme, tr("Save as"), icon="check", height_px=32, role="primary", objectName="face_keep",
@@ -311,9 +311,6 @@ class FaceEditor(FormDialog):
         for (part, attribute), slider in self._sliders.items():
             if part == "expression":
                 slider.show_value(getattr(expression, attribute))
-
-    def _on_speak(self, on: bool) -> None:
-        self._motion.speak(SpokenLoudness(clock.now_ns()) if on else None)
 
     def _on_store(self) -> None:
         name = self._name.text().strip()

@@ -51,7 +51,7 @@ class FirstUse(QObject):
         self._settings = settings
         self._page: SetUpPage | None = None
         self.hint = DriveHint(theme, console, actions)
-        self.hint.driven.connect(self._on_driven)
+        self.hint.driven.connect(lambda: self._persist(DRIVEN_KEY, "yes"))
 
     def begin(self, *, with_simulated_robot: bool) -> None:
         """Start after the window is shown. With the simulated robot, only the driving hint appears."""
@@ -67,7 +67,7 @@ class FirstUse(QObject):
         if self._page is None:
             self._page = SetUpPage(self._theme, self._window, self._console, self._robots)
             self._page.simulated_requested.connect(self._on_simulated_requested)
-            self._page.finished.connect(self._on_finished)
+            self._page.finished.connect(lambda through: self._persist(SET_UP_KEY, "done" if through else "skipped"))
         self._page.open_welcome()
 
     def close(self) -> None:
@@ -79,15 +79,9 @@ class FirstUse(QObject):
         self._console.do(intents.UseSimulatedRobot())
         self._show_how_to_drive()
 
-    def _on_finished(self, through: bool) -> None:
-        self._persist(SET_UP_KEY, "done" if through else "skipped")
-
     def _show_how_to_drive(self) -> None:
         if self._settings is not None and not self._settings.value(DRIVEN_KEY, ""):
             self.hint.begin()
-
-    def _on_driven(self) -> None:
-        self._persist(DRIVEN_KEY, "yes")
 
     def _persist(self, key: str, value: str) -> None:
         if self._settings is not None:

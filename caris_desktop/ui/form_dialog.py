@@ -7,7 +7,7 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtWidgets import QDialog, QFileDialog, QWidget
 
 from caris_desktop.ui import layouts
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
+from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.scroll_areas import Scrolled
 

@@ -20,20 +20,20 @@ from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario
 from caris_desktop.scenario.scenario_library import ScenarioChoice, list_scenarios
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, Scenario
 from caris_desktop.ui import layouts, text_formatting
-from caris_desktop.ui.accessible_roles import install_accessible_roles
+from caris_desktop.ui.accessibility import Announcements, install_accessible_roles
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GROUP
-from caris_desktop.ui.announcing import Announcements
 from caris_desktop.ui.background_reading import Remembered, read_for
 from caris_desktop.ui.banners import EmergencyBanner, GuardBanner, Hints, NoticeStrip, QuestionBanner
 from caris_desktop.ui.dock_host import DockHost
 from caris_desktop.ui.first_use import FirstUse
+from caris_desktop.ui.focus_widget import PanelWindow
 from caris_desktop.ui.help_window import HelpWindows
 from caris_desktop.ui.icons import icon
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.input.key_owner import KeyOwnerChip
 from caris_desktop.ui.input.talk_key import Talking
-from caris_desktop.ui.layout.layout_tree import panels_in
+from caris_desktop.ui.layout.dock_layout import panels_in
 from caris_desktop.ui.layout_store import LayoutStore
 from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.notifications import AlarmList, AlarmsButton, NotificationLine, NotificationPopups
@@ -46,14 +46,13 @@ from caris_desktop.ui.panel_manager import LateImports, PanelManager
 from caris_desktop.ui.people.pending_identity_question import PendingIdentityQuestion
 from caris_desktop.ui.people.shown_people import name_of
 from caris_desktop.ui.practice_strip import PracticeStrip
-from caris_desktop.ui.preferences import Preferences
+from caris_desktop.ui.preferences import Preferences, WizardProfiles
 from caris_desktop.ui.preflight_list import PreflightButton, PreflightCard
 from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.quit_guard import QuitGuard
 from caris_desktop.ui.scenario_files import ScenarioFiles
 from caris_desktop.ui.shortcut_sheet import ShortcutSheet, WizardKeys
 from caris_desktop.ui.status_bar import ConnectionCard, StatusBar
-from caris_desktop.ui.tab_order import PanelWindow
 from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
 from caris_desktop.ui.top_bar import EmergencyOverDialogs, TopBar
 from caris_desktop.ui.trial_cards import ResumeTrialCard, SavedSessionCard
@@ -61,11 +60,10 @@ from caris_desktop.ui.window_appearance import Appearance
 from caris_desktop.ui.window_menus import AppContext, WindowMenus
 from caris_desktop.ui.window_place import Settings, WindowPlace
 from caris_desktop.ui.windows import FaceWindows, GamepadWindow, RobotChooser, ScenarioEditorWindow, SessionWindows
-from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 if TYPE_CHECKING:  # imported at first use
+    from caris_desktop.live.robot_explorer import LiveRobotExplorer
     from caris_desktop.ui.replay.replay_parts import ReplayWidgets
-    from caris_desktop.ui.robot_dialog import RobotExplorer
 
 
 class MainWindow(PanelWindow, QWidget):
@@ -88,7 +86,7 @@ class MainWindow(PanelWindow, QWidget):
         scenarios: Callable[[], Sequence[ScenarioChoice]] = list_scenarios,
         theme: Theme | None = None,
         gamepads: Gamepads | None = None,
-        explorer: "RobotExplorer | None" = None,
+        explorer: "LiveRobotExplorer | None" = None,
         all_panels: bool = True,
     ) -> None:
         super().__init__()
@@ -257,7 +255,7 @@ class MainWindow(PanelWindow, QWidget):
         self.gamepad.use_gamepads(gamepads)
         self.talking.use_gamepads(gamepads)
 
-    def use_explorer(self, explorer: "RobotExplorer") -> None:
+    def use_explorer(self, explorer: "LiveRobotExplorer") -> None:
         """Enable robot discovery and saving profiles."""
         self.robots.use_explorer(explorer)
 

@@ -163,10 +163,7 @@ class Marking(QObject):
 
     def _on_error_kind(self, label: str) -> None:
         self._no_question()
-        mark_id = self.card.mark_id
-        if mark_id:
-            self._console.do(intents.ChangeMark(mark_id, label=label))
-            self.card.show_mark(mark_id)
+        self._on_label_chosen(label)
 
     def _on_answer_late(self) -> None:
         self._hold.ask_no_key()

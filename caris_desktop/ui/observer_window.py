@@ -29,13 +29,13 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import PanelName, Scenario
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.focus_widget import VisualTabOrderMixin
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.layout.dock import PanelTitleBar
+from caris_desktop.ui.layout.dock_area import PanelTitleBar
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 from caris_desktop.ui.robot_motion import MOTION_SIGNS, RobotMotion, Sign
-from caris_desktop.ui.tab_order import VisualTabOrderMixin
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_place import Settings
 
@@ -378,9 +378,7 @@ class ObserverWindows:
 
 
 class WatchedConsole:
-    """Read-only view of the console for observer panels.
-
-    Proxy of ``console`` for display-only panels.
+    """Read-only view of ``console`` for observer panels.
 
     ``discreet``: hides names and the language model, so that neither names nor suggestions appear.
     """

@@ -25,6 +25,7 @@ class Overlay(QWidget):
     """
 
     accessible_role = QAccessible.Role.Dialog
+    dims_window = True  # Tab stays inside
 
     def __init__(self, theme: Theme, window: QWidget, *, width_px: int) -> None:
         super().__init__(window)

@@ -20,8 +20,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, PanelSettings, Scenario
 from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
 from caris_desktop.ui.focus_widget import existing, focus_widget
-from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
-from caris_desktop.ui.layout.layout_tree import panels_in, permitted
+from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of, panels_in, permitted
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 

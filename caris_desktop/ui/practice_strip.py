@@ -20,11 +20,11 @@ from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.preferences import WizardProfiles
 from caris_desktop.ui.text_formatting import shortened
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.labels import label
-from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 _BUTTON_PX = 30
 _DOT_PX, _GAP_PX = 22, 4

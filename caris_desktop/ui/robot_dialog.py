@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from PySide6.QtCore import QSize, Qt, Signal
@@ -35,45 +35,12 @@ from caris_desktop.ui.widgets.labels import label, line_edit, restyle
 from caris_desktop.ui.widgets.scroll_areas import list_area
 
 if TYPE_CHECKING:  # importing its sockets takes 0.25 s and would delay the first window
+    from caris_desktop.live.robot_explorer import LiveRobotExplorer
     from caris_desktop.robot.discovery import Exploration, StreamCheck
 
 logger = logging.getLogger(__name__)
 _LEAST_PAGE_PX = 200
 _USUAL_PORT = 9090
-
-
-class RobotExplorer(Protocol):
-    """Robot discovery outside the GUI thread. Call from the GUI thread; every call returns at once.
-
-    Callbacks follow in the GUI thread. ``cancel`` aborts the current operation without callback.
-    """
-
-    def explore(
-        self,
-        address: str,
-        *,
-        security: SecuritySettings,
-        progress: Callable[[str], None],
-        done: "Callable[[Exploration | UserFacingError], None]",
-    ) -> None:
-        """Query topics, services and actions of the robot at ``address``. ``progress`` gets a short text per step."""
-
-    def check(
-        self,
-        profile: RobotProfile,
-        *,
-        progress: "Callable[[StreamCheck], None]",
-        done: "Callable[[tuple[StreamCheck, ...] | UserFacingError], None]",
-    ) -> None:
-        """Check all streams of the profile; ``progress`` gets each result as it arrives."""
-
-    def save(self, profile: RobotProfile, title: str, *, done: Callable[[RobotChoice | UserFacingError], None]) -> None:
-        """Save the profile as one of the user's under ``title``; an existing one is never overwritten."""
-
-    def read(self, name: str, *, done: Callable[[RobotProfile | UserFacingError], None]) -> None:
-        """Load the profile of that name."""
-
-    def cancel(self) -> None: ...
 
 
 def offer_lines(offer: RobotOffer) -> list[str]:
@@ -106,7 +73,7 @@ class RobotDialog(FormDialog):
 
     saved = Signal(object)
 
-    def __init__(self, theme: Theme, explorer: RobotExplorer, parent: QWidget, *, address: str = "") -> None:
+    def __init__(self, theme: Theme, explorer: "LiveRobotExplorer", parent: QWidget, *, address: str = "") -> None:
         super().__init__(theme, parent, "robot_dialog", tr("Connect another robot"))
         self._explorer = explorer
         self._found: Exploration | None = None

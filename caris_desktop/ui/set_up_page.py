@@ -153,8 +153,8 @@ class CameraPage(StepPage):
     def build(self) -> None:
         self.add_check("video")
         state = self.console.state
-        self._camera = DropDown(self.theme, "first_use_camera", tr("Camera"))
-        self._camera.activated.connect(self._on_chosen)
+        camera = self._camera = DropDown(self.theme, "first_use_camera", tr("Camera"))
+        camera.activated.connect(lambda index: state.choose_camera(camera.itemData(index)))
         self.column.addWidget(self._camera)
         self.column.addWidget(LivePicture(self.theme, self.console))
         state.cameras.changed.connect(self._show_cameras)
@@ -168,9 +168,6 @@ class CameraPage(StepPage):
             self._camera.addItem(text_formatting.camera_title(name), name)
         self._camera.setCurrentIndex(max(0, self._camera.findData(self.console.state.camera.value)))
         self._camera.setVisible(len(names) > 1)
-
-    def _on_chosen(self, index: int) -> None:
-        self.console.state.choose_camera(self._camera.itemData(index))
 
 
 class LivePicture(QWidget):
@@ -232,7 +229,8 @@ class SoundPage(StepPage):
         if self.add_check("voice"):
             self._output = DropDown(self.theme, "first_use_voice", tr("Who speaks"))
             self._output.activated.connect(self._on_output)
-            say = self.button("say", tr("Say a sentence"), "speaker-high", self._on_say)
+            sentence = intents.Say(tr("Hello. Can you hear me?"), "phrase")
+            say = self.button("say", tr("Say a sentence"), "speaker-high", lambda: console.do(sentence))
             self.add_choice(tr("Who speaks"), self._output, say)
             console.state.voice.changed.connect(self._show_voice)
             self._show_voice()
@@ -275,9 +273,6 @@ class SoundPage(StepPage):
         if self._output is not None:
             self.console.do(self._output.itemData(index))
 
-    def _on_say(self) -> None:
-        self.console.do(intents.Say(tr("Hello. Can you hear me?"), "phrase"))
-
     def _show_level(self, microphone: MicrophoneStatus) -> None:
         # Square root for perceived loudness: quiet speech must show.
         self._level.setValue(round(100 * microphone.level**0.5) if microphone.state == "on" else 0)
@@ -292,8 +287,8 @@ class ModelPage(StepPage):
     def build(self) -> None:
         self.add_check("model")
         state = self.console.state
-        self._models = DropDown(self.theme, "first_use_model", tr("Language model"))
-        self._models.activated.connect(self._on_chosen)
+        models = self._models = DropDown(self.theme, "first_use_model", tr("Language model"))
+        models.activated.connect(lambda index: self.console.do(intents.ChooseModel(models.itemData(index))))
         ask = self.button("ask", tr("Ask it to say hello"), "chat-text", self._on_ask)
         self.add_choice(tr("Model"), self._models, ask)
         self._answer = label("", objectName="first_use_answer")
@@ -310,9 +305,6 @@ class ModelPage(StepPage):
         self._models.setCurrentIndex(max(0, self._models.findData(setup.model)))
         self._models.setVisible(bool(setup.models))
 
-    def _on_chosen(self, index: int) -> None:
-        self.console.do(intents.ChooseModel(self._models.itemData(index)))
-
     def _on_ask(self) -> None:
         self._asked = True
         self.console.do(intents.Ask(tr("Say hello in one short sentence.")))
@@ -322,7 +314,12 @@ class ModelPage(StepPage):
             self._answer.setText(f"“{assistant.answer}”" if assistant.answer else tr(assistant.detail))
 
 
-PAGES: tuple[type[StepPage], ...] = (RobotPage, CameraPage, SoundPage, ModelPage)
+def steps_for(checks: Sequence[PreflightCheck]) -> tuple[type[StepPage], ...]:
+    """Steps that the scenario needs."""
+    pages: tuple[type[StepPage], ...] = (RobotPage, CameraPage, SoundPage, ModelPage)
+    return tuple(page for page in pages if page.of(checks))
+
+
 _WIDTH_PX, _WELCOME_PX, _HEIGHT_PX, _STEPS_PX = 880, 430, 600, 220
 _BESIDE_FROM_PX, _NARROW_STEPS_PX = 700, 184
 
@@ -431,8 +428,7 @@ class SetUpPage(Overlay):
             self._pages.removeWidget(self._step_page)
             self._step_page.deleteLater()
         theme, page = self._theme, QWidget()
-        checks = self._console.state.preflight.value
-        self._steps = tuple(page for page in PAGES if page.of(checks))
+        self._steps = steps_for(self._console.state.preflight.value)
         self._stack = QStackedWidget()
         group = QButtonGroup(page)
         rail = self._rail = QWidget()

@@ -35,12 +35,12 @@ from caris_desktop.ui.key_choices import (
     without,
 )
 from caris_desktop.ui.overlay import Overlay
+from caris_desktop.ui.preferences import WizardProfiles
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 from caris_desktop.ui.widgets.labels import label, line_edit
-from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 _KEY = "shortcuts"
 _UNREAD_KEY = "shortcuts unread"

@@ -29,7 +29,7 @@ from caris_desktop.live.status import (
 )
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import layouts, text_formatting, tokens
-from caris_desktop.ui.accessible_roles import has_role
+from caris_desktop.ui.accessibility import has_role
 from caris_desktop.ui.focus_widget import Bar
 from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.input.key_owner import KeyOwnerChip

@@ -21,6 +21,21 @@ from caris_desktop.robot.profile import RobotProfile
 UNDER_WAY = ("requested", "active")
 """States of a navigation goal in progress."""
 
+_PURPOSES = {"practice": QT_TR_NOOP("Practice")}
+
+
+def local_time(started_utc: str) -> str:
+    """Local time as 2026-11-21 14:02; anything else unchanged."""
+    try:
+        return f"{datetime.fromisoformat(started_utc).astimezone():%Y-%m-%d %H:%M}"
+    except ValueError:
+        return started_utc
+
+
+def purpose_title(purpose: str) -> str:
+    """Title of a session's purpose; an unknown purpose unchanged."""
+    return tr(_PURPOSES[purpose]) if purpose in _PURPOSES else purpose
+
 
 def clock_time(stamp_ns: int, anchor: clock.ClockAnchor) -> str:
     """Time of day of a session clock stamp, as 14:02:11."""

@@ -19,6 +19,7 @@ from caris_desktop.ui.menus import add_choices, add_sound_menus, add_switch
 from caris_desktop.ui.observer_window import SEES_WORDS, ObserverWindows
 from caris_desktop.ui.panel_manager import PanelManager
 from caris_desktop.ui.panel_table import PANELS
+from caris_desktop.ui.preferences import WizardProfiles
 from caris_desktop.ui.scenario_files import ScenarioFiles
 from caris_desktop.ui.text_formatting import in_menu
 from caris_desktop.ui.theme import CHOICES, SCALES, Theme, ThemeChoice
@@ -26,7 +27,6 @@ from caris_desktop.ui.top_bar import TopBar, as_menu
 from caris_desktop.ui.widgets.labels import label, line_edit
 from caris_desktop.ui.window_appearance import Appearance, scale_words
 from caris_desktop.ui.windows import GamepadWindow, RobotChooser, ScenarioEditorWindow, SessionWindows
-from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 THEME_WORDS: dict[ThemeChoice, str] = {
     "system": QT_TR_NOOP("Same as system"),
@@ -72,7 +72,8 @@ class WindowMenus:
         self._top_bar = top_bar
         self._show_shortcuts = show_shortcuts
         self._window = window
-        parts.layout.changed.connect(self._show_layout_state)
+        layout = parts.layout
+        layout.changed.connect(lambda: top_bar.show_layout(changed=layout.is_unsaved, locked=layout.locked))
         parts.layout.title_requested.connect(self._ask_title)
         self._scenario_menu = as_menu(parts.theme, window, "scenario_menu")
         self._window_menu = as_menu(parts.theme, window, "window_menu")
@@ -146,9 +147,6 @@ class WindowMenus:
         close = tr("Close the console") if parts.console.state.present.live else tr("Close this window")
         menu.addAction(close, parts.close_window)
         self._top_bar.popup_below(menu, self._top_bar.window_button)
-
-    def _show_layout_state(self) -> None:
-        self._top_bar.show_layout(changed=self._parts.layout.is_unsaved, locked=self._parts.layout.locked)
 
     def open_robot_menu(self) -> None:
         self._parts.robots.fill_menu(self._robot_menu)

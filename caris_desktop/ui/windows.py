@@ -36,16 +36,17 @@ from caris_desktop.ui.background_reading import Remembered, read_for
 from caris_desktop.ui.banners import QuestionBanner
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.menus import add_choices
+from caris_desktop.ui.preferences import WizardProfiles
 from caris_desktop.ui.text_formatting import UNDER_WAY, in_menu, shortened
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_place import bring_up, raise_window
-from caris_desktop.ui.wizard_profiles import WizardProfiles
 
 if TYPE_CHECKING:
+    from caris_desktop.live.robot_explorer import LiveRobotExplorer
     from caris_desktop.ui.export_dialog import ExportDialog
     from caris_desktop.ui.face_window import FaceEditor, FaceWindow
     from caris_desktop.ui.gamepad_dialog import GamepadDialog
-    from caris_desktop.ui.robot_dialog import RobotDialog, RobotExplorer
+    from caris_desktop.ui.robot_dialog import RobotDialog
     from caris_desktop.ui.scenario_editor.editor_window import ScenarioEditor
     from caris_desktop.ui.scenario_editor.saving import Opened
     from caris_desktop.ui.sessions_window import SessionsWindow
@@ -84,7 +85,7 @@ class RobotChooser(_Windows):
     def __init__(self, theme: Theme, console: WizardConsole, question: QuestionBanner, window: QWidget) -> None:
         super().__init__(theme, console, window)
         self._question = question
-        self._explorer: RobotExplorer | None = None
+        self._explorer: LiveRobotExplorer | None = None
         self._dialog: RobotDialog | None = None
         self.choices = Remembered(console, self._read, self)
 
@@ -100,7 +101,7 @@ class RobotChooser(_Windows):
     def dialog_open(self) -> bool:
         return self._dialog is not None
 
-    def use_explorer(self, explorer: "RobotExplorer") -> None:
+    def use_explorer(self, explorer: "LiveRobotExplorer") -> None:
         """Enable robot discovery and saving profiles."""
         self._explorer = explorer
 
@@ -413,11 +414,8 @@ class FaceWindows(_Windows):
         from caris_desktop.ui.face_window import FaceWindow
 
         self._face = FaceWindow(self._console.state, self._window)
-        self._face.closed_by_hand.connect(self._on_closed_by_hand)
+        self._face.closed_by_hand.connect(lambda: self._console.do(intents.ShowFaceWindow(False)))
         self._face.show()
-
-    def _on_closed_by_hand(self) -> None:
-        self._console.do(intents.ShowFaceWindow(False))
 
 
 class ScenarioEditorWindow(_Windows):

@@ -26,12 +26,12 @@ from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry,
 from caris_desktop.robot.profile import AudioInterface, RobotProfile
 from caris_desktop.scenario.scenario_model import BlurSettings, PanelLeaf, Permissions, RecordingSettings, SplitNode
 from caris_desktop.ui.export_dialog import ExportDialog
-from caris_desktop.ui.layout.layout_tree import panels_in
+from caris_desktop.ui.layout.dock_layout import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.session_panel import SessionPanel
-from caris_desktop.ui.session_table import COLUMNS, lacks_words, local_time
-from caris_desktop.ui.sessions_window import SessionsWindow
+from caris_desktop.ui.sessions_window import COLUMNS, SessionsWindow, lacks_words
 from caris_desktop.ui.start_dialog import StartDialog, contents_sentence, last_details
+from caris_desktop.ui.text_formatting import local_time
 from caris_desktop.ui.theme import Theme
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, click, find, open_window

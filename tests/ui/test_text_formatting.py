@@ -37,7 +37,7 @@ from caris_desktop.domain.sensing import CameraState
 from caris_desktop.domain.translation import localized, tr, use_translator
 from caris_desktop.live.status import LinkStatus
 from caris_desktop.ui import event_messages, text_formatting
-from caris_desktop.ui.session_table import purpose_title
+from caris_desktop.ui.text_formatting import purpose_title
 from tests.support.translated_messages import untranslated_part
 
 

@@ -64,7 +64,7 @@ from caris_desktop.ui.input.teleop_input import (
     TeleopInput,
     pressed_key,
 )
-from caris_desktop.ui.key_positions import key_code, position_codes, position_of
+from caris_desktop.ui.key_choices import key_code, position_codes, position_of
 
 DOUBLE_STOP_S = 0.6
 STOPS = "stops"

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Literal
 
+from PySide6.QtCore import QRect, QSize
+
 from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode
-from caris_desktop.ui.layout.layout_rect import Rect
-from caris_desktop.ui.layout.layout_tree import Side, panels_in, path_of, shares, split_at
+from caris_desktop.ui.layout.dock_layout import Side, panels_in, path_of, shares, split_at
 
 GAP_PX = 8
 TAB_BAR_PX = 36
@@ -25,21 +26,25 @@ class GroupPlace(Value):
 
     panels: tuple[PanelName, ...]
     current: PanelName
-    rect: Rect
+    rect: QRect
 
     @property
     def tabbed(self) -> bool:
         return len(self.panels) > 1
 
     @property
-    def tab_bar(self) -> Rect:
-        return Rect(self.rect.left, self.rect.top, self.rect.width, TAB_BAR_PX if self.tabbed else 0)
+    def tab_bar(self) -> QRect:
+        return QRect(self.rect.topLeft(), QSize(self.rect.width(), TAB_BAR_PX if self.tabbed else 0))
 
     @property
-    def body(self) -> Rect:
+    def body(self) -> QRect:
         """Area below the tab bar."""
-        bar = self.tab_bar.height
-        return Rect(self.rect.left, self.rect.top + bar, self.rect.width, max(0, self.rect.height - bar))
+        return below(self.rect, self.tab_bar.height())
+
+
+def below(rect: QRect, height: int) -> QRect:
+    """``rect`` without its upper ``height``."""
+    return QRect(rect.left(), rect.top() + height, rect.width(), max(0, rect.height() - height))
 
 
 class Handle(Value):
@@ -51,7 +56,7 @@ class Handle(Value):
     before: int
     after: int
     split: Literal["horizontal", "vertical"]
-    rect: Rect
+    rect: QRect
     lengths: tuple[tuple[int, int], ...]
     least: tuple[int, int]
 
@@ -115,7 +120,7 @@ def _whole_pixels(parts: Sequence[float], total_px: int) -> list[int]:
     return [max(0, edges[i + 1] - edges[i]) for i in range(len(parts))]
 
 
-def place(node: LayoutNode, rect: Rect, visible: Collection[str], least: RoomOf) -> DockGeometry:
+def place(node: LayoutNode, rect: QRect, visible: Collection[str], least: RoomOf) -> DockGeometry:
     """Lay out the ``visible`` panels of a tree."""
     groups: list[GroupPlace] = []
     handles: list[Handle] = []
@@ -125,7 +130,7 @@ def place(node: LayoutNode, rect: Rect, visible: Collection[str], least: RoomOf)
 
 
 def _placed(
-    node: LayoutNode, rect: Rect, visible: Collection[str], least: RoomOf, path: tuple[int, ...]
+    node: LayoutNode, rect: QRect, visible: Collection[str], least: RoomOf, path: tuple[int, ...]
 ) -> Iterator[GroupPlace | Handle]:
     if not isinstance(node, SplitNode):
         panels = tuple(panel for panel in panels_in(node) if panel in visible)
@@ -137,20 +142,27 @@ def _placed(
     if not indices:
         return
     across = node.split == "horizontal"
-    room_px = (rect.width if across else rect.height) - GAP_PX * (len(indices) - 1)
+    room_px = (rect.width() if across else rect.height()) - GAP_PX * (len(indices) - 1)
     part_of = shares(node)
     needs = [least_room(node.children[i], visible, least)[0 if across else 1] for i in indices]
     given = lengths(max(0, room_px), [part_of[i] for i in indices], needs, _SQUEEZED[0 if across else 1])
-    at = rect.left if across else rect.top
+    at = rect.left() if across else rect.top()
     for number, (i, length) in enumerate(zip(indices, given, strict=True)):
-        part = Rect(at, rect.top, length, rect.height) if across else Rect(rect.left, at, rect.width, length)
+        part = _slice(rect, node.split, at, length)
         yield from _placed(node.children[i], part, visible, least, (*path, i))
         at += length
         if number + 1 < len(indices):
-            gap = Rect(at, rect.top, GAP_PX, rect.height) if across else Rect(rect.left, at, rect.width, GAP_PX)
+            gap = _slice(rect, node.split, at, GAP_PX)
             had = tuple(zip(indices, given, strict=True))
             yield Handle(path, i, indices[number + 1], node.split, gap, had, (needs[number], needs[number + 1]))
             at += GAP_PX
+
+
+def _slice(rect: QRect, split: str, at: int, length: int) -> QRect:
+    """Part of ``rect`` from ``at`` on, along the direction of the split."""
+    if split == "horizontal":
+        return QRect(at, rect.top(), length, rect.height())
+    return QRect(rect.left(), at, rect.width(), length)
 
 
 def dragged(node: LayoutNode, handle: Handle, moved_px: int) -> tuple[float, ...]:
@@ -195,11 +207,11 @@ class Drop(Value):
 
     beside: PanelName | None
     side: Side
-    mark: Rect
+    mark: QRect
     at: int | None = None
 
 
-def drop_at(placing: DockGeometry, rect: Rect, x: int, y: int, panel: PanelName) -> Drop | None:
+def drop_at(placing: DockGeometry, rect: QRect, x: int, y: int, panel: PanelName) -> Drop | None:
     """Effect of dropping ``panel`` at a point of ``rect``; None for no effect."""
     if not rect.contains(x, y):
         return None
@@ -214,10 +226,10 @@ def drop_at(placing: DockGeometry, rect: Rect, x: int, y: int, panel: PanelName)
     others = [each for each in group.panels if each != panel]
     if not others:
         return None
-    head = Rect(group.rect.left, group.rect.top, group.rect.width, TAB_BAR_PX)
+    head = QRect(group.rect.left(), group.rect.top(), group.rect.width(), TAB_BAR_PX)
     if head.contains(x, y):
         return Drop(others[0], "tab", group.rect, None if not group.tabbed else -1)
-    wide, high = group.rect.width or 1, group.rect.height or 1
+    wide, high = group.rect.width() or 1, group.rect.height() or 1
     nearest, part = min(
         ((side, px / (wide if side in ("left", "right") else high)) for side, px in _edges(group.rect, x, y)),
         key=lambda each: each[1],
@@ -227,21 +239,20 @@ def drop_at(placing: DockGeometry, rect: Rect, x: int, y: int, panel: PanelName)
     return None if panel in group.panels else Drop(others[0], "tab", group.rect)
 
 
-def _edges(rect: Rect, x: int, y: int) -> tuple[tuple[Side, int], ...]:
+def _edges(rect: QRect, x: int, y: int) -> tuple[tuple[Side, int], ...]:
     return (
-        ("left", x - rect.left),
-        ("right", rect.right - 1 - x),
-        ("above", y - rect.top),
-        ("below", rect.bottom - 1 - y),
+        ("left", x - rect.left()),
+        ("right", rect.right() - x),
+        ("above", y - rect.top()),
+        ("below", rect.bottom() - y),
     )
 
 
-def _half(rect: Rect, side: Side, share: float) -> Rect:
-    wide, high = round(rect.width * share), round(rect.height * share)
-    if side == "left":
-        return Rect(rect.left, rect.top, wide, rect.height)
+def _half(rect: QRect, side: Side, share: float) -> QRect:
+    wide, high = round(rect.width() * share), round(rect.height() * share)
+    half = QRect(rect.topLeft(), QSize(wide, rect.height()) if side in ("left", "right") else QSize(rect.width(), high))
     if side == "right":
-        return Rect(rect.right - wide, rect.top, wide, rect.height)
-    if side == "above":
-        return Rect(rect.left, rect.top, rect.width, high)
-    return Rect(rect.left, rect.bottom - high, rect.width, high)
+        half.moveRight(rect.right())
+    elif side == "below":
+        half.moveBottom(rect.bottom())
+    return half

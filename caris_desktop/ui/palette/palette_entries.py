@@ -45,7 +45,7 @@ from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.people.pending_identity_question import is_asked
 from caris_desktop.ui.people.shown_people import everyone
 from caris_desktop.ui.speak.voice_choices import voice_choices
-from caris_desktop.ui.text_formatting import UNDER_WAY, question_for
+from caris_desktop.ui.text_formatting import UNDER_WAY, local_time, question_for
 from caris_desktop.ui.theme import SCALES, ThemeChoice
 from caris_desktop.ui.window_appearance import percent_of, scale_words
 from caris_desktop.ui.window_menus import THEME_WORDS, AppContext
@@ -347,8 +347,6 @@ class PaletteEntries:
         yield from map(self._of_session, windows.recent)
 
     def _of_session(self, session: SessionEntry) -> PaletteItem:
-        from caris_desktop.ui.session_table import local_time  # imported late: the first window does not need it
-
         heading = (session.participant or session.folder.name, local_time(session.started_utc), session.scenario)
         return item(
             QT_TR_NOOP("Session"), localized(QT_TR_NOOP("Replay {session}"), session=" · ".join(filter(None, heading))),
