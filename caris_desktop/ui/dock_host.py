@@ -20,9 +20,8 @@ from caris_desktop.ui import layouts
 from caris_desktop.ui.focus_widget import PanelWindow, focus_widget, focused_widget
 from caris_desktop.ui.layout import dock_layout as edits
 from caris_desktop.ui.layout.dock_area import Dock, DockArea, DockRequests
-from caris_desktop.ui.layout.dock_geometry import Drop, drop_at, grown
+from caris_desktop.ui.layout.dock_geometry import COMFORT, Drop, drop_at, grown
 from caris_desktop.ui.layout.dock_layout import DockLayout, Side, on_a_screen, panels_in
-from caris_desktop.ui.layout.fitting import COMFORT
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.window_place import WindowAbove
 

@@ -15,8 +15,7 @@ from PySide6.QtGui import QKeySequence
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.ui.action_rows import say_keyed_phrase
-from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.action_rows import ActionSpec, say_keyed_phrase
 
 _POSITIONS = "QWERTYUIOPASDFGHJKLZXCVBNM1234567890"
 # Linux: X keycodes, which are evdev codes plus 8; Wayland compositors use the same.

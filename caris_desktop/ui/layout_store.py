@@ -22,6 +22,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario, layout_data, layout_text, own_layout
 from caris_desktop.ui.dock_host import LOCKED, DockHost
 from caris_desktop.ui.layout import dock_layout as edits
+from caris_desktop.ui.layout.dock_geometry import fitted, size_class
 from caris_desktop.ui.layout.dock_layout import (
     DockLayout,
     arrangement_data,
@@ -33,7 +34,6 @@ from caris_desktop.ui.layout.dock_layout import (
     tidy,
     with_the_panels_of,
 )
-from caris_desktop.ui.layout.fitting import fitted, size_class
 from caris_desktop.ui.panel_manager import PanelManager
 from caris_desktop.ui.preferences import WizardProfiles
 

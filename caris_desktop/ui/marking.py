@@ -18,8 +18,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import ERROR_KEYS, ErrorKind
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.action_rows import MARKS_GROUP, move_last_mark_back, withdraw_last_mark
-from caris_desktop.ui.action_spec import IntentNow
+from caris_desktop.ui.action_rows import MARKS_GROUP, IntentNow, move_last_mark_back, withdraw_last_mark
 from caris_desktop.ui.focus_widget import focus_widget, give_focus_back
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.text_formatting import ESC_CLOSES

@@ -9,8 +9,7 @@ from itertools import groupby
 from pathlib import Path
 
 from caris_desktop.domain.shipped import resources_dir
-from caris_desktop.ui.action_rows import ACTIONS, QUEUE_GROUP, REPLAY_ACTIONS, TIMELINE_ACTIONS
-from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.action_rows import ACTIONS, QUEUE_GROUP, REPLAY_ACTIONS, TIMELINE_ACTIONS, ActionSpec
 
 _TABLES: dict[str, Sequence[ActionSpec]] = {"window": ACTIONS, "replay": (*REPLAY_ACTIONS, *TIMELINE_ACTIONS)}
 _PLACE = re.compile(r"(<!-- shortcuts of (\w+) -->\n).*?(?=\n<!-- end of shortcuts -->)", re.DOTALL)

@@ -18,7 +18,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.action_rows import ActionSpec
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.input.teleop_input import PressedKey
 from caris_desktop.ui.key_choices import (

@@ -18,7 +18,6 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.live.remote_microphone import participant_microphone
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import (
     IN_SESSION,
@@ -245,14 +244,10 @@ class SessionWindows(_Windows):
             # The refusal comes before anything is filled in.
             self._console.do(intents.StartRecording(TrialDetails()))
             return
-        from caris_desktop.ui.start_dialog import RecordingOffer, StartDialog, last_details
+        from caris_desktop.ui.start_dialog import StartDialog, last_details
 
         console = self._console
-        offer = RecordingOffer(
-            console.scenario.permissions, console.microphones(), console.microphone, console.scenario.blur,
-            participant_microphone(console.scenario, console.state.robot.value) == "computer",
-        )  # fmt: skip
-        dialog = self._start = StartDialog(self._theme, self._window, offer, console)
+        dialog = self._start = StartDialog(self._theme, self._window, console)
 
         def know(before: BeforeRecording) -> None:
             if self._start is dialog:

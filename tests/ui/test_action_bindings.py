@@ -20,10 +20,11 @@ from caris_desktop.ui.action_rows import (
     QUEUE_GROUP,
     REPLAY_ACTIONS,
     TIMELINE_ACTIONS,
+    ActionSpec,
+    gives,
     say_keyed_phrase,
     speed_after,
 )
-from caris_desktop.ui.action_spec import ActionSpec, gives
 from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.key_choices import conflicts, normalized
 from caris_desktop.ui.main_window import MainWindow

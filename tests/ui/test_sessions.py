@@ -259,10 +259,10 @@ def test_pixelation_of_people_is_stated() -> None:
     assert "pixelated" not in contents_sentence(nothing, None, BlurSettings("everybody"))
 
 
-def test_another_participant_begins_with_trial_1(qtbot: QtBot, theme: Theme) -> None:
+def test_another_participant_begins_with_trial_1(qtbot: QtBot, theme: Theme, console: FakeConsole) -> None:
     parent = QWidget()
     qtbot.addWidget(parent)
-    dialog = StartDialog(theme, parent)
+    dialog = StartDialog(theme, parent, console)
     dialog.know(BeforeRecording(TrialDetails(participant="P07", trial="3")))
     dialog.show()
     participant, trial = find(dialog, "start_participant"), find(dialog, "start_trial")
@@ -278,13 +278,13 @@ def test_another_participant_begins_with_trial_1(qtbot: QtBot, theme: Theme) -> 
     assert dialog.details().trial == "pilot", "what was typed stays"
 
 
-def test_the_same_trial_again_and_practice(qtbot: QtBot, theme: Theme) -> None:
+def test_the_same_trial_again_and_practice(qtbot: QtBot, theme: Theme, console: FakeConsole) -> None:
     parent = QWidget()
     qtbot.addWidget(parent)
     suggested = TrialDetails("Lab visit", "P07", "B", "3", "Kim", recording="1")
     last = last_details(suggested, None)
     assert last is not None
-    dialog = StartDialog(theme, parent)
+    dialog = StartDialog(theme, parent, console)
     dialog.know(BeforeRecording(suggested), last)
     begun: list[TrialDetails] = []
     dialog.begin.connect(lambda details, _anyway: begun.append(details))

@@ -15,7 +15,7 @@ from caris_desktop.live.status import DriveStatus
 from caris_desktop.live.teleop_command import AT_REST, TeleopCommand, merged
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.action_bindings import Actions
-from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.action_rows import ActionSpec
 from caris_desktop.ui.key_choices import position_codes, position_of
 
 WISHES: dict[str, TeleopCommand] = {

@@ -26,6 +26,7 @@ from caris_desktop.ui.action_rows import (
     SAFETY_GROUP,
     SCENARIO_GROUP,
     SPEAKING_GROUP,
+    ActionSpec,
     answer_asked,
     go_to_nth_place,
     present_step,
@@ -35,7 +36,6 @@ from caris_desktop.ui.action_rows import (
     say_phrase,
     target_of,
 )
-from caris_desktop.ui.action_spec import ActionSpec
 from caris_desktop.ui.banners import QuestionBanner
 from caris_desktop.ui.menus import sound_choices
 from caris_desktop.ui.observer_window import SEES_WORDS

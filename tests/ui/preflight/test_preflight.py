@@ -153,7 +153,7 @@ def test_a_replay_shows_the_recorded_checks_and_changes_nothing(
 class Dialog:
     def __init__(self, qtbot: QtBot, theme: Theme, window: QWidget, console: FakeConsole) -> None:
         self.begun: list[tuple[TrialDetails, bool]] = []
-        self.dialog = StartDialog(theme, window, console=console)
+        self.dialog = StartDialog(theme, window, console)
         self.dialog.know(BeforeRecording(TrialDetails(participant="P1")))
         self.dialog.begin.connect(lambda details, anyway: self.begun.append((details, anyway)))
         self.dialog.open()
@@ -224,7 +224,7 @@ def test_items_to_tick_are_read_to_their_end(qtbot: QtBot, theme: Theme, console
     qtbot.addWidget(parent)
     parent.resize(1366, 768)
     parent.show()
-    dialog = StartDialog(theme, parent, None, console)
+    dialog = StartDialog(theme, parent, console)
     dialog.open()
     row = next(row for row in dialog.findChildren(PreflightRow) if row.accessibleName().startswith(title))
     assert row.box is not None
