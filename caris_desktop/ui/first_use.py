@@ -1,4 +1,4 @@
-"""First-start sequence, and the settings that record its completion."""
+"""First-start sequence with the driving hint, and the practice strip; the settings that record their completion."""
 
 import math
 from typing import TYPE_CHECKING
@@ -26,6 +26,20 @@ from caris_desktop.ui.windows import RobotChooser
 
 if TYPE_CHECKING:  # imported at first use
     from caris_desktop.ui.set_up_page import SetUpPage
+import json
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Any
+
+from PySide6.QtCore import QRectF, QSize
+from PySide6.QtGui import QPainter, QPaintEvent, QPen
+
+from caris_desktop.live.services.practice_service import STEPS, PracticeStep
+from caris_desktop.live.status import PracticeStepStatus
+from caris_desktop.ui import tokens
+from caris_desktop.ui.preferences import WizardProfiles
+from caris_desktop.ui.text_formatting import shortened
+from caris_desktop.ui.theme import draw_icon
 
 SET_UP_KEY, DRIVEN_KEY = "first_use/set_up", "first_use/driven"
 
@@ -201,3 +215,174 @@ class DriveHint(Bar, QWidget):
             self._text.setText(text)
             self.setAccessibleName(text)
         self._icon.show_icon("check-circle" if self._leave.isActive() else "game-controller", "blue")
+
+
+_BUTTON_PX = 30
+_DOT_PX, _GAP_PX = 22, 4
+_LOOKS = {
+    "done": ("check", "green"),
+    "skipped": ("skip-forward", "dim"),
+    "now": ("circle", "blue"),
+    "open": ("", "dim"),
+}
+
+
+class StepDots(QWidget):
+    """Progress indicator: done, skipped, current or open, distinguished by shape as well as colour."""
+
+    accessible_role = QAccessible.Role.Indicator
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self._steps: tuple[PracticeStepStatus, ...] = ()
+        self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+        theme.changed.connect(self.update)
+
+    def show_steps(self, steps: tuple[PracticeStepStatus, ...]) -> None:
+        self._steps = steps
+        done = sum(step.state == "done" for step in steps)
+        self.setAccessibleName(tr("{done} of {count} steps done").format(done=done, count=len(steps)))
+        self.setToolTip(self.accessibleName())
+        self.updateGeometry()
+        self.update()
+
+    def sizeHint(self) -> QSize:
+        return QSize(len(self._steps) * (_DOT_PX + _GAP_PX), _DOT_PX)
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        for number, step in enumerate(self._steps):
+            icon, role = _LOOKS[step.state]
+            dot = QRectF(number * (_DOT_PX + _GAP_PX) + 1, 1, _DOT_PX - 2, _DOT_PX - 2)
+            painter.setPen(QPen(self._theme.color(role), 2.4 if step.state == "now" else 1.2))
+            painter.setBrush(self._theme.color("raised"))
+            painter.drawEllipse(dot)
+            if icon and step.state != "now":
+                draw_icon(painter, dot.adjusted(4, 4, -4, -4), icon, self._theme.color(role))
+            elif step.state == "now":
+                painter.setFont(self._theme.font(tokens.STATUS_PX - 2, tokens.WEIGHT_SEMIBOLD))
+                painter.drawText(dot, Qt.AlignmentFlag.AlignCenter, str(number + 1))
+
+
+class PracticeStrip(Bar, QWidget):
+    """Below the notice strip during a practice, until its result was read."""
+
+    accessible_role = QAccessible.Role.Grouping
+
+    def __init__(self, theme: Theme, console: WizardConsole, actions: Actions, wizards: WizardProfiles) -> None:
+        super().__init__()
+        self.setObjectName("practice_strip")
+        self.setAccessibleName(tr("Practice"))
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Maximum)
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self._console = console
+        self._actions = actions
+        self._wizards = wizards
+        self._saved = False
+        self._title = label("", "title", wraps=True, objectName="practice_title")
+        self._how = label(tone="dim", wraps=True, objectName="practice_how")
+        self._theme = theme
+        self._dots = StepDots(theme)
+        self._again = self._button("again", tr("Practise again"), self.begin)
+        self._end = self._button("end", tr("End practice"), lambda: console.do(intents.EndPractice()))
+        self._skip = self._button("skip", tr("Skip"), lambda: console.do(intents.SkipPracticeStep()))
+        self._skip.set_label(tr("Skip"), icon="skip-forward", role="ghost")
+        self._skip.setToolTip(tr("Continue with the next step. A skipped step earns no points."))
+        words = layouts.vbox(None, self._title, self._how, spacing_px=1)
+        parts = self._dots, self._skip, self._again, self._end
+        layouts.hbox(self, (words, 1), *parts, margins_px=(18, 6, 15, 6), spacing_px=tokens.GRID_PX)
+        console.state.practice.changed.connect(self._show)
+        actions.keys_changed.connect(self._on_keys_changed)
+        self._show(console.state.practice.value)
+
+    def _button(self, name: str, text: str, run: Callable[[], object]) -> ActionButton:
+        return ActionButton(self._theme, text, height_px=_BUTTON_PX, objectName=f"practice_{name}", clicked=run)
+
+    def begin(self) -> None:
+        """Start once the wizard is known."""
+        self._console.do(intents.BeginPractice(self._wizards.current))
+
+    def _on_keys_changed(self) -> None:
+        self._show(self._console.state.practice.value)
+
+    def _show(self, status: PracticeStatus) -> None:
+        running, ended = status.state == "running", status.state == "ended"
+        self._dots.show_steps(status.steps)
+        self._dots.setVisible(bool(status.steps))
+        self._skip.setVisible(running)
+        self._again.setVisible(ended)
+        self._end.set_label(self._end_words(status))
+        if running:
+            number = next(n for n, step in enumerate(status.steps) if step.state == "now")
+            step = STEPS[number]
+            self._say(
+                tr("{number} of {count} · {title}").format(number=number + 1, count=len(STEPS), title=tr(step.title)),
+                self._how_to(step),
+            )
+        elif ended:
+            self._persist(status)
+            self._say(*self._result(status))
+        elif status.state:
+            self._say(
+                tr("Practice starts as soon as the simulated robot is ready."),
+                tr("This is recorded as practice and excluded from the data."),
+            )
+        self._saved = self._saved and ended
+        self.setVisible(bool(status.state) and self.parentWidget() is not None)
+
+    def _end_words(self, status: PracticeStatus) -> str:
+        if status.state != "ended":
+            return tr("End practice")
+        if not status.back_to:
+            return tr("Close")
+        return tr("Back to {scenario}").format(scenario=shortened(status.back_to, 30))
+
+    def _how_to(self, step: PracticeStep) -> str:
+        return tr(step.how).format(key=self._actions.key_text(step.action_id) if step.action_id else "")
+
+    def _result(self, status: PracticeStatus) -> tuple[str, str]:
+        title = tr("Practice ended: {done} of {count} steps, {score} of 100 points, {minutes} min").format(
+            done=status.done, count=len(STEPS), score=status.score, minutes=f"{status.minutes:.1f}"
+        )
+        runs = practised(self._wizards)
+        best = max((run["score"] for run in runs[:-1]), default=None)
+        if best is None:
+            how = tr("A step done in its usual time earns ten points, a slower one fewer.")
+        else:
+            how = tr("Your previous best was {best} points, in %n runs.", "", len(runs) - 1).format(best=best)
+        missing = [tr(STEPS[n].title) for n, step in enumerate(status.steps) if step.state != "done"]
+        left = tr("Not done: {steps}.").format(steps=", ".join(missing)) if missing else tr("All steps were done.")
+        return title, tr("{what_was_left} {comparison}").format(what_was_left=left, comparison=how)
+
+    def _persist(self, status: PracticeStatus) -> None:
+        """Save the result, once per run."""
+        if not self._saved:
+            self._saved = True
+            run = {
+                "ended_utc": datetime.now(UTC).isoformat(timespec="seconds"), "done": status.done, "steps": len(STEPS),
+                "minutes": round(status.minutes, 1), "score": status.score,
+            }  # fmt: skip
+            self._wizards.set_value(_KEY, json.dumps([*practised(self._wizards), run][-_AT_MOST:]))
+
+    def _say(self, title: str, how: str) -> None:
+        self._title.setText(title)
+        self._how.setText(how)
+
+
+_KEY = "practice"
+_AT_MOST = 100
+
+
+def practised(wizards: WizardProfiles) -> list[dict[str, Any]]:
+    """Practice results in the current wizard's profile, oldest first; unreadable ones are skipped.
+
+    ``ended_utc``: ISO 8601; ``done`` of ``steps`` completed, in ``minutes``; ``score`` out of 100.
+    """
+    try:
+        stored = json.loads(str(wizards.own_value(_KEY, "[]")))
+    except ValueError:
+        return []
+    runs = stored if isinstance(stored, list) else []
+    return [run for run in runs if isinstance(run, dict) and isinstance(run.get("score"), int)]

@@ -20,10 +20,10 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario, layout_data, layout_text, own_layout
+from caris_desktop.ui import dock_layout as edits
+from caris_desktop.ui.dock_geometry import fitted, size_class
 from caris_desktop.ui.dock_host import LOCKED, DockHost
-from caris_desktop.ui.layout import dock_layout as edits
-from caris_desktop.ui.layout.dock_geometry import fitted, size_class
-from caris_desktop.ui.layout.dock_layout import (
+from caris_desktop.ui.dock_layout import (
     DockLayout,
     arrangement_data,
     arrangement_from,

@@ -1,9 +1,14 @@
 """QVBoxLayout and QHBoxLayout with items, margins and spacing in px; None keeps the style's default."""
 
+from collections.abc import Callable
+from typing import TypeVar
+
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLayout, QVBoxLayout, QWidget
 
 Margins = int | tuple[int, int, int, int]
 """Equal on all sides; or left, top, right, bottom."""
+
+_Part = TypeVar("_Part", bound=QWidget)
 
 Item = QWidget | QLayout | int | tuple[QWidget | QLayout, int]
 """Widget or layout, one with its stretch factor, or empty space of a stretch factor."""
@@ -39,6 +44,16 @@ def fill(layout: QBoxLayout, *items: Item) -> None:
             layout.addWidget(part, stretch)
         else:
             layout.addLayout(part, stretch)
+
+
+def adjust_count(parts: list[_Part], count: int, new: Callable[[], _Part]) -> None:
+    """Adjust the number of widgets, reusing existing ones."""
+    for part in parts[count:]:
+        part.hide()
+        part.deleteLater()
+    del parts[count:]
+    while len(parts) < count:
+        parts.append(new())
 
 
 def _give_room(layout: QBoxLayout, margins_px: Margins | None, spacing_px: int | None) -> None:

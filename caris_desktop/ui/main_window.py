@@ -26,14 +26,12 @@ from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GR
 from caris_desktop.ui.background_reading import Remembered, read_for
 from caris_desktop.ui.banners import EmergencyBanner, GuardBanner, Hints, NoticeStrip, QuestionBanner
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.first_use import FirstUse
+from caris_desktop.ui.dock_layout import panels_in
+from caris_desktop.ui.first_use import FirstUse, PracticeStrip
 from caris_desktop.ui.focus_widget import PanelWindow
 from caris_desktop.ui.help_window import HelpWindows
-from caris_desktop.ui.icons import icon
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.input.key_owner import KeyOwnerChip
 from caris_desktop.ui.input.talk_key import Talking
-from caris_desktop.ui.layout.dock_layout import panels_in
 from caris_desktop.ui.layout_store import LayoutStore
 from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.notifications import AlarmList, AlarmsButton, NotificationLine, NotificationPopups
@@ -45,15 +43,14 @@ from caris_desktop.ui.panel import Panel, PanelContext
 from caris_desktop.ui.panel_manager import LateImports, PanelManager
 from caris_desktop.ui.people.pending_identity_question import PendingIdentityQuestion
 from caris_desktop.ui.people.shown_people import name_of
-from caris_desktop.ui.practice_strip import PracticeStrip
 from caris_desktop.ui.preferences import Preferences, WizardProfiles
 from caris_desktop.ui.preflight_list import PreflightButton, PreflightCard
 from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.quit_guard import QuitGuard
 from caris_desktop.ui.scenario_files import ScenarioFiles
 from caris_desktop.ui.shortcut_sheet import ShortcutSheet, WizardKeys
-from caris_desktop.ui.status_bar import ConnectionCard, StatusBar
-from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice
+from caris_desktop.ui.status_bar import ConnectionCard, KeyOwnerChip, StatusBar
+from caris_desktop.ui.theme import THEME_KEY, Theme, as_choice, icon
 from caris_desktop.ui.top_bar import EmergencyOverDialogs, TopBar
 from caris_desktop.ui.trial_cards import ResumeTrialCard, SavedSessionCard
 from caris_desktop.ui.window_appearance import Appearance

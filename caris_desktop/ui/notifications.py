@@ -20,8 +20,8 @@ from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.accessibility import announce, has_role
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import ALARMS_GROUP
-from caris_desktop.ui.layout.dock_area import DockArea
-from caris_desktop.ui.layout.dock_geometry import TITLE_PX, GroupPlace, below
+from caris_desktop.ui.dock_area import DockArea
+from caris_desktop.ui.dock_geometry import TITLE_PX, GroupPlace, below
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.text_formatting import wrapped_tip
 from caris_desktop.ui.theme import Theme

@@ -29,14 +29,13 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.scenario_model import PanelName, Scenario
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.dock_area import PanelTitleBar
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
-from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
-from caris_desktop.ui.layout.dock_area import PanelTitleBar
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 from caris_desktop.ui.robot_motion import MOTION_SIGNS, RobotMotion, Sign
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.window_place import Settings
 
 SignName = Literal["moving", "speaking", "recording", "listening"]

@@ -19,8 +19,8 @@ from PySide6.QtWidgets import QApplication, QMenu, QWidget
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, PanelSettings, Scenario
 from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
+from caris_desktop.ui.dock_layout import DockLayout, arrangement_of, panels_in, permitted
 from caris_desktop.ui.focus_widget import existing, focus_widget
-from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of, panels_in, permitted
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
 

@@ -1,9 +1,9 @@
 """Protocol strip: the steps in a row, current step, elapsed time, next step and branches in one line."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from textwrap import shorten
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QAccessible, QHideEvent, QResizeEvent
@@ -41,7 +41,7 @@ from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent, Q
 from PySide6.QtWidgets import QAbstractButton
 
 from caris_desktop.domain.value_class import Value
-from caris_desktop.ui.icons import draw_icon
+from caris_desktop.ui.theme import draw_icon
 
 StepState = Literal["done", "skipped", "now", "late", "ahead"]
 
@@ -193,18 +193,16 @@ class StepPills(QWidget):
         return self._pills[self._middle].wanted_px() if self._pills else 0
 
     def show_steps(self, steps: Sequence[DisplayedStep]) -> None:
-        while len(self._pills) < len(steps):
-            pill = StepPill(self._theme, self)
-            pill.clicked.connect(lambda _checked=False, pill=pill: self._on_clicked(pill))
-            self._pills.append(pill)
-        for pill in self._pills[len(steps) :]:
-            pill.hide()
-            pill.deleteLater()
-        del self._pills[len(steps) :]
+        layouts.adjust_count(self._pills, len(steps), self._new_pill)
         for pill, step in zip(self._pills, steps, strict=True):
             pill.show_step(step)
             pill.setObjectName(f"step_{step.number}")
         self._arrange()
+
+    def _new_pill(self) -> StepPill:
+        pill = StepPill(self._theme, self)
+        pill.clicked.connect(lambda: self._on_clicked(pill))
+        return pill
 
     @property
     def _middle(self) -> int:
@@ -644,8 +642,6 @@ def is_late(status: ProtocolStatus, now_ns: int) -> bool:
     return status.late_s(now_ns) >= LATE_FROM_S
 
 
-Part = TypeVar("Part", bound=QWidget)
-
 MOST_DIGITS = 9
 _ROW_PX = 34
 _WIDE_PX = 440
@@ -719,12 +715,12 @@ class StepsCard(_CardBelow):
         """``digits``: the next digit selects one of the first nine. ``live``: the checklist can be edited."""
         self._note.setText(note)
         self._note.setVisible(bool(note))
-        _fit(self._ticks, len(ticks), self._new_box)
+        layouts.adjust_count(self._ticks, len(ticks), self._new_box)
         for box, (item, on) in zip(self._ticks, ticks, strict=True):
             box.setText(item)
             box.setChecked(on)
             box.setEnabled(live)
-        _fit(self._rows, len(steps), self._new_row)
+        layouts.adjust_count(self._rows, len(steps), self._new_row)
         for row, step in zip(self._rows, steps, strict=True):
             row.setObjectName(f"step_row_{step.number}")
             row.set_key(str(step.number) if digits and step.number <= MOST_DIGITS else "")
@@ -768,7 +764,7 @@ class BranchesCard(_CardBelow):
         self._column = layouts.vbox(self, margins_px=8, spacing_px=4)
 
     def show_branches(self, texts: Sequence[str]) -> None:
-        _fit(self._rows, len(texts), self._new_row)
+        layouts.adjust_count(self._rows, len(texts), self._new_row)
         for number, (row, text) in enumerate(zip(self._rows, texts, strict=True), start=1):
             row.setObjectName(f"branch_{number}")
             row.set_label(text)
@@ -780,13 +776,3 @@ class BranchesCard(_CardBelow):
         row.clicked.connect(lambda: self.chosen.emit(number))
         self._column.addWidget(row)
         return row
-
-
-def _fit(parts: list[Part], count: int, new: Callable[[], Part]) -> None:
-    """Adjust the number of widgets, reusing existing ones."""
-    for part in parts[count:]:
-        part.hide()
-        part.deleteLater()
-    del parts[count:]
-    while len(parts) < count:
-        parts.append(new())

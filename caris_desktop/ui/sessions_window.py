@@ -52,9 +52,8 @@ from caris_desktop.live.wizard_console import SessionLibrary
 from caris_desktop.recording.studies.study_query import PLACES_A_PAGE, SearchHit, SessionEntry, SessionQuery
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
-from caris_desktop.ui.icons import icon
 from caris_desktop.ui.text_formatting import local_time, purpose_title
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, icon
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.drop_down import DropDown

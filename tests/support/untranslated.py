@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import get_args
 
-from caris_desktop.ui.icons import icon_names
+from caris_desktop.ui.theme import icon_names
 from caris_desktop.ui.tokens import Colors
 from caris_desktop.ui.widgets.buttons import ButtonRole
 from tests.support.parsed_sources import parsed

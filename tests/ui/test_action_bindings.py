@@ -25,7 +25,6 @@ from caris_desktop.ui.action_rows import (
     say_keyed_phrase,
     speed_after,
 )
-from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.key_choices import conflicts, normalized
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.marking import Marking
@@ -35,7 +34,7 @@ from caris_desktop.ui.protocol_strip import ProtocolStrip
 from caris_desktop.ui.replay.replay_bar import ReplayBar
 from caris_desktop.ui.replay.timeline_commands import TimelineCommands
 from caris_desktop.ui.speak.queue_list import QueueList
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, icon_names
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings, find, open_window
 from tests.ui.fake_console import FakeConsole

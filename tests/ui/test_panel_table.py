@@ -9,11 +9,10 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.scenario.scenario_model import PanelName, Permissions
-from caris_desktop.ui.icons import icon_names
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.panel_table import PANELS, possible_panels
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, icon_names
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings
 from tests.ui.fake_console import FakeConsole

@@ -18,7 +18,7 @@ from caris_desktop.robot.profile import load_profile, shipped_profiles
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import PanelName, Permissions, TabNode
 from caris_desktop.ui import text_formatting
-from caris_desktop.ui.layout.dock_area import Dock, PanelTabs
+from caris_desktop.ui.dock_area import Dock, PanelTabs
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.observer_window import SEES_WORDS
 from caris_desktop.ui.theme import Theme

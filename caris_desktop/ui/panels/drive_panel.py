@@ -26,8 +26,8 @@ from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import SPEED_FRACTIONS, SPEED_NAMES, speed_step
 from caris_desktop.ui.input.drive_input_filter import STOPS, DriveInputFilter
-from caris_desktop.ui.input.key_owner import owner_sentence
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
+from caris_desktop.ui.status_bar import owner_sentence
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.joystick import Joystick

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from PySide6.QtCore import QRect
 
 from caris_desktop.scenario.scenario_model import PanelName
-from caris_desktop.ui.layout import dock_layout as edits
-from caris_desktop.ui.layout.dock_geometry import dragged, place
-from caris_desktop.ui.layout.dock_layout import DockLayout
+from caris_desktop.ui import dock_layout as edits
+from caris_desktop.ui.dock_geometry import dragged, place
+from caris_desktop.ui.dock_layout import DockLayout
 
 WINDOW = QRect(0, 0, 1900, 920)
 SIDES = ("tab", "left", "right", "above", "below")

@@ -9,7 +9,7 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
-from caris_desktop.ui.layout.dock_geometry import TITLE_PX, GroupPlace, place
+from caris_desktop.ui.dock_geometry import TITLE_PX, GroupPlace, place
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.notifications import card_place, in_the_corner
 from tests.support.window_check import text_flaws

@@ -13,9 +13,9 @@ from PySide6.QtGui import QUndoStack
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario, save_layout
 from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode, layout_data
-from caris_desktop.ui.layout import dock_layout as edits
-from caris_desktop.ui.layout.dock_geometry import place
-from caris_desktop.ui.layout.dock_layout import (
+from caris_desktop.ui import dock_layout as edits
+from caris_desktop.ui.dock_geometry import place
+from caris_desktop.ui.dock_layout import (
     DockLayout,
     arrangement_data,
     arrangement_from,

@@ -11,10 +11,10 @@ from PySide6.QtWidgets import QApplication, QMenu, QPlainTextEdit, QScrollArea, 
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, TabNode
+from caris_desktop.ui.dock_area import Dock
+from caris_desktop.ui.dock_geometry import GroupPlace, place
 from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
-from caris_desktop.ui.layout.dock_area import Dock
-from caris_desktop.ui.layout.dock_geometry import GroupPlace, place
-from caris_desktop.ui.layout.dock_layout import (
+from caris_desktop.ui.dock_layout import (
     DockLayout,
     arrangement_data,
     arrangement_from,

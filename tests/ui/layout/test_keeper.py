@@ -25,7 +25,7 @@ from caris_desktop.scenario.scenario_model import (
     layout_from_data,
     layout_text,
 )
-from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of, panels_in, tidy
+from caris_desktop.ui.dock_layout import DockLayout, arrangement_of, panels_in, tidy
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_menus import TitleDialog

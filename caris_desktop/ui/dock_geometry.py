@@ -10,7 +10,7 @@ from PySide6.QtCore import QRect, QSize
 from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.value_class import Value
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
-from caris_desktop.ui.layout.dock_layout import (
+from caris_desktop.ui.dock_layout import (
     Side,
     front_of,
     groups_in,

@@ -2,8 +2,7 @@
 which it is dragged, closed and floated.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TypeVar
+from collections.abc import Mapping, Sequence
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import (
@@ -24,8 +23,8 @@ from PySide6.QtWidgets import QApplication, QFrame, QMenu, QPushButton, QScrollA
 from caris_desktop.domain.translation import tr
 from caris_desktop.scenario.scenario_model import LayoutNode, PanelName
 from caris_desktop.ui import layouts, tokens
+from caris_desktop.ui.dock_geometry import TITLE_PX, DockGeometry, GroupPlace, Handle, Room, dragged, place
 from caris_desktop.ui.focus_widget import Bar, KeyPlace
-from caris_desktop.ui.layout.dock_geometry import TITLE_PX, DockGeometry, GroupPlace, Handle, Room, dragged, place
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, draw_card, show_part
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.elided_label import ElidedLabel
@@ -428,7 +427,6 @@ class Dock(KeyPlace):
         self.set_place(floating=self._floating, locked=self._float.isHidden())
 
 
-_Part = TypeVar("_Part", bound=QWidget)
 _LEAST = QSize(320, 200)
 _MORE_PX = 34
 _TAB_DRAG_FACTOR = 2  # a click on a tab that slips is not a drag
@@ -474,10 +472,10 @@ class DockArea(QWidget):
         tree = self.whole_tree
         self.placing = DockGeometry() if tree is None else place(tree, self.rect(), self._visible, self._least)
         tabbed = [group for group in self.placing.groups if group.tabbed]
-        _match(self._bars, len(tabbed), self._new_bar)
+        layouts.adjust_count(self._bars, len(tabbed), self._new_bar)
         for bar, group in zip(self._bars, tabbed, strict=True):
             bar.show_group(group, [self.docks[name].windowTitle() for name in group.panels])
-        _match(self._handles, len(self.placing.handles), self._new_handle)
+        layouts.adjust_count(self._handles, len(self.placing.handles), self._new_handle)
         for widget, handle in zip(self._handles, self.placing.handles, strict=True):
             widget.show_handle(handle, locked=self.locked)
         for group in self.placing.groups:
@@ -534,16 +532,6 @@ class DockArea(QWidget):
     @property
     def bars(self) -> Sequence["PanelTabs"]:
         return self._bars
-
-
-def _match(parts: list[_Part], count: int, new: Callable[[], _Part]) -> None:
-    """Adjust the number of widgets, reusing existing ones."""
-    while len(parts) > count:
-        part = parts.pop()
-        part.hide()
-        part.deleteLater()
-    while len(parts) < count:
-        parts.append(new())
 
 
 class PanelTabs(Bar, QTabBar):
