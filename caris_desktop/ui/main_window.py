@@ -126,7 +126,8 @@ class MainWindow(PanelWindow, QWidget):
         Hints(self.dock_host, self.actions_table, self.hold)
         self.problems = NotificationPopups(self.theme, self.dock_host, console.state, line)
         self._palette_overlay = CommandPalette(self.theme, self, PaletteMemory(self.wizards))
-        self.wizard_keys = WizardKeys(self.wizards, self.actions_table, self._notify, self)
+        warn = partial(self.problems.notify, severity="warning")
+        self.wizard_keys = WizardKeys(self.wizards, self.actions_table, warn, self)
         self._sheet = ShortcutSheet(self.theme, self, self.actions_table, self.wizard_keys, self.hold)
         self._connection = ConnectionCard(self.theme, self, console.state)
         self._preflight = PreflightCard(self.theme, self, console)
@@ -214,9 +215,9 @@ class MainWindow(PanelWindow, QWidget):
         for known in (self.sessions.recent_changed, self._scenarios.changed, self.robots.choices.changed):
             known.connect(self._renew_palette)
         self.status_bar.connection_clicked.connect(self._connection.open)
-        self._connection.diagnostics_requested.connect(self._open_diagnostics)
-        self._alarms.log_requested.connect(self._open_log)
-        self._connection.robots_requested.connect(self._open_robot_menu)
+        self._connection.diagnostics_requested.connect(partial(self.board.open_and_focus, "diagnostics"))
+        self._alarms.log_requested.connect(partial(self.board.open_and_focus, "session"))
+        self._connection.robots_requested.connect(self.menus.open_robot_menu)
         self.board.window_requested.connect(self.sessions.open)
         self.board.window_requested.connect(self.faces.open)
         self.layout_keeper.noticed.connect(self.problems.show_problem)
@@ -437,23 +438,7 @@ class MainWindow(PanelWindow, QWidget):
         """Commands and items of the command palette now."""
         return self._entries.now() if self._replay is None else self._entries.of_replay(self._replay)
 
-    def _open_diagnostics(self) -> None:
-        self._connection.close_overlay()
-        self.board.open_and_focus("diagnostics")
-
-    def _open_log(self) -> None:
-        self._alarms.close_overlay()
-        self.board.open_and_focus("session")
-
-    def _open_robot_menu(self) -> None:
-        self._connection.close_overlay()
-        self.menus.open_robot_menu()
-
     # ---- events
-
-    def _notify(self, what: str, meaning: str, advice: str) -> None:
-        """Notification about the window, not the session."""
-        self.problems.show_problem(Problem(self._console.state.present.now_ns(), "warning", what, meaning, advice))
 
     def _on_drive_changed(self, drive: DriveStatus) -> None:
         if drive.emergency_stop != self._palette_latched:

@@ -115,6 +115,10 @@ class NotificationPopups(InSight):
         if problem.cause == ANSWER and cause_among(problem, self._state.alarms.value) is None:
             self.show_problem(problem)
 
+    def notify(self, what: str, meaning: str, advice: str, severity: Severity = "info") -> None:
+        """Show a notification about the window, not the session."""
+        self.show_problem(Problem(self._state.present.now_ns(), severity, what, meaning, advice))
+
     def show_problem(self, problem: Problem) -> None:
         """Add a popup, or update the one with the same message."""
         known = next((card for card in self._cards if not card.alarm_id and card.problem.what == problem.what), None)
@@ -424,6 +428,7 @@ class AlarmList(Overlay):
         self._inner.setAutoFillBackground(False)
         head = layouts.hbox(None, label(tr("Active alarms"), "heading"), 1, log, self.close_button("alarms_close"))
         layouts.vbox(self.card, head, (area, 1), margins_px=(20, 14, 12, 16), spacing_px=10)
+        self.log_requested.connect(self.close_overlay)
         self._ages = QTimer(self, interval=1000)
         self._ages.timeout.connect(self._show_ages)
         console.state.alarms.changed.connect(self._on_alarms_changed)

@@ -136,7 +136,7 @@ class PreflightRow(QWidget):
         if check.id == "microphone" and console.scenario.permissions.audio_recording:
             self.try_button = ActionButton(
                 theme, tr("Test"), icon="microphone", height_px=30, objectName="preflight_try_microphone",
-                accessibleName=tr("Test the microphone"), clicked=self._on_try,
+                accessibleName=tr("Test the microphone"), clicked=lambda: console.do(intents.TryMicrophone()),
             )  # fmt: skip
             row.addWidget(self.try_button, 0, Qt.AlignmentFlag.AlignTop)
         row.addWidget(self._state, 0, Qt.AlignmentFlag.AlignTop)
@@ -168,9 +168,6 @@ class PreflightRow(QWidget):
         self._console.do(intents.TickCheck(self._check.id, checked))
         if self.box is not None:
             self.box.setChecked(self._check.state == "passed")  # undo a refused tick
-
-    def _on_try(self) -> None:
-        self._console.do(intents.TryMicrophone())
 
 
 _WIDTH_PX, _CHROME_PX, _SIDES_PX = 680, 96, 32

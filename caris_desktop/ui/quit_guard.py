@@ -9,7 +9,6 @@ from PySide6.QtCore import QEventLoop, QObject, Qt
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QApplication, QProgressBar, QWidget
 
-from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.background_worker import do_in_parallel
 from caris_desktop.live.wizard_console import WizardConsole
@@ -88,12 +87,8 @@ class QuitGuard(QObject):
 
     def report_refused(self) -> None:
         """Report that the window stays open because the robot is being driven."""
-        self._problems.show_problem(
-            Problem(
-                self._console.state.present.now_ns(), "info", tr("The window stays open while you drive."), "",
-                tr("Release the drive keys and Alt, then close the window."),
-            )
-        )  # fmt: skip
+        advice = tr("Release the drive keys and Alt, then close the window.")
+        self._problems.notify(tr("The window stays open while you drive."), "", advice)
 
 
 SHOWN_AFTER_S = 0.7

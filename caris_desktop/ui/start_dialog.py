@@ -6,6 +6,7 @@ from dataclasses import replace
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtWidgets import QBoxLayout, QFormLayout, QLineEdit, QWidget
 
+from caris_desktop.domain import intents
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live.remote_microphone import participant_microphone
@@ -80,12 +81,10 @@ class StartDialog(FormDialog):
     of open checks.
 
     The dialog opens before the suggestions are read from disk; :meth:`know` fills them in without changing typed text,
-    and an earlier start waits for them. ``microphone_chosen(str | None)`` precedes it if another microphone was
-    selected.
+    and an earlier start waits for them.
     """
 
     begin = Signal(object, bool)
-    microphone_chosen = Signal(object)
 
     def __init__(self, theme: Theme, parent: QWidget, console: WizardConsole) -> None:
         super().__init__(theme, parent, "start_dialog", tr("Start recording"))
@@ -294,7 +293,7 @@ class StartDialog(FormDialog):
             return
         self.accept()
         if self._microphone is not None and self.microphone != self._microphone_before:
-            self.microphone_chosen.emit(self.microphone)
+            self._console.do(intents.UseMicrophone(self.microphone))
         self.begin.emit(details, waits)
 
     def _on_begin(self) -> None:

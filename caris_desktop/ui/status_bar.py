@@ -690,6 +690,8 @@ class ConnectionCard(Overlay):
             row.add(self._legend[name])
         row.set_gap(4)
         self._layout.addWidget(row)
+        for requested in (self.diagnostics_requested, self.robots_requested):
+            requested.connect(self.close_overlay)
         self._refresh = QTimer(self, interval=_SAMPLE_MS)
         self._refresh.timeout.connect(self.refresh)
         theme.changed.connect(self._style)

@@ -255,7 +255,6 @@ class SessionWindows(_Windows):
                 before = replace(before, suggested=replace(before.suggested, wizard=wizard))
                 dialog.know(before, last_details(before.suggested, self._last))
 
-        self._start.microphone_chosen.connect(lambda name: console.do(intents.UseMicrophone(name)))
         self._start.begin.connect(self._on_begin)
         self._start.finished.connect(self._on_start_finished)
         self._start.open()
