@@ -16,7 +16,7 @@ from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.session_export import all_formats
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.focus_widget import VisualTabOrderMixin
-from caris_desktop.ui.form_dialog import lay_out_form, resize_to, show_file_dialog
+from caris_desktop.ui.form_dialog import file_dialog, lay_out_form, resize_to
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.check_box import TEXT_LEFT_PX, CheckBox
@@ -173,8 +173,9 @@ class ExportDialog(VisualTabOrderMixin, QWidget):
         folder = Path(self._folder.text().strip()).expanduser()
         there = next((path for path in (folder, *folder.parents) if path.is_dir()), Path.home())
         title, mode = tr("Choose the export folder"), QFileDialog.FileMode.Directory
-        dialog = show_file_dialog(self, "export_folder_dialog", title, self._propose_folder, folder=there, mode=mode)
+        dialog = file_dialog(self, "export_folder_dialog", title, self._propose_folder, folder=there, mode=mode)
         dialog.setOption(QFileDialog.Option.ShowDirsOnly)
+        dialog.show()
 
     def _on_start(self) -> None:
         out = Path(self._folder.text().strip()).expanduser()

@@ -32,11 +32,11 @@ def resize_to(window: QWidget, size: QSize) -> None:
     window.resize(size.boundedTo(window.screen().availableSize() - _AROUND))
 
 
-def show_file_dialog(
+def file_dialog(
     parent: QWidget, name: str, title: str, chosen: Callable[[Path], object], *, folder: Path | None = None,
     files: str = "", mode: QFileDialog.FileMode = QFileDialog.FileMode.ExistingFile,
 ) -> QFileDialog:  # fmt: skip
-    """Open a file dialog whose choice goes to ``chosen``; ``files``: its name filter.
+    """File dialog, to be shown, whose choice goes to ``chosen``; ``files``: its name filter.
 
     Not modal and not the system's, which would take the keys that stop the robot.
     """
@@ -46,7 +46,6 @@ def show_file_dialog(
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     dialog.setFileMode(mode)
     dialog.fileSelected.connect(lambda path: chosen(Path(path)))
-    dialog.show()
     return dialog
 
 

@@ -11,7 +11,7 @@ from caris_desktop.domain.intents import CAMERA_PICTURE, AddModel, Intent, Promp
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.status import ContextPartStatus
 from caris_desktop.ui import tokens
-from caris_desktop.ui.form_dialog import show_file_dialog
+from caris_desktop.ui.form_dialog import file_dialog
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.flow_layout import FlowRow
@@ -118,4 +118,5 @@ def picture_words(name: str) -> str:
 def choose_model_file(window: QWidget, do: Callable[[Intent], object]) -> None:
     """Open a dialog whose file is added."""
     files = tr("Language models ({files})").format(files=f"*{SUFFIX}")
-    show_file_dialog(window, "model_file_dialog", tr("Add a model file"), lambda path: do(AddModel(path)), files=files)
+    title = tr("Add a model file")
+    file_dialog(window, "model_file_dialog", title, lambda path: do(AddModel(path)), files=files).show()

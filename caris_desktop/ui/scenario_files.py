@@ -21,7 +21,7 @@ from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.scenario.bundle import NAME, SUFFIX, ImportQuestion, NameConflict, bundle_name
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts
-from caris_desktop.ui.form_dialog import FormDialog, lay_out_form, show_file_dialog
+from caris_desktop.ui.form_dialog import FormDialog, file_dialog, lay_out_form
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown
@@ -41,7 +41,7 @@ class ScenarioFiles:
         console.state.file_question.changed.connect(self._ask_to_confirm)
 
     def choose_import(self) -> None:
-        self._choose(tr("Import a scenario"), lambda path: self._console.do(intents.ImportScenario(path)))
+        self._dialog(tr("Import a scenario"), lambda path: self._console.do(intents.ImportScenario(path))).show()
 
     def _ask(self, question: ImportQuestion | None) -> None:
         """Ask about name conflicts. Cancel changes nothing."""
@@ -76,16 +76,17 @@ class ScenarioFiles:
         stem = bundle_name(scenario.path.stem if scenario.path is not None else scenario.title)
         title = tr("Export this scenario as one file")
         share, mode = (lambda path: self._console.do(intents.ShareScenario(path))), QFileDialog.FileMode.AnyFile
-        dialog = self._choose(title, share, mode)
+        dialog = self._dialog(title, share, mode)
         dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
         dialog.setDefaultSuffix(SUFFIX.removeprefix("."))
         dialog.selectFile(f"{stem}{SUFFIX}")
+        dialog.show()
 
-    def _choose(
+    def _dialog(
         self, title: str, do: Callable[[Path], object], mode: QFileDialog.FileMode = QFileDialog.FileMode.ExistingFile
     ) -> QFileDialog:
         files = tr("Scenarios ({files})").format(files=f"*{SUFFIX}")
-        return show_file_dialog(self._window, "scenario_file_dialog", title, do, files=files, mode=mode)
+        return file_dialog(self._window, "scenario_file_dialog", title, do, files=files, mode=mode)
 
 
 _SELECTABLE = Qt.TextInteractionFlag.TextSelectableByMouse
