@@ -82,9 +82,7 @@ class GamepadDialog(FormDialog):
                 lines.addWidget(row)
             self._sides.append(side)
         rows = QWidget()
-        self._columns = layouts.hbox(spacing_px=2)
-        for side in self._sides:
-            self._columns.addWidget(side, 1, Qt.AlignmentFlag.AlignTop)
+        self._columns = layouts.hbox(None, *((side, 1, layouts.TOP) for side in self._sides), spacing_px=2)
         layouts.vbox(rows, self._columns, 1, margins_px=(0, 0, 8, 0))
         sliders = QGridLayout()
         sliders.setHorizontalSpacing(16)
@@ -226,10 +224,10 @@ class GamepadDialog(FormDialog):
             text = tr(status.detail) or tr("Plug in or turn on a gamepad. It is detected automatically.")
         elif self._learned is not None:
             role = "news"
-            instruction = tr(_WANTED.get(self._learned, QT_TR_NOOP("press a button to assign it")))
+            wanted = _WANTED.get(self._learned, QT_TR_NOOP("press a button to assign it"))
             if self._first_way:
-                instruction = tr("now press the button for the opposite direction")
-            text = tr("{action}: {wanted}.").format(action=tr(_TITLES[self._learned]), wanted=instruction)
+                wanted = QT_TR_NOOP("now press the button for the opposite direction")
+            text = tr("{action}: {wanted}.").format(action=tr(_TITLES[self._learned]), wanted=tr(wanted))
         elif status.detail:
             text, role = tr("This gamepad is {what}.").format(what=tr(status.detail)), "warning"
         else:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import TypeVar
 
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLayout, QVBoxLayout, QWidget
 
 Margins = int | tuple[int, int, int, int]
@@ -10,8 +11,9 @@ Margins = int | tuple[int, int, int, int]
 
 _Part = TypeVar("_Part", bound=QWidget)
 
-Item = QWidget | QLayout | int | tuple[QWidget | QLayout, int]
-"""Widget or layout, one with its stretch factor, or empty space of a stretch factor."""
+TOP = Qt.AlignmentFlag.AlignTop
+Item = QWidget | QLayout | int | tuple[QWidget | QLayout, int] | tuple[QWidget, int, Qt.AlignmentFlag]
+"""Widget or layout, one with its stretch factor and alignment, or empty space of a stretch factor."""
 
 
 def vbox(
@@ -37,11 +39,11 @@ def hbox(
 def fill(layout: QBoxLayout, *items: Item) -> None:
     """Append the items to a layout."""
     for item in items:
-        part, stretch = item if isinstance(item, tuple) else (item, 0)
+        part, stretch, *alignment = item if isinstance(item, tuple) else (item, 0)
         if isinstance(part, int):
             layout.addStretch(part)
         elif isinstance(part, QWidget):
-            layout.addWidget(part, stretch)
+            layout.addWidget(part, stretch, *alignment)
         else:
             layout.addLayout(part, stretch)
 

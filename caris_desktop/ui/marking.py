@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from PySide6.QtCore import QObject, QRect, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QRect, QTimer, Signal
 from PySide6.QtGui import QAccessible
 from PySide6.QtWidgets import QWidget
 
@@ -243,11 +243,10 @@ class MarkCard(Popup):
         leave = self._button("note_leave", tr("Discard"), self.close_card, key="Esc", toolTip=tr(ESC_CLOSES))
         self._note_row = QWidget()
         layouts.hbox(self._note_row, (self.field, 1), self._keep, leave, margins_px=0, spacing_px=6)
-        head = layouts.hbox(spacing_px=10)
-        head.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
-        head.addLayout(layouts.vbox(None, self._title, self._line, spacing_px=1), 1)
-        head.addWidget(self._correct, 0, Qt.AlignmentFlag.AlignTop)
-        head.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
+        words, top = layouts.vbox(None, self._title, self._line, spacing_px=1), layouts.TOP
+        head = layouts.hbox(
+            None, (self._icon, 0, top), (words, 1), (self._correct, 0, top), (close, 0, top), spacing_px=10
+        )
         parts = self._labels, self._kinds, self._note_row
         below = layouts.vbox(None, *parts, margins_px=(30, 0, 0, 0), spacing_px=8)
         layouts.vbox(self, head, below, margins_px=(14, 10, 8, 12), spacing_px=8)

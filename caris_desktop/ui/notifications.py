@@ -272,10 +272,8 @@ class NotificationPopup(Popup):
             theme, icon="x", role="ghost", height_px=28, objectName="problem_dismiss", accessibleName=tr("Dismiss"),
             clicked=lambda: self.dismissed.emit(self),
         )  # fmt: skip
-        row = self._row = layouts.hbox(self, margins_px=(14, 12, 8, 14), spacing_px=12)
-        row.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
-        row.addLayout(self._text, 1)
-        row.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
+        parts = (self._icon, 0, layouts.TOP), (self._text, 1), (close, 0, layouts.TOP)
+        self._row = layouts.hbox(self, *parts, margins_px=(14, 12, 8, 14), spacing_px=12)
         self._timer = QTimer(self, singleShot=True)
         self._timer.timeout.connect(lambda: self.dismissed.emit(self))
         self._show_text()
@@ -490,10 +488,8 @@ class AlarmRow(QWidget):
             theme, tr("Dismiss"), icon="check", height_px=30, objectName="alarm_seen_to",
             toolTip=tr("This alarm does not clear automatically"), clicked=self._on_seen_to,
         )  # fmt: skip
-        row = layouts.hbox(self, margins_px=(2, 4, 0, 8), spacing_px=10)
-        row.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
-        row.addLayout(self._text, 1)
-        row.addWidget(self._dismiss_button, 0, Qt.AlignmentFlag.AlignTop)
+        parts = (self._icon, 0, layouts.TOP), (self._text, 1), (self._dismiss_button, 0, layouts.TOP)
+        layouts.hbox(self, *parts, margins_px=(2, 4, 0, 8), spacing_px=10)
 
     def _on_seen_to(self) -> None:
         if self._alarm is not None:

@@ -13,7 +13,6 @@ from PySide6.QtCore import (
     QAbstractTableModel,
     QItemSelectionModel,
     QModelIndex,
-    QPersistentModelIndex,
     QRect,
     QRectF,
     QSize,
@@ -24,10 +23,8 @@ from PySide6.QtCore import (
 )
 from PySide6.QtGui import (
     QCloseEvent,
-    QColor,
     QDesktopServices,
     QFocusEvent,
-    QFont,
     QFontMetrics,
     QKeyEvent,
     QPainter,
@@ -39,7 +36,6 @@ from PySide6.QtWidgets import (
     QListView,
     QSplitter,
     QStyle,
-    QStyledItemDelegate,
     QStyleOptionViewItem,
     QTableView,
     QWidget,
@@ -59,6 +55,7 @@ from caris_desktop.ui.widgets.clear_button import add_clear_button
 from caris_desktop.ui.widgets.drop_down import DropDown
 from caris_desktop.ui.widgets.flow_layout import FlowRow
 from caris_desktop.ui.widgets.labels import label, line_edit, restyle
+from caris_desktop.ui.widgets.row_delegate import Index, RowDelegate
 
 _ROW_PX = 36
 
@@ -153,13 +150,13 @@ class SessionsModel(QAbstractTableModel):
     def row_of(self, folder: Path) -> int | None:
         return next((row for row, entry in enumerate(self._entries) if entry.folder == folder), None)
 
-    def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
+    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
         return 0 if parent.isValid() else len(self._entries)
 
-    def columnCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
+    def columnCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
         return 0 if parent.isValid() else len(COLUMNS)
 
-    def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+    def data(self, index: Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
         entry, column = self._entries[index.row()], COLUMNS[index.column()]
         goes_on = entry.folder == self.recording
         if role == Qt.ItemDataRole.DisplayRole:
@@ -304,8 +301,7 @@ class SessionsWindow(VisualTabOrderMixin, QWidget):
         self.hit_list.setItemDelegate(HitDelegate(theme, self.hits, self.hit_list))
         self.hit_list.setUniformItemSizes(True)
         self.hit_list.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
-        self.hit_list.doubleClicked.connect(self._on_hit_chosen)
-        self.hit_list.chosen.connect(self._on_hit_chosen)
+        self.hit_list.activated.connect(self._on_hit_chosen)
         self.hit_list.selectionModel().currentChanged.connect(self._on_hit_current)
         self._found = label("", "note", objectName="sessions_found")
         self._hits_part = QWidget()
@@ -577,21 +573,21 @@ class HitsModel(QAbstractListModel):
     def session_name(self, folder: Path) -> str:
         return self._whose.get(folder, folder.name)
 
-    def rowCount(self, parent: QModelIndex | QPersistentModelIndex = QModelIndex()) -> int:  # noqa: B008
+    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
         return 0 if parent.isValid() else len(self._rows)
 
-    def canFetchMore(self, _parent: QModelIndex | QPersistentModelIndex) -> bool:
+    def canFetchMore(self, _parent: Index) -> bool:
         return self._requested_places <= len(self._hits) < sum(self._places.values())
 
-    def fetchMore(self, _parent: QModelIndex | QPersistentModelIndex) -> None:
+    def fetchMore(self, _parent: Index) -> None:
         self._requested_places += PLACES_A_PAGE
         self.more_requested.emit(self._requested_places)
 
-    def flags(self, index: QModelIndex | QPersistentModelIndex) -> Qt.ItemFlag:
+    def flags(self, index: Index) -> Qt.ItemFlag:
         is_hit = isinstance(self._rows[index.row()], SearchHit)
         return super().flags(index) if is_hit else Qt.ItemFlag.ItemNeverHasChildren
 
-    def data(self, index: QModelIndex | QPersistentModelIndex, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
+    def data(self, index: Index, role: int = int(Qt.ItemDataRole.DisplayRole)) -> Any:
         hit = self._rows[index.row()]
         if isinstance(hit, Path):
             is_text = role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.AccessibleTextRole)
@@ -642,71 +638,49 @@ def kind_words(kind: str) -> str:
     return tr(_KINDS[kind]) if kind in _KINDS else kind.replace("_", " ").capitalize()
 
 
-class HitDelegate(QStyledItemDelegate):
+class HitDelegate(RowDelegate):
     """Result row: time, speaker, and excerpt with highlighted matches; or the heading of a session."""
 
     _TIME_PX, _KIND_PX = 62, 100
 
     def __init__(self, theme: Theme, model: HitsModel, view: QListView) -> None:
-        super().__init__(view)
-        self._theme = theme
+        super().__init__(theme, view)
         self._model = model
 
-    def sizeHint(self, _option: QStyleOptionViewItem, _index: QModelIndex | QPersistentModelIndex) -> QSize:
+    def sizeHint(self, _option: QStyleOptionViewItem, _index: Index) -> QSize:
         return QSize(300, 32)
 
-    def paint(
-        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
-    ) -> None:
-        hit: SearchHit | None = index.data(_HIT_ROLE)
-        rect: QRect = option.rect
-        theme = self._theme
-        painter.save()
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
         if option.state & QStyle.StateFlag.State_Selected:
+            painter.save()
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(theme.color("blue_soft"))
-            painter.drawRoundedRect(QRectF(rect).adjusted(0, 1, 0, -1), 6, 6)
-        inside = rect.adjusted(10, 0, -8, 0)
+            painter.setBrush(self._theme.color("blue_soft"))
+            painter.drawRoundedRect(QRectF(option.rect).adjusted(0, 1, 0, -1), 6, 6)
+            painter.restore()
+        super().paint(painter, option, index)
+
+    def paint_row(self, painter: QPainter, rect: QRect, index: Index) -> None:
+        hit: SearchHit | None = index.data(_HIT_ROLE)
+        inside, font = rect.adjusted(10, 0, -8, 0), self._theme.font
         if hit is None:
-            font = theme.font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD)
-            _draw_elided(painter, inside, str(index.data()), font, theme.color("text"))
-        else:
-            left = inside.left() + _INDENT_PX
-            for text, width in (
-                (text_formatting.elapsed(hit.session_s), self._TIME_PX),
-                (kind_words(hit.kind), self._KIND_PX),
-            ):
-                box = QRect(left, rect.top(), width - 8, rect.height())
-                _draw_elided(painter, box, text, theme.font(tokens.STATUS_PX), theme.color("dim"))
-                left += width
-            self._draw_snippet(painter, QRect(left, rect.top(), inside.right() - left, rect.height()), hit.snippet)
-        painter.restore()
-
-    def _draw_snippet(self, painter: QPainter, rect: QRect, snippet: str) -> None:
-        theme, left = self._theme, rect.left()
-        for text, found in _pieces(snippet, self._model.pattern):
-            font = theme.font(tokens.STATUS_PX + 1, tokens.WEIGHT_SEMIBOLD if found else tokens.WEIGHT_NORMAL)
-            metrics = QFontMetrics(font)
-            room = rect.right() - left
-            if room <= 0:
-                return
-            elided = metrics.elidedText(text, Qt.TextElideMode.ElideRight, room)
-            painter.setFont(font)
-            painter.setPen(theme.color("blue" if found else "text"))
-            painter.drawText(
-                QRect(left, rect.top(), room + 2, rect.height()), int(Qt.AlignmentFlag.AlignVCenter), elided
-            )
-            left += metrics.horizontalAdvance(elided)
-            if elided != text:
-                return
-
-
-def _draw_elided(painter: QPainter, box: QRect, text: str, font: QFont, color: QColor) -> None:
-    painter.setFont(font)
-    painter.setPen(color)
-    elided = QFontMetrics(font).elidedText(text, Qt.TextElideMode.ElideRight, box.width())
-    painter.drawText(box, int(Qt.AlignmentFlag.AlignVCenter), elided)
+            self.paint_text(painter, inside, str(index.data()), font(tokens.STATUS_PX, tokens.WEIGHT_SEMIBOLD), "text")
+            return
+        inside.setLeft(inside.left() + _INDENT_PX)
+        for text, width in (
+            (text_formatting.elapsed(hit.session_s), self._TIME_PX),
+            (kind_words(hit.kind), self._KIND_PX),
+        ):
+            box = QRect(inside.left(), rect.top(), width - 8, rect.height())
+            self.paint_text(painter, box, text, font(tokens.STATUS_PX), "dim")
+            inside.setLeft(inside.left() + width)
+        for text, found in _pieces(hit.snippet, self._model.pattern):
+            weight = tokens.WEIGHT_SEMIBOLD if found else tokens.WEIGHT_NORMAL
+            size_px = tokens.STATUS_PX + 1
+            taken = self.paint_text(painter, inside, text, font(size_px, weight), "blue" if found else "text")
+            if taken < QFontMetrics(font(size_px, weight)).horizontalAdvance(text):
+                return  # elided
+            inside.setLeft(inside.left() + taken)
 
 
 def _pieces(text: str, pattern: re.Pattern[str] | None) -> list[tuple[str, bool]]:
@@ -725,28 +699,18 @@ def _pieces(text: str, pattern: re.Pattern[str] | None) -> list[tuple[str, bool]
 
 
 class HitList(QListView):
-    """List view in which Enter chooses and keys skip the headings."""
-
-    chosen = Signal(QModelIndex)
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        if event.key() not in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            super().keyPressEvent(event)
-        elif self.currentIndex().isValid():
-            self.chosen.emit(self.currentIndex())
+    """List view in which keys skip the headings."""
 
     def moveCursor(self, action: QAbstractItemView.CursorAction, modifiers: Qt.KeyboardModifier) -> QModelIndex:
         index = super().moveCursor(action, modifiers)
         return index.siblingAtRow(index.row() + 1) if _is_heading(index) else index
 
-    def currentChanged(
-        self, current: QModelIndex | QPersistentModelIndex, before: QModelIndex | QPersistentModelIndex
-    ) -> None:
+    def currentChanged(self, current: Index, before: Index) -> None:
         super().currentChanged(current, before)
         above = current.sibling(current.row() - 1, 0)
         if _is_heading(above):
             self.scrollTo(above)  # keys do not reach it, so nothing else would show it
 
 
-def _is_heading(index: QModelIndex | QPersistentModelIndex) -> bool:
+def _is_heading(index: Index) -> bool:
     return index.isValid() and not index.flags() & Qt.ItemFlag.ItemIsEnabled

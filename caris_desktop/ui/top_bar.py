@@ -82,14 +82,6 @@ class TrialLabel(ElidedLabel):
         return QSize(min(full.width(), _TRIAL_PX[1]), full.height())
 
 
-def _find_words(level: int) -> str:
-    return tr("Find anything") if level == 0 else tr("Find") if level < _FIND_SHRINKS else ""
-
-
-def _error_words(level: int) -> str:
-    return tr("Wizard error") if level < _ERROR_SHRINKS else ""
-
-
 class TopBar(Bar, QWidget):
     """Top bar. Emits requests for the window; reads the session's state itself."""
 
@@ -242,15 +234,11 @@ class TopBar(Bar, QWidget):
         while level < _ALL_GIVE_WAY and self._needed_px(level) > self.width():
             level += 1
         trial = self._trial.text() if level < _TRIAL_GOES else ""
-        for button, text, name, goes in (
-            (self._find, _find_words(level), tr("Find anything"), _FIND_GOES),
-            (self.mark_button, self._mark_words(level), tr("Mark"), _MARK_GOES),
-            (self._error, _error_words(level), tr("Wizard error"), _ERROR_GOES),
-        ):
+        for button, text, name, visible in self._shrinking(level):
             if button.text() != text:
                 button.set_label(text)
                 button.setAccessibleName(name)
-            button.setVisible(level < goes and (button is self._find or self._marks_session))
+            button.setVisible(visible)
         self._trial.setVisible(bool(trial))
         self.scenario_button.setVisible(level < _ALL_GIVE_WAY)
 
@@ -262,20 +250,21 @@ class TopBar(Bar, QWidget):
             widths.append(min(self.scenario_button.sizeHint().width(), _SCENARIO_PX))
         if self._trial.text() and level < _TRIAL_GOES:
             widths.append(min(self._trial.sizeHint().width(), _TRIAL_PX[level >= _TRIAL_SHRINKS]))
-        if level < _FIND_GOES:
-            widths.append(self._find.width_with(_find_words(level)))
-        if self._marks_session:
-            widths += [self.mark_button.width_with(self._mark_words(level))] if level < _MARK_GOES else []
-            widths += [self._error.width_with(_error_words(level))] if level < _ERROR_GOES else []
+        widths += [button.width_with(text) for button, text, _name, visible in self._shrinking(level) if visible]
         return sum(widths) + _GAP_PX * len(widths) + 2 * _SIDE_PX
 
-    @property
-    def _marks_session(self) -> bool:
-        """Whether there is a session to mark: the buttons for marks come with the recording."""
-        return not self._in_replay and self._console.state.recording.value.state in IN_SESSION
-
-    def _mark_words(self, level: int) -> str:
-        return "" if level >= _MARK_SHRINKS else tr("Marked") if self._unmark.isActive() else tr("Mark")
+    def _shrinking(self, level: int) -> tuple[tuple[ActionButton, str, str, bool], ...]:
+        """Buttons that shrink: text at this level, accessible name, and whether each is visible."""
+        find = tr("Find anything") if level == 0 else tr("Find") if level < _FIND_SHRINKS else ""
+        mark = "" if level >= _MARK_SHRINKS else tr("Marked") if self._unmark.isActive() else tr("Mark")
+        error = tr("Wizard error") if level < _ERROR_SHRINKS else ""
+        # Whether there is a session to mark: the buttons for marks come with the recording.
+        marks = not self._in_replay and self._console.state.recording.value.state in IN_SESSION
+        return (
+            (self._find, find, tr("Find anything"), level < _FIND_GOES),
+            (self.mark_button, mark, tr("Mark"), marks and level < _MARK_GOES),
+            (self._error, error, tr("Wizard error"), marks and level < _ERROR_GOES),
+        )
 
     def popup_below(self, menu: QMenu, button: ActionButton) -> None:
         menu.popup(button.mapToGlobal(QPoint(0, button.height() + 4)))

@@ -109,7 +109,7 @@ def test_a_card_moves_no_further_than_it_must(taken: tuple[QRect, ...], left: in
 
 def test_problems_and_notes_are_not_reported_below_a_window(wide: MainWindow, qtbot: QtBot) -> None:
     floating = float_at(wide, qtbot, "map", QRect(0, 60, 700, 800))
-    wide._notify("Something happened.", "It matters.", "Do this.")
+    wide.problems.notify("Something happened.", "It matters.", "Do this.", "warning")
     wide.marking.card.write_note()
     for card in (wide.problems, wide.marking.card):
         assert card.isHidden() or not lies(card).intersects(floating.frameGeometry())
