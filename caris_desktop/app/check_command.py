@@ -29,7 +29,7 @@ from caris_desktop.perception.weights import DetectorChoice, WeightsError, find_
 from caris_desktop.robot.discovery import load_profile_blocking
 from caris_desktop.robot.link import check_robot, robot_queue_advice
 from caris_desktop.robot.profile import ProfileError
-from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.scenario.scenario_model import Scenario, plugin_panels
 
 ENOUGH_FREE_BYTES = 5 * 10**9
 _SECOND_OF_SOUND = 16_000
@@ -168,6 +168,7 @@ def plugin_findings(scenario: Scenario) -> Iterator[Finding]:
         speech = dict.fromkeys((scenario.speech.name, scenario.listening.model))
         sources = dict.fromkeys(camera.source for camera in scenario.cameras)
         used += [find("cameras", source.split(":")[1]) for source in sources if source.startswith("plugin:")]
+        used += [find("panels", name.partition(":")[2]) for name in plugin_panels(scenario)]
         used += [find("speech", name.partition(":")[2]) for name in speech if name.startswith("plugin:")]
     except PluginError as error:  # removed since the scenario was read
         yield Finding("Plug-in", False, f"{error.plugin.name}: {error}.", "Install it, or remove its name.")

@@ -300,6 +300,9 @@ def _references(external: External, value: Any, place: str) -> Iterator[FileRefe
         case "tracker":
             if text not in BUILT_IN["trackers"]:
                 yield _plugin("trackers", text, place)
+        case "panel":
+            if text.startswith("plugin:"):
+                yield _plugin("panels", text.partition(":")[2], place)
         case "camera":
             yield from _camera(text, place)
 

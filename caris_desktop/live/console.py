@@ -10,7 +10,7 @@ from typing import TypeVar
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain.actor import WIZARD, Actor
-from caris_desktop.domain.events import ANSWER, ProblemEnd, Severity
+from caris_desktop.domain.events import ANSWER, Problem, ProblemEnd, Severity
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
@@ -258,6 +258,10 @@ class Console(QObject):
         """Process ids of the children by name."""
         pids = {name: child.pid for service in self._services for name, child in service.processes().items()}
         return {name: pid for name, pid in pids.items() if pid is not None}
+
+    def report(self, problem: Problem) -> None:
+        """Report a problem to wizard and record."""
+        self._bus.publish(problem)
 
     def problem(
         self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "", cause: str = ""

@@ -447,9 +447,13 @@ class ReplayConsole(QObject):
     def _report_failure(self, what: str, meaning: str, advice: str) -> None:
         self._notify("error", what, meaning, advice)
 
+    def report(self, problem: Problem) -> None:
+        """Report a problem to the user."""
+        self.noticed.emit(problem)
+
     def _notify(self, severity: Severity, what: str, meaning: str, advice: str) -> None:
         _log.info("%s %s %s", what, meaning, advice)
-        self.noticed.emit(Problem(self._clock.position_ns(), severity, what, meaning, advice))
+        self.report(Problem(self._clock.position_ns(), severity, what, meaning, advice))
 
     def _stop(self) -> None:
         """Stop the live robot, if any. Esc also closes popups, so it is not refused without one."""

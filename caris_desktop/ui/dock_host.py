@@ -15,7 +15,7 @@ from PySide6.QtGui import QCloseEvent, QGuiApplication, QMoveEvent, QResizeEvent
 from PySide6.QtWidgets import QApplication, QFrame, QLabel, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, panels_in
 from caris_desktop.ui import layouts
 from caris_desktop.ui.focus_widget import focus_widget, focused_widget
 from caris_desktop.ui.layout import dock_layout as edits
@@ -25,7 +25,7 @@ from caris_desktop.ui.layout.dock_geometry import Drop, drop_at, grown
 from caris_desktop.ui.layout.dock_layout import DockLayout
 from caris_desktop.ui.layout.fitting import COMFORT
 from caris_desktop.ui.layout.layout_rect import Rect, on_a_screen
-from caris_desktop.ui.layout.layout_tree import Side, panels_in
+from caris_desktop.ui.layout.layout_tree import Side
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.tab_order import PanelWindow
 from caris_desktop.ui.window_above import WindowAbove

@@ -18,7 +18,7 @@ from caris_desktop.live.status import IN_SESSION, DriveStatus
 from caris_desktop.live.wizard_console import ReplayControls, SessionLibrary, WizardConsole
 from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario
 from caris_desktop.scenario.scenario_library import ScenarioChoice, list_scenarios
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, Scenario
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, Scenario, panels_in
 from caris_desktop.ui import layouts, text_formatting
 from caris_desktop.ui.accessible_roles import install_accessible_roles
 from caris_desktop.ui.action_bindings import Actions
@@ -40,7 +40,6 @@ from caris_desktop.ui.input.drive_input_filter import DriveInputFilter
 from caris_desktop.ui.input.key_owner import KeyOwnerChip
 from caris_desktop.ui.input.talk_key import Talking
 from caris_desktop.ui.late_imports import LateImports
-from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.layout_store import LayoutStore
 from caris_desktop.ui.marking import Marking
 from caris_desktop.ui.notifications import AlarmList, AlarmsButton, NotificationLine, NotificationPopups

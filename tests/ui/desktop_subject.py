@@ -11,9 +11,10 @@ from PySide6.QtCore import QPoint, Qt, QTimer
 from PySide6.QtWidgets import QApplication, QComboBox, QCompleter, QDialog, QLineEdit, QWidget
 
 from caris_desktop.live.gamepad import Gamepads
+from caris_desktop.scenario.scenario_model import panels_in
 from caris_desktop.ui.input import drive_input_filter, keyboard_grab
 from caris_desktop.ui.layout.layout_rect import Rect
-from caris_desktop.ui.layout.layout_tree import groups_in, panels_in, without
+from caris_desktop.ui.layout.layout_tree import groups_in, without
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.speak.speak_field import SpeakField
 from tests.support.stdin_commands import StdinCommands

@@ -2,7 +2,7 @@
 
 import contextlib
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.address import plugin_address
 from caris_desktop.domain.events import EmergencyStopChanged, Event, GoalChanged, LinkChanged, Marked, PersonAppeared
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.domain.plugins import PluginError, find, installed
+from caris_desktop.domain.plugins import PluginError, PluginGroup, find, installed
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
@@ -33,7 +33,7 @@ from caris_desktop.live.status import LinkStatus, MarksStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording
 from caris_desktop.recording.session.session_header import SessionHeader
 from caris_desktop.recording.session.session_marks import final_marks_of, notes_among
-from caris_desktop.scenario.scenario_model import Scenario
+from caris_desktop.scenario.scenario_model import Scenario, plugin_panels
 
 # Mark service: marks and notes of the wizard; each change is an event with the same id. GUI thread.
 
@@ -305,7 +305,10 @@ class SessionService(Service):
                 scenario,
                 connection,
                 plugins=dict(self._state.perception.value.plugins) | concerned.assistant.plugins,
-                speech=(self._state.voice.value.used, self._state.listening.value.model),
+                named={
+                    "speech": (self._state.voice.value.used, self._state.listening.value.model),
+                    "panels": plugin_panels(scenario),
+                },
             ),
             intent.actor,
             refused=concerned.microphone.close,
@@ -387,16 +390,19 @@ def _with_plugins(
     connection: RobotConnection | None,
     *,
     plugins: dict[str, str],
-    speech: tuple[str, ...],
+    named: Mapping[PluginGroup, tuple[str, ...]],
 ) -> tuple[Path, SessionHeader]:
     """New session whose header names the plug-ins that run, with the package and version of each.
 
-    ``speech`` are voice and recogniser.
+    ``named`` are those in use, ``plugin:NAME`` if a plug-in.
     """
     folder, header = new_session(details, scenario, connection)
-    with contextlib.suppress(PluginError):
-        used = [find("speech", name.removeprefix("plugin:")) for name in speech if name.startswith("plugin:")]
-        plugins |= {plugin.title: plugin.package for plugin in used}
+    for group, names in named.items():
+        for name in names:
+            if name.startswith("plugin:"):
+                with contextlib.suppress(PluginError):
+                    plugin = find(group, name.removeprefix("plugin:"))
+                    plugins |= {plugin.title: plugin.package}
     of_robot = plugin_address(connection.address) if connection is not None else None
     robot = installed("robots").get(of_robot[0]) if of_robot is not None else None
     if robot is not None and not robot.is_built_in:

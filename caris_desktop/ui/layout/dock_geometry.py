@@ -4,9 +4,9 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Literal
 
 from caris_desktop.domain.value_class import Value
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, panels_in
 from caris_desktop.ui.layout.layout_rect import Rect
-from caris_desktop.ui.layout.layout_tree import Side, panels_in, path_of, shares, split_at
+from caris_desktop.ui.layout.layout_tree import Side, path_of, shares, split_at
 
 GAP_PX = 8
 TAB_BAR_PX = 36

@@ -15,13 +15,13 @@ from caris_desktop.scenario.scenario_model import (
     checked_layout,
     layout_data,
     layout_problems,
+    panels_in,
 )
 from caris_desktop.ui.layout.layout_rect import Rect, on_a_screen
 from caris_desktop.ui.layout.layout_tree import (
     Side,
     front_of,
     groups_in,
-    panels_in,
     place_next_to,
     put_at_edge,
     tidy,

@@ -3,12 +3,11 @@
 from collections.abc import Mapping
 
 from caris_desktop.domain.intents import SizeClass
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode, panels_in
 from caris_desktop.ui.layout.dock_geometry import GAP_PX, Room, least_room, lengths
 from caris_desktop.ui.layout.layout_tree import (
     front_of,
     groups_in,
-    panels_in,
     path_of,
     shares,
     split_at,

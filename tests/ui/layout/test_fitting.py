@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, SplitNode, TabNode
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, SplitNode, TabNode, panels_in
 from caris_desktop.ui.layout.dock_geometry import GAP_PX, TAB_BAR_PX, dragged, drop_at, lengths, place
 from caris_desktop.ui.layout.fitting import COMFORT, IMPORTANCE, fitted, size_class
 from caris_desktop.ui.layout.layout_rect import Rect
-from caris_desktop.ui.layout.layout_tree import groups_in, panels_in, tidy
+from caris_desktop.ui.layout.layout_tree import groups_in, tidy
 from caris_desktop.ui.panel_table import PANELS
 from tests.ui.samples import TOUR_LAYOUT
 

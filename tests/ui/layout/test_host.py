@@ -10,7 +10,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QPlainTextEdit, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, TabNode
+from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, TabNode, panels_in
 from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
 from caris_desktop.ui.layout.dock import Dock
 from caris_desktop.ui.layout.dock_geometry import GroupPlace, place
@@ -22,7 +22,6 @@ from caris_desktop.ui.layout.dock_layout import (
     float_panel,
 )
 from caris_desktop.ui.layout.layout_rect import Rect
-from caris_desktop.ui.layout.layout_tree import panels_in
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.widgets.buttons import ActionButton

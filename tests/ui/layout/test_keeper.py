@@ -24,10 +24,11 @@ from caris_desktop.scenario.scenario_model import (
     layout_data,
     layout_from_data,
     layout_text,
+    panels_in,
 )
 from caris_desktop.ui.layout.dock_layout import DockLayout, arrangement_of
 from caris_desktop.ui.layout.layout_rect import Rect
-from caris_desktop.ui.layout.layout_tree import panels_in, tidy
+from caris_desktop.ui.layout.layout_tree import tidy
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_menus import TitleDialog
