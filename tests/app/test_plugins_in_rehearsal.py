@@ -43,11 +43,9 @@ def rehearsed(
 @pytest.mark.long
 @pytest.mark.timeout(500)
 def test_the_examples_take_part_and_are_named_in_the_session(tmp_path: Path) -> None:
-    paths = [
-        built_and_installed(ROOT / "examples" / "plugins" / name, tmp_path / name)
-        for name in ("nearest-tracker", "phrase-model", "turn-timer")
-    ]
-    header, messages = rehearsed(tmp_path, "nearest", "phrases", "turn_timer", os.pathsep.join(paths))
+    examples = [ROOT / "examples" / "plugins" / name for name in ("nearest-tracker", "phrase-model", "turn-timer")]
+    path = built_and_installed(tmp_path, *examples)
+    header, messages = rehearsed(tmp_path, "nearest", "phrases", "turn_timer", path)
     used = {name: version for name, version in header["software"].items() if name.startswith("plug-in")}
     assert used == {
         "plug-in tracker nearest": "caris-nearest-tracker 1.0",

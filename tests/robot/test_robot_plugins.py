@@ -35,7 +35,7 @@ from caris_desktop.ros.rosbridge import decode_cbor, decode_json
 from caris_desktop.ui.robot_dialog import names_plugin
 from tests.robot.link_bench import LinkProcess
 from tests.support.native_robot import bridges_below, wait_for_bridge
-from tests.support.plugins import check_example, install
+from tests.support.plugins import install
 from tests.support.polling import wait_for
 
 TWIST = "geometry_msgs/msg/Twist"
@@ -401,11 +401,6 @@ def test_an_older_python_reads_what_runs_in_it() -> None:
         ast.parse(source, feature_version=(3, 10))
         imported = {node.module or "" for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom)}
         assert not [module for module in imported if module.startswith("caris_desktop")]
-
-
-@pytest.mark.timeout(200)
-def test_the_example(tmp_path: Path) -> None:
-    check_example("dot-robot", tmp_path, "ok   dot                  caris-dot-robot 1.0")
 
 
 @pytest.mark.parametrize(

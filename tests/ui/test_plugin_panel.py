@@ -21,7 +21,7 @@ from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel_table import possible_panels
 from caris_desktop.ui.plugin_panel import PluginPanel
 from caris_desktop.ui.theme import Theme
-from tests.support.plugins import check_example, install
+from tests.support.plugins import install
 from tests.ui import samples
 from tests.ui.conftest import MemorySettings
 from tests.ui.fake_console import FakeConsole
@@ -177,8 +177,3 @@ def test_a_replay_runs_none(qtbot: QtBot, console: FakeConsole, theme: Theme, in
     qtbot.addWidget(window)
     window.show()
     assert set(window.panels) == {"video"}
-
-
-@pytest.mark.timeout(200)
-def test_the_example_is_installed_used_and_removed(tmp_path: Path) -> None:
-    check_example("turn-timer", tmp_path, "turn_timer")
