@@ -61,10 +61,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 async def _serve(chosen: "ChosenCamera", arguments: argparse.Namespace, token: str, tls: ssl.SSLContext | None) -> int:
-    from caris_desktop.perception.cameras.camera_server import CameraServer
-    from caris_desktop.perception.cameras.newest_frame import NewestFrame
-    from caris_desktop.perception.cameras.open_camera import open_camera
-    from caris_desktop.perception.cameras.served_sound import LocalSound, ServedSound
+    from caris_desktop.perception.cameras.camera_process import open_camera
+    from caris_desktop.perception.cameras.camera_server import CameraServer, LocalSound, NewestFrame, ServedSound
 
     ended = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

@@ -21,9 +21,9 @@ from caris_desktop.domain.plugin_process import why_unusable
 from caris_desktop.domain.plugins import PluginError, find
 from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.backends.remote import RemoteDetector
+from caris_desktop.perception.cameras.camera_process import open_camera
 from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera, parse_camera
 from caris_desktop.perception.cameras.device_camera import found_cameras
-from caris_desktop.perception.cameras.open_camera import open_camera
 from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.weights import DetectorChoice, WeightsError, find_weights
 from caris_desktop.robot.discovery import load_profile_blocking

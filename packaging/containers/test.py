@@ -275,8 +275,8 @@ def request_perceive(folder: Path) -> str:
 
 
 def request_camera(folder: Path) -> str:
+    from caris_desktop.perception.cameras.camera_process import open_camera
     from caris_desktop.perception.cameras.camera_source import parse_camera
-    from caris_desktop.perception.cameras.open_camera import open_camera
 
     os.environ["CAMERA_TOKEN"] = (folder / "token").read_text().strip()
     address = "https://127.0.0.1:8090/video.mjpg#token-env=CAMERA_TOKEN"

@@ -18,9 +18,7 @@ from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.sound_clock import SoundClock
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.perception.cameras.camera_source import SILENCE_S, SOUND_RATE_HZ, CameraError, ChosenCamera, Picture
-from caris_desktop.perception.cameras.http_camera import CLOCK_HEADER
-from caris_desktop.perception.cameras.http_request import CameraConnection
-from caris_desktop.perception.cameras.remote_clock import ServedClock
+from caris_desktop.perception.cameras.http_camera import CLOCK_HEADER, CameraConnection, ServedClock
 from caris_desktop.perception.cameras.stream_camera import bgr_of
 
 _FIRST_PICTURE_S = 10.0
