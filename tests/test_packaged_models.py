@@ -16,8 +16,7 @@ from caris_desktop.conversation.voices.piper import PiperVoice
 from caris_desktop.conversation.voices.voice_selection import VoiceChoice, open_voice
 from caris_desktop.domain import model_files
 from caris_desktop.domain.model_files import check_file, packaged_checksums, packaged_file, read_checked
-from caris_desktop.perception.backends.load_detector import open_detector
-from caris_desktop.perception.backends.runtime_selection import open_fastest
+from caris_desktop.perception.backends.runtime_selection import open_detector, open_fastest
 from caris_desktop.perception.weights import offline_package_weights
 from caris_desktop.simulator import participant
 

@@ -20,7 +20,7 @@ from caris_desktop.domain.picture_checks import PictureError, fitted
 from caris_desktop.domain.plugin_process import why_unusable
 from caris_desktop.domain.plugins import PluginError, find
 from caris_desktop.domain.value_class import Value
-from caris_desktop.perception.backends.remote import RemoteDetector
+from caris_desktop.perception.backends.remote_detector import RemoteDetector
 from caris_desktop.perception.cameras.camera_process import open_camera
 from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera, parse_camera
 from caris_desktop.perception.cameras.device_camera import found_cameras

@@ -30,9 +30,9 @@ from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.plugins import INTERFACES, Plugin, PluginError, PluginGroup
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.live.frame_ring import FrameRings
-from caris_desktop.perception.box_motion import Floats
 from caris_desktop.perception.cameras.plugin_camera import READ_WITHIN_S, CameraPlugin, checked_image
-from caris_desktop.perception.detector_plugins import DetectorPlugin, checked_detections
+from caris_desktop.perception.detector import DetectorPlugin, checked_detections
+from caris_desktop.perception.kalman_tracker import Floats
 from caris_desktop.perception.tracker import checked_tracks
 from caris_desktop.perception.tracker_plugins import Tracker, TrackerFrame
 from caris_desktop.recording.measures.measure_plugins import SessionMeasure, checked_definition, checked_value

@@ -38,8 +38,8 @@ class AppearanceModel:
 
     def __init__(self, path: Path, *, threads: int = 1) -> None:
         # The console imports this module for its types, without onnxruntime.
-        from caris_desktop.perception.backends.onnx import session_options
-        from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
+        from caris_desktop.perception.backends.runtimes import session_options
+        from caris_desktop.perception.backends.ultralytics_runtime import prepare_runtimes
 
         prepare_runtimes(threads=threads)
         import onnxruntime

@@ -47,8 +47,8 @@ class FaceModel:
     """
 
     def __init__(self, path: Path, *, threads: int = 1) -> None:
-        from caris_desktop.perception.backends.onnx import session_options
-        from caris_desktop.perception.backends.ultralytics_setup import prepare_runtimes
+        from caris_desktop.perception.backends.runtimes import session_options
+        from caris_desktop.perception.backends.ultralytics_runtime import prepare_runtimes
 
         try:
             content, digest = read_checked(path)

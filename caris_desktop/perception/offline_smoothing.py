@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.perception.box_motion import Floats
+from caris_desktop.perception.kalman_tracker import Floats
 from caris_desktop.perception.tracker import TrackedBox
 
 _SAME_PERSON, _LIKELY_SAME = 0.25, 0.4

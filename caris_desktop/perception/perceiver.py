@@ -18,8 +18,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.appearance_embedding import AppearanceError, AppearanceModel, find_appearance
 from caris_desktop.perception.backends.runtime_selection import Chosen, open_chosen
 from caris_desktop.perception.blur import head_of
-from caris_desktop.perception.detector import Detections
-from caris_desktop.perception.detector_plugins import WatchedDetector
+from caris_desktop.perception.detector import Detections, WatchedDetector
 from caris_desktop.perception.inference_messages import (
     LEAST_CONFIDENCE,
     OWN_TRACKER,

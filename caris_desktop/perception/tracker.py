@@ -12,10 +12,9 @@ from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.appearance_embedding import AppearanceModel
-from caris_desktop.perception.box_motion import Floats, overlaps
 from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.inference_messages import DetectionRequest
-from caris_desktop.perception.kalman_tracker import view_qualities
+from caris_desktop.perception.kalman_tracker import Floats, overlaps, view_qualities
 from caris_desktop.perception.tracker_plugins import Tracker, TrackerFrame
 
 _SAME_PERSON = 0.7

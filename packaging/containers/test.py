@@ -263,7 +263,7 @@ class Container:
 
 
 def request_perceive(folder: Path) -> str:
-    from caris_desktop.perception.backends.remote import SERVER_VARIABLE, TOKEN_VARIABLE, RemoteDetector
+    from caris_desktop.perception.backends.remote_detector import SERVER_VARIABLE, TOKEN_VARIABLE, RemoteDetector
     from tests.perception.shared_data import bus_picture
 
     os.environ |= {SERVER_VARIABLE: "wss://127.0.0.1:8768", TOKEN_VARIABLE: (folder / "token").read_text().strip()}

@@ -8,17 +8,20 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.perception.backends.network import (
+    Found,
     ModelFacts,
     NetworkDetector,
     UnknownFormError,
     facts_of,
     fit,
+    form_of,
     input_size,
+    person_groups,
     pixels_rgb,
     planes_bgr,
     planes_rgb,
+    suppress,
 )
-from caris_desktop.perception.backends.outputs import Found, form_of, person_groups, suppress
 from caris_desktop.perception.weights import Weights
 
 _SIZE = (64, 96)
