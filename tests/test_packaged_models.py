@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 
 from caris_desktop.conversation.embedded_server import serve_model
-from caris_desktop.conversation.listening.local_engine import LocalEngine
+from caris_desktop.conversation.listening.endpointing import TurnModel, VoiceActivity
+from caris_desktop.conversation.listening.engines import LocalEngine
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
-from caris_desktop.conversation.listening.voice_activity import TurnModel, VoiceActivity
 from caris_desktop.conversation.voices.installed_voices import PiperFiles
-from caris_desktop.conversation.voices.piper import PiperVoice
-from caris_desktop.conversation.voices.voice_selection import VoiceChoice, open_voice
+from caris_desktop.conversation.voices.voice_selection import PiperVoice, VoiceChoice, open_voice
 from caris_desktop.domain import model_files
 from caris_desktop.domain.model_files import check_file, packaged_checksums, packaged_file, read_checked
 from caris_desktop.perception.backends.runtime_selection import open_detector, open_fastest

@@ -11,8 +11,7 @@ import numpy as np
 
 from caris_desktop.app import composition
 from caris_desktop.app.arguments import add_console_arguments
-from caris_desktop.conversation.listening.engine import EngineUnavailableError, NoEngineError
-from caris_desktop.conversation.listening.recogniser_files import find_recogniser
+from caris_desktop.conversation.listening.engines import EngineUnavailableError, NoEngineError, find_recogniser
 from caris_desktop.conversation.listening.server_engine import ServerEngine
 from caris_desktop.conversation.speech_checks import probe_language_model, probe_sound
 from caris_desktop.domain.address import is_loopback, without_credentials

@@ -48,9 +48,8 @@ from caris_desktop.live.services.scenario_service import ScenarioAdapters
 from caris_desktop.live.services.session_service import SessionAdapters
 from caris_desktop.live.services.sound_service import SoundAdapters
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.people.database import PeopleStoreError
 from caris_desktop.people.known import KnownPeople
-from caris_desktop.people.people_store import PeopleStore
+from caris_desktop.people.people_store import PeopleStore, PeopleStoreError
 from caris_desktop.people.presence import PresenceTracker
 from caris_desktop.perception.cameras.camera_source import CameraError, ChosenCamera, parse_camera, with_distinct_names
 from caris_desktop.perception.inference_messages import DetectorSettings, InferenceSettings
@@ -273,7 +272,7 @@ def _forgetting(study: StudyFolder, person_id: str) -> ProcessSpec:
 
 def own_files(study: Path) -> "OwnFiles":
     """This user's files outside the study that may name one of its people."""
-    from caris_desktop.conversation.voices.engine_process import VOICE_FOLDER
+    from caris_desktop.conversation.synthesis import VOICE_FOLDER
     from caris_desktop.live.logs import log_file
     from caris_desktop.recording.forgetting.own_files import OwnFiles
 

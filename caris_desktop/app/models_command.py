@@ -19,7 +19,7 @@ from caris_desktop.conversation.embedded_server import (
     serve_model,
 )
 from caris_desktop.conversation.models.embedded_models import added_models, remove_model
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.models.endpoint import LanguageModelError
 from caris_desktop.domain.address import before_port
 from caris_desktop.domain.limited_listener import listen_limited
 from caris_desktop.domain.model_files import WrongChecksum

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop import __version__
-from caris_desktop.conversation.plugin_server import Asked, LanguageModel, pieces
+from caris_desktop.conversation.embedded_server import Asked, LanguageModel, pieces
 from caris_desktop.conversation.speech_plugins import SpeechPlugin, checked_rate, checked_sound, checked_words
 from caris_desktop.domain import clock
 from caris_desktop.domain.clock import ClockAnchor

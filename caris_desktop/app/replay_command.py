@@ -33,8 +33,7 @@ from caris_desktop.live.asyncio_thread import AsyncioThread
 from caris_desktop.live.garbage_collection import GarbageCollector
 from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.replay_console import ReplayAdapters, ReplayConsole
-from caris_desktop.people.database import PeopleStoreError
-from caris_desktop.people.people_store import PeopleStore
+from caris_desktop.people.people_store import PeopleStore, PeopleStoreError
 from caris_desktop.recording.foreign.bag_files import BagError, is_probably_bag
 from caris_desktop.recording.foreign.bag_import import import_bag
 from caris_desktop.recording.replay.session_timeline import SessionTimeline

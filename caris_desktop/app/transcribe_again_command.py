@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.app.session_jobs import add_session_arguments, run_over_sessions
-from caris_desktop.conversation.listening.engine import NoEngineError
-from caris_desktop.conversation.listening.local_engine import LocalEngine
+from caris_desktop.conversation.listening.engines import LocalEngine, NoEngineError
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
-from caris_desktop.conversation.sound.resampling import resampled
+from caris_desktop.conversation.resampling import resampled
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES
 from caris_desktop.live.study_jobs import JobError, Progress

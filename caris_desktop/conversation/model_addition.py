@@ -11,8 +11,7 @@ from pathlib import Path
 
 from caris_desktop.conversation.embedded_server import EmbeddedFailed, ModelAdded, embedded_problem, serve_model
 from caris_desktop.conversation.models.embedded_models import NOT_ADDED, inspect_model, model_name, store_model
-from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, LanguageModelError
 from caris_desktop.conversation.speech_checks import probe_language_model
 from caris_desktop.domain.process_priority import step_back
 from caris_desktop.domain.translation import QT_TR_NOOP, localized

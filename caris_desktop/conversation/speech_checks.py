@@ -9,13 +9,18 @@ from typing import Any
 
 from caris_desktop.conversation.embedded_server import INSTALL_EMBEDDED, SLOTS, missing_for_embedded
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts, Retries, stream_chat
-from caris_desktop.conversation.models.embedded_models import find_added, served_name
-from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened
+from caris_desktop.conversation.models.embedded_models import find_added
+from caris_desktop.conversation.models.endpoint import (
+    LanguageModelError,
+    ModelEndpoint,
+    resolve_endpoint,
+    served_name,
+    shortened,
+)
 from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.conversation.spoken_text import spoken
+from caris_desktop.conversation.synthesis import VoiceEngine
 from caris_desktop.conversation.synthesis_messages import SynthesisSettings
-from caris_desktop.conversation.voices.engine_process import VoiceEngine
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.value_class import Value
 

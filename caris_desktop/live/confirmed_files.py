@@ -15,7 +15,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import platformdirs
 
-from caris_desktop.conversation.models.embedded_models import served_name
+from caris_desktop.conversation.models.endpoint import served_name
 from caris_desktop.domain.address import plugin_address, without_credentials
 from caris_desktop.domain.control_definitions import RobotControl, decided
 from caris_desktop.domain.control_effects import NO_NAMES, RobotInterfaceNames

@@ -6,7 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QTimer
 
-from caris_desktop.conversation.microphone_process import (
+from caris_desktop.conversation.sound_devices import (
     CloseMicrophone,
     MicrophoneFailed,
     MicrophoneLevel,

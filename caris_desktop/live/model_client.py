@@ -15,9 +15,8 @@ from PySide6.QtCore import QObject, QTimer, Signal
 
 from caris_desktop.conversation.embedded_server import REPLIES_SLOT, SLOTS
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
-from caris_desktop.conversation.models.listing import model_version
+from caris_desktop.conversation.models.connection import model_version
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.models.question import Cut
 from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.domain import clock

@@ -6,10 +6,9 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
+from caris_desktop.conversation.models.connection import models_here
 from caris_desktop.conversation.models.embedded_models import added_models
-from caris_desktop.conversation.models.endpoint import ModelEndpoint, ollama_url, openai_url
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
-from caris_desktop.conversation.models.listing import models_here
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, ollama_url, openai_url
 from caris_desktop.live.asyncio_thread import AsyncioThread
 
 _FIRST_AFTER_MS = 3000

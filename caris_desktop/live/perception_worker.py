@@ -35,8 +35,8 @@ from caris_desktop.live.service import Restarts
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.location import PeopleLocator
-from caris_desktop.people.portrait_store import Portraits
 from caris_desktop.people.presence import HistoryEvent, PersonRow, PresenceTracker, RecognitionSettings
+from caris_desktop.people.visit_log import Portraits
 from caris_desktop.perception.camera_schedule import (
     OTHERS_EVERY_NS,
     TO_COVER_EVERY_NS,

@@ -64,8 +64,8 @@ from caris_desktop.live.status import (
     SuggestionsStatus,
     VoiceStatus,
 )
-from caris_desktop.people.portrait_store import Portraits
 from caris_desktop.people.presence import PersonRow, is_unnamed_label
+from caris_desktop.people.visit_log import Portraits
 from caris_desktop.scenario.phrases import phrase_groups
 from caris_desktop.scenario.scenario_model import Place
 

@@ -27,11 +27,10 @@ from caris_desktop.domain.events import (
 )
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.people.database import About, PeopleStoreError
 from caris_desktop.people.identities import UNDECIDED
 from caris_desktop.people.known import KnownPeople, Undo, merged
-from caris_desktop.people.portrait_store import Portraits
-from caris_desktop.people.visit_log import Visit, VisitLog
+from caris_desktop.people.people_store import About, PeopleStoreError
+from caris_desktop.people.visit_log import Portraits, Visit, VisitLog
 
 MAX_NAME_LENGTH = 80
 MAX_NOTE_LENGTH = 4000

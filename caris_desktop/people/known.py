@@ -11,13 +11,14 @@ from caris_desktop.domain.events import ConsentKind, Event, Problem
 from caris_desktop.domain.person_values import LooksKind
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.people.database import About, PeopleStoreError
 from caris_desktop.people.identities import Identities
 from caris_desktop.people.people_store import (
+    About,
     Consent,
     HistoryEntry,
     HistoryKind,
     PeopleStore,
+    PeopleStoreError,
     StoredEmbeddings,
     StoredPerson,
     new_person_id,

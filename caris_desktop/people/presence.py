@@ -32,8 +32,7 @@ from caris_desktop.people.identities import GOOD_QUALITY
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.multi_camera_tracks import MultiCameraTracks
 from caris_desktop.people.people_store import HistoryEntry
-from caris_desktop.people.portrait_store import Portraits
-from caris_desktop.people.visit_log import Spot, Track, Visit, VisitLog
+from caris_desktop.people.visit_log import Portraits, Spot, Track, Visit, VisitLog
 
 CONFIRM_FRAMES = 3
 LEAVE_AFTER_S = 1.5

@@ -16,9 +16,8 @@ import pytest
 from caris_desktop.app.plugin_contracts import check_language_model
 from caris_desktop.conversation.embedded_server import EmbeddedReady, run_embedded_server
 from caris_desktop.conversation.models.chat import stream_chat
-from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, ModelEndpoint, resolve_endpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
-from caris_desktop.conversation.models.listing import model_version
+from caris_desktop.conversation.models.connection import model_version
+from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, LanguageModelError, ModelEndpoint, resolve_endpoint
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.plugins import PluginCall, PluginFailed
 from tests.support.plugins import install

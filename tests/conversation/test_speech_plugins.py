@@ -9,13 +9,13 @@ import pytest
 
 from caris_desktop.app.plugin_contracts import check_speech
 from caris_desktop.conversation import speech_plugins
-from caris_desktop.conversation.listening import local_engine
+from caris_desktop.conversation.listening import recogniser
+from caris_desktop.conversation.listening.engines import PluginEngine
 from caris_desktop.conversation.listening.heard_turn import TurnInterval
-from caris_desktop.conversation.listening.plugin_engine import PluginEngine
+from caris_desktop.conversation.listening.recogniser import Recognition, WordsReady, WordsThread
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
-from caris_desktop.conversation.listening.words_thread import Recognition, WordsReady, WordsThread
-from caris_desktop.conversation.voices.plugin_voice import PluginVoice
 from caris_desktop.conversation.voices.utterance_sound import Stop
+from caris_desktop.conversation.voices.voice_selection import PluginVoice
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.plugins import PluginError
 from caris_desktop.live.services.session_service import _with_plugins
@@ -135,7 +135,7 @@ def test_the_usual_recogniser_replaces_one_that_fails(
 
     install(tmp_path, "speech", "lab", source(transcribe=transcribe), monkeypatch)
     monkeypatch.setattr(speech_plugins, "TRANSCRIBE_WITHIN_S", 1.0)
-    monkeypatch.setattr(local_engine, "LocalEngine", Usual)
+    monkeypatch.setattr(recogniser, "LocalEngine", Usual)
     words = WordsThread(RecogniserSettings(model="plugin:lab"))
     words.start()
     ready = words.news.get(timeout=60)

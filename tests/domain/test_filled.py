@@ -171,9 +171,7 @@ def _is_glued(part: ast.expr) -> bool:
 def test_no_child_process_glues_what_it_reports() -> None:
     package = Path(__file__).parents[2] / "caris_desktop"
     files = [file for room in ROOMS for file in (package / room).rglob("*.py")]
-    files += [
-        package / "conversation" / f"{name}.py" for name in ("synthesis", "microphone_process", "embedded_server")
-    ]
+    files += [package / "conversation" / f"{name}.py" for name in ("synthesis", "sound_devices", "embedded_server")]
     named = {file.relative_to(package).as_posix(): file.read_text("utf-8") for file in files}
     found = {name: glued(text, collects=not name.startswith(OF_THE_TERMINAL)) for name, text in named.items()}
     assert {name: texts for name, texts in found.items() if texts} == {}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.microphone_process import MicrophoneAlive
+from caris_desktop.conversation.sound_devices import MicrophoneAlive
 from caris_desktop.conversation.synthesis_messages import Speak
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Marked, Problem, UtteranceChanged

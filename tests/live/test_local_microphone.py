@@ -19,7 +19,7 @@ from caris_desktop.live.process_manager import ProcessManager
 from caris_desktop.live.state import LiveState
 from tests.conversation.sound_server import SoundServer, require_pulseaudio
 
-pytestmark = [pytest.mark.long, pytest.mark.logs(r"live\.(bus|child_process): |conversation\.microphone_process: ")]
+pytestmark = [pytest.mark.long, pytest.mark.logs(r"live\.(bus|child_process): |conversation\.sound_devices: ")]
 
 
 @pytest.fixture

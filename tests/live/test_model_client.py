@@ -10,8 +10,7 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.conversation.embedded_server import REPLIES_SLOT
 from caris_desktop.conversation.models import failures
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.domain.events import ChatMessage, LlmExchange
 from caris_desktop.domain.failure import UserFacingError

@@ -6,11 +6,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.engine import Recognised
-from caris_desktop.conversation.listening.hallucination_filter import within_voice, without_repetition
-from caris_desktop.conversation.listening.local_agreement import AgreedWords, RecognisedWord
-from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
-from caris_desktop.conversation.listening.voice_activity import SECONDS as JUDGED_S
+from caris_desktop.conversation.listening.endpointing import RATE_HZ, WINDOW
+from caris_desktop.conversation.listening.endpointing import SECONDS as JUDGED_S
+from caris_desktop.conversation.listening.engines import Recognised
+from caris_desktop.conversation.listening.recognised_words import (
+    AgreedWords,
+    RecognisedWord,
+    within_voice,
+    without_repetition,
+)
 from caris_desktop.domain.value_class import Value
 
 _CUT_BEYOND_S, _CUT_ANYWHERE_BEYOND_S, _OVERLAP_S = 12.0, 22.0, 8.0

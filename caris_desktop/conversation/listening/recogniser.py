@@ -2,16 +2,34 @@
 
 import contextlib
 import logging
+import queue
+import threading
 import time
 from collections import deque
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
 
 from caris_desktop.conversation.listening.echo import EchoCanceller
-from caris_desktop.conversation.listening.endpointing import SilenceBounds, SilenceOfPeople, TurnTaking
-from caris_desktop.conversation.listening.engine import NoEngineError
+from caris_desktop.conversation.listening.endpointing import (
+    NoVoiceActivity,
+    SilenceBounds,
+    SilenceOfPeople,
+    TurnModel,
+    TurnTaking,
+    VoiceActivity,
+)
+from caris_desktop.conversation.listening.engines import (
+    Engine,
+    EngineUnavailableError,
+    LocalEngine,
+    NoEngineError,
+    PluginEngine,
+    Recognised,
+)
+from caris_desktop.conversation.listening.heard_turn import TurnInterval
 from caris_desktop.conversation.listening.recogniser_messages import (
     EndTurns,
     RecogniserAway,
@@ -23,8 +41,7 @@ from caris_desktop.conversation.listening.recogniser_messages import (
 )
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
 from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
-from caris_desktop.conversation.listening.voice_activity import NoVoiceActivity, TurnModel, VoiceActivity
-from caris_desktop.conversation.listening.words_thread import Recognition, WordsReady, WordsThread
+from caris_desktop.conversation.speech_plugins import PLUGIN
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged
 from caris_desktop.domain.failure import UserFacingError
@@ -34,8 +51,99 @@ from caris_desktop.domain.process_priority import step_back
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import WIZARD_MICROPHONE, PlayedSound, PlayedSoundEnded
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.value_class import Value
 
 _log = logging.getLogger(__name__)
+_END_WITHIN_S = 0.2
+WORDS_THREAD = "words"
+
+
+class WordsReady(Value):
+    """The engine is loaded. ``every_s`` is the minimum interval between requests during continuous speech."""
+
+    model: str
+    language: str
+    every_s: float
+    load_s: float
+
+
+class Recognition(Value):
+    """Result of an interval; ``text`` is None on failure, with ``away`` if the engine is unavailable."""
+
+    stretch: TurnInterval
+    text: Recognised | None
+    took_s: float
+    away: EngineUnavailableError | None = None
+
+
+class WordsThread:
+    """One interval at a time. ``news`` has WordsReady, or a final NoEngineError, and a Recognition per request.
+
+    A plug-in that fails is replaced by the usual engine: ``news`` has its PluginError, and another WordsReady.
+    """
+
+    def __init__(self, settings: RecogniserSettings) -> None:
+        self.news: queue.SimpleQueue[WordsReady | NoEngineError | PluginError | Recognition] = queue.SimpleQueue()
+        self._requests: queue.SimpleQueue[TurnInterval | None] = queue.SimpleQueue()
+        self._settings = settings
+        self._thread = threading.Thread(target=self._run, name=WORDS_THREAD, daemon=True)
+
+    def start(self) -> None:
+        """Load the engine."""
+        self._thread.start()
+
+    def ask(self, stretch: TurnInterval) -> None:
+        """Transcribe an interval."""
+        self._requests.put(stretch)
+
+    def end(self) -> None:
+        """End the thread, without waiting long for a running load or transcription."""
+        self._requests.put(None)
+        self._thread.join(_END_WITHIN_S)
+
+    def _run(self) -> None:
+        try:
+            try:
+                self._work(self._settings)
+            except PluginError as error:
+                self.news.put(error)
+                self._work(replace(self._settings, engine="local", model="", sha256=""))
+        except NoEngineError as error:
+            self.news.put(error)
+
+    def _work(self, settings: RecogniserSettings) -> None:
+        began_s = time.monotonic()
+        engine = open_engine(settings)
+        self.news.put(WordsReady(engine.model, engine.language, engine.every_s, time.monotonic() - began_s))
+        with contextlib.closing(engine):
+            while (stretch := self._requests.get()) is not None:
+                self._make_out(engine, stretch)
+
+    def _make_out(self, engine: Engine, stretch: TurnInterval) -> None:
+        began_s, text, away = time.monotonic(), None, None
+        try:
+            text = engine.transcribe(stretch.sound, stretch.before, careful=stretch.at_pause, voice_s=stretch.voice_s)
+        except EngineUnavailableError as error:
+            away = error
+        except PluginError:
+            self.news.put(Recognition(stretch, None, time.monotonic() - began_s))
+            raise
+        except Exception:
+            _log.exception("%.1f s of sound could not be transcribed", len(stretch.sound) / 16_000)
+        self.news.put(Recognition(stretch, text, time.monotonic() - began_s, away))
+
+
+def open_engine(settings: RecogniserSettings) -> Engine:
+    """Open the engine; takes seconds, with a download minutes. Raises NoEngineError, PluginError."""
+    if settings.model.startswith(PLUGIN):
+        return PluginEngine(settings.model, settings.language)
+    if settings.engine == "server":
+        from caris_desktop.conversation.listening.server_engine import ServerEngine
+
+        return ServerEngine(settings)
+    return LocalEngine(settings)
+
+
 _POLL_EVERY_S = 0.02
 _NO_SOUND_NS = 700_000_000
 """A microphone from which nothing has come for so long is closed, and the turn at it is over."""

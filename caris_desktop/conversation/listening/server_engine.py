@@ -14,15 +14,13 @@ import httpx
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.conversation.listening.engine import EngineUnavailableError, NoEngineError, Recognised
-from caris_desktop.conversation.listening.hallucination_filter import is_nothing
-from caris_desktop.conversation.listening.local_agreement import RecognisedWord
+from caris_desktop.conversation.listening.engines import EngineUnavailableError, NoEngineError, Recognised
+from caris_desktop.conversation.listening.recognised_words import RecognisedWord, is_nothing
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.models.connection import api_key, connected, send
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened, without
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, shortened, without
 from caris_desktop.conversation.models.failures import error_in
-from caris_desktop.conversation.models.stream import object_in, small_body
+from caris_desktop.conversation.models.question import object_in, small_body
 from caris_desktop.domain.address import is_encrypted_or_local, is_same_server, without_credentials
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.translation import QT_TR_NOOP, localized

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
-from caris_desktop.conversation.listening.endpointing import TurnTaking
-from caris_desktop.conversation.listening.engine import Recognised
+from caris_desktop.conversation.listening.endpointing import RATE_HZ, WINDOW, TurnTaking
+from caris_desktop.conversation.listening.engines import Recognised
 from caris_desktop.conversation.listening.heard_turn import TurnAudio, TurnInterval
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
-from caris_desktop.conversation.listening.voice_activity import RATE_HZ, WINDOW
 from caris_desktop.domain.actor import CONSOLE
 from caris_desktop.domain.events import UtteranceChanged, UtteranceCorrected, UtteranceState
 from caris_desktop.domain.sensing import AudioChunk

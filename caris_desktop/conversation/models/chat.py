@@ -15,11 +15,19 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from caris_desktop.conversation.models import failures, gemini, ollama, openai
 from caris_desktop.conversation.models.connection import api_key, check_model_is_here, check_place, connected, send
-from caris_desktop.conversation.models.endpoint import ModelEndpoint, Provider
-from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened, without
-from caris_desktop.conversation.models.question import Chunk, Cut, Question, Request, json_object
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, Provider, shortened, without
+from caris_desktop.conversation.models.question import (
+    Chunk,
+    Cut,
+    Question,
+    Request,
+    check_type,
+    documents,
+    json_object,
+    object_in,
+    small_body,
+)
 from caris_desktop.conversation.models.reasoning import SpokenPart, Withdrawn
-from caris_desktop.conversation.models.stream import check_type, documents, object_in, small_body
 from caris_desktop.domain.address import is_loopback
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.translation import QT_TR_NOOP, localized

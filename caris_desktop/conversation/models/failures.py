@@ -5,8 +5,7 @@ import re
 import ssl
 from typing import TYPE_CHECKING, Any
 
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError, shortened, without
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, shortened, without
 from caris_desktop.domain.certificates import why_refused
 from caris_desktop.domain.translation import QT_TR_NOOP, LocalizedText, joined, localized
 

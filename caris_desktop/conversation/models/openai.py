@@ -7,8 +7,7 @@ import re
 from typing import Any
 from urllib.parse import urlsplit
 
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.models.failures import blocked, raise_error_object, unusable
 from caris_desktop.conversation.models.question import (
     REASONING_TOKENS,

@@ -12,9 +12,13 @@ from PySide6.QtCore import QObject, Qt, QTimer
 from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.conversation.embedded_server import EmbeddedFailed, EmbeddedReady, ModelAdded
 from caris_desktop.conversation.models.connection import check_place
-from caris_desktop.conversation.models.embedded_models import PLUGIN, served_name
-from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.models.endpoint import (
+    EMBEDDED_KEY,
+    PLUGIN,
+    LanguageModelError,
+    ModelEndpoint,
+    served_name,
+)
 from caris_desktop.conversation.prompts import (
     MAX_HISTORY_CHARACTERS,
     MAX_LABEL_CHARACTERS,

@@ -11,9 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
-from caris_desktop.conversation.face.drawing import Drawing, drawing_of, words_alone
+from caris_desktop.conversation.face.drawing import (
+    Drawing,
+    FaceMotion,
+    SpokenLoudness,
+    drawing_of,
+    loudness,
+    words_alone,
+)
 from caris_desktop.conversation.face.face_file import DEFAULT_FACE, Face, FaceError, load_face, parse_face, save_face
-from caris_desktop.conversation.face.face_motion import FaceMotion, SpokenLoudness, loudness
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import FaceChanged, UtteranceChanged

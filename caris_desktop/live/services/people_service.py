@@ -8,9 +8,8 @@ from typing import Any, get_args
 
 from PySide6.QtCore import QObject, Qt, QThread
 
-from caris_desktop.conversation.conversation_transcript import Transcript, UtteranceReport
+from caris_desktop.conversation.conversation_transcript import ResponseTimes, Transcript, UtteranceReport
 from caris_desktop.conversation.listening.speaker_attribution import Here, PeopleHere, WizardsVoice, is_wizards
-from caris_desktop.conversation.response_timing import ResponseTimes
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE
 from caris_desktop.domain.camera_projection import CameraModel

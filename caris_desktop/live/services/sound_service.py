@@ -8,7 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from PySide6.QtCore import QObject, QTimer
 
-from caris_desktop.conversation.sound.playback_process import (
+from caris_desktop.conversation.resampling import Resampler
+from caris_desktop.conversation.sound_devices import (
     BeginPlaying,
     EndPlaying,
     PlaybackAlive,
@@ -18,7 +19,6 @@ from caris_desktop.conversation.sound.playback_process import (
     PlayThis,
     SetVolume,
 )
-from caris_desktop.conversation.sound.resampling import Resampler
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ANSWER, LinkChanged, UtteranceChanged

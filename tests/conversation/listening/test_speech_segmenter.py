@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
 from caris_desktop.conversation.listening.endpointing import SilenceBounds, SilenceOfPeople, TurnTaking
-from caris_desktop.conversation.listening.engine import Recognised
+from caris_desktop.conversation.listening.engines import Recognised
 from caris_desktop.conversation.listening.heard_turn import TurnInterval
-from caris_desktop.conversation.listening.local_agreement import RecognisedWord
+from caris_desktop.conversation.listening.recognised_words import RecognisedWord
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
 from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter, with_words
 from caris_desktop.domain.actor import CONSOLE

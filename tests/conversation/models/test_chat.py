@@ -12,9 +12,8 @@ import pytest
 
 from caris_desktop.conversation.models import ollama, openai
 from caris_desktop.conversation.models.chat import ChatTimeouts, Retries, stream_chat
-from caris_desktop.conversation.models.endpoint import ModelEndpoint, Provider, resolve_endpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
-from caris_desktop.conversation.models.listing import model_version, models_here
+from caris_desktop.conversation.models.connection import model_version, models_here
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, Provider, resolve_endpoint
 from caris_desktop.conversation.models.question import Question
 from tests.conversation.models.served import (
     LINES_HEAD,

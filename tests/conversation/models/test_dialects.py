@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from caris_desktop.conversation.models import gemini, ollama, openai
+from caris_desktop.conversation.models.connection import model_version, models_here
 from caris_desktop.conversation.models.endpoint import EMBEDDED_KEY, KEYED_BY, ModelEndpoint
-from caris_desktop.conversation.models.listing import model_version, models_here
 from caris_desktop.conversation.models.question import REASONING_TOKENS, Question
 from caris_desktop.domain.events import ChatMessage
 from tests.conversation.models.served import (

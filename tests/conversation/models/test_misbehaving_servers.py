@@ -12,8 +12,7 @@ import pytest
 
 from caris_desktop.conversation.models import gemini, openai
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts, Retries, stream_chat
-from caris_desktop.conversation.models.endpoint import ModelEndpoint
-from caris_desktop.conversation.models.failure_texts import LanguageModelError
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint
 from caris_desktop.conversation.models.question import REASONING_TOKENS, Question
 from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.conversation.speech_checks import probe_language_model

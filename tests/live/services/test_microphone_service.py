@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.microphone_process import (
+from caris_desktop.conversation.sound_devices import (
     CloseMicrophone,
     MicrophoneFailed,
     MicrophoneList,

@@ -14,8 +14,8 @@ from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.services.people_service import PeopleAdapters, PeopleService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import CrashRecoveryStatus
-from caris_desktop.people.database import About
 from caris_desktop.people.known import KnownPeople
+from caris_desktop.people.people_store import About
 from caris_desktop.people.presence import PresenceTracker
 from caris_desktop.scenario.scenario_model import Scenario
 from tests.live import bodies

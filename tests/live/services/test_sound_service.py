@@ -10,7 +10,7 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.conversation.sound.playback_process import (
+from caris_desktop.conversation.sound_devices import (
     BeginPlaying,
     EndPlaying,
     PlaybackFailed,
