@@ -4,24 +4,20 @@ With eyes and nose from the detector, the face is rotated and scaled to the netw
 the middle of the head area is used, with a lower quality.
 """
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.model_files import WrongChecksum, read_checked
 from caris_desktop.domain.person_values import PersonLooks
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.domain.translation import QT_TR_NOOP, localized
+from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
+from caris_desktop.perception.appearance_embedding import EmbeddingModel
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.tracker import TrackedBox
-
-log = logging.getLogger(__name__)
 
 SIDE_PX = 112
 # Reference positions of eyes and nose in the networks' training data (insightface, arcface_src).
@@ -36,50 +32,18 @@ _NOT_SOONER_NS = 500_000_000
 _MAX_FACES = 500
 
 
-class FaceModelError(Exception):
-    """Unusable or wrong network file. The message is for the wizard."""
-
-
-class FaceModel:
-    """Face network. For one thread. ``name`` identifies it, as vectors of two networks are not comparable.
-
-    A file of the same name plus ``.sha256`` in its folder must contain its checksum. Raises FaceModelError.
-    """
+class FaceModel(EmbeddingModel):
+    """Face network. Raises EmbeddingModelError."""
 
     def __init__(self, path: Path, *, threads: int = 1) -> None:
-        from caris_desktop.perception.backends.runtimes import session_options
-        from caris_desktop.perception.backends.ultralytics_runtime import prepare_runtimes
-
-        try:
-            content, digest = read_checked(path)
-        except OSError as error:
-            raise FaceModelError(
-                localized(QT_TR_NOOP("The face recognition model {name} cannot be read."), name=path.name)
-            ) from error
-        except WrongChecksum as error:
-            raise FaceModelError(str(error)) from error
-        prepare_runtimes(threads=threads)
-        import onnxruntime
-
-        try:
-            self._session: Any = onnxruntime.InferenceSession(
-                content, session_options(threads), providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # onnxruntime raises undocumented types
-            log.info("could not load %s", path, exc_info=True)
-            raise FaceModelError(
-                localized(QT_TR_NOOP("The face recognition model {name} could not be loaded."), name=path.name)
-            ) from error
-        self.name = f"{path.stem}-{digest[:8]}"
-        first = self._session.get_inputs()[0]
-        self._input = first.name
-        if len(first.shape) != 4 or list(first.shape[1:]) != [3, SIDE_PX, SIDE_PX]:
-            raise FaceModelError(
-                localized(
-                    QT_TR_NOOP("{name} is not a face recognition model: its input is not 3 x 112 x 112."),
-                    name=path.name,
-                )
-            )
+        super().__init__(
+            path,
+            threads=threads,
+            size_px=(SIDE_PX, SIDE_PX),
+            unreadable=QT_TR_NOOP("The face recognition model {name} cannot be read."),
+            unloadable=QT_TR_NOOP("The face recognition model {name} could not be loaded."),
+            wrong_input=QT_TR_NOOP("{name} is not a face recognition model: its input is not 3 x 112 x 112."),
+        )
         self.embed(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8))  # warm-up: the first run is the slowest
 
     def embed(self, face_bgr: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -108,7 +72,7 @@ class StudyFaces:
         boxes: Sequence[TrackedBox],
         keypoints: NDArray[np.float64] | None,
     ) -> list[PersonLooks]:
-        """As :meth:`Faces.taken`; empty if faces are not permitted. Raises FaceModelError, once."""
+        """As :meth:`Faces.taken`; empty if faces are not permitted. Raises EmbeddingModelError, once."""
         if not request.faces:
             return []
         path, self._path = self._path, None
@@ -164,7 +128,15 @@ def face_of(image_bgr: NDArray[np.uint8], box: TrackedBox, keypoints: NDArray[np
     ``keypoints`` are those of this person, shape (17, 3): x, y in pixels, visibility.
     """
     if keypoints is None:
-        return _guessed(image_bgr, box)
+        # Middle of the upper end of the box, in the usual ratio of head to shoulder width.
+        side = min(_HEAD_OF_WIDTH * box.width_px, box.height_px)
+        left, top = box.left_px + (box.width_px - side) / 2, box.top_px
+        height, width = image_bgr.shape[:2]
+        if side < _LEAST_HEAD_PX or left < 0 or top < 0 or left + side > width or top + side > height:
+            return None
+        crop = image_bgr[round(top) : round(top + side), round(left) : round(left + side)]
+        image = cv2.resize(crop, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_LINEAR).astype(np.uint8)
+        return FaceCrop(image, _BY_GUESS * box.quality)
     points = keypoints[[_NOSE, _LEFT_EYE, _RIGHT_EYE]]
     eyes_px = float(np.linalg.norm(points[1, :2] - points[2, :2]))
     if points[:, 2].min() < _VISIBLE or eyes_px < _LEAST_EYES_PX:
@@ -172,18 +144,6 @@ def face_of(image_bgr: NDArray[np.uint8], box: TrackedBox, keypoints: NDArray[np
     turned = _similarity(points[:, :2], _PLACES)
     image = cv2.warpAffine(image_bgr, turned, (SIDE_PX, SIDE_PX), flags=cv2.INTER_LINEAR).astype(np.uint8)
     return FaceCrop(image, box.quality * min(1.0, eyes_px / (2.5 * _LEAST_EYES_PX)))
-
-
-def _guessed(image_bgr: NDArray[np.uint8], box: TrackedBox) -> FaceCrop | None:
-    """Middle of the upper end of the box, in the usual ratio of head to shoulder width."""
-    side = min(_HEAD_OF_WIDTH * box.width_px, box.height_px)
-    left, top = box.left_px + (box.width_px - side) / 2, box.top_px
-    height, width = image_bgr.shape[:2]
-    if side < _LEAST_HEAD_PX or left < 0 or top < 0 or left + side > width or top + side > height:
-        return None
-    crop = image_bgr[round(top) : round(top + side), round(left) : round(left + side)]
-    image = cv2.resize(crop, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_LINEAR).astype(np.uint8)
-    return FaceCrop(image, _BY_GUESS * box.quality)
 
 
 def _similarity(points: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:

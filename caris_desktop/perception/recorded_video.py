@@ -58,7 +58,7 @@ class VideoFile:
         self._stream: Any = videos[0]
         self._stream.thread_type = "AUTO"
         self.fps = float(self._stream.average_rate or _USUAL_FPS)
-        self.pictures_about = int(self._stream.frames or self._duration_s() * self.fps)
+        self.pictures_about = int(self._stream.frames or (self._container.duration or 0) / 1e6 * self.fps)
 
     def __enter__(self) -> "VideoFile":
         return self
@@ -104,6 +104,3 @@ class VideoFile:
                 return
             in_a_row = 0
             yield frame
-
-    def _duration_s(self) -> float:
-        return (self._container.duration or 0) / 1e6

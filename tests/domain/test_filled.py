@@ -139,10 +139,10 @@ def test_a_text_stored_as_plain_text_is_found_again() -> None:
 
 ROOMS = ("robot", "recording", "perception", "conversation/listening", "conversation/voices", "app")
 TOLD = {
-    "AnnotationError", "CameraError", "DetectorAwayError", "EngineUnavailableError", "ExportError", "FaceModelError",
-    "ErasureStoppedError", "Gap", "NoAnswer", "NoEngineError", "NoSuchVoiceError", "OutletUnavailableError", "Problem",
-    "RepairReport", "SecurityError", "SessionError", "UserFacingError", "UnknownFormError", "UnreadableMediaError",
-    "WeightsError", "_away", "_miss", "_no", "_report_problem", "abort", "give_up", "problem", "unreachable",
+    "AnnotationError", "CameraError", "DetectorAwayError", "EmbeddingModelError", "EngineUnavailableError",
+    "ExportError", "ErasureStoppedError", "Gap", "NoAnswer", "NoEngineError", "NoSuchVoiceError",
+    "OutletUnavailableError", "Problem", "RepairReport", "SecurityError", "SessionError", "UserFacingError",
+    "UnknownFormError", "UnreadableMediaError", "WeightsError", "_away", "_miss", "_no", "_report_problem", "abort", "give_up", "problem", "unreachable",
 }  # fmt: skip
 """Calls whose arguments the wizard reads."""
 COLLECTED = ("self._sentences.append", "self._losses.append", "problems.append", "context.warn")

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.domain.sensing import FrameRef
-from caris_desktop.perception.faces import FaceModel, FaceModelError, Faces, StudyFaces, face_of
+from caris_desktop.perception.appearance_embedding import EmbeddingModelError
+from caris_desktop.perception.faces import FaceModel, Faces, StudyFaces, face_of
 from caris_desktop.perception.inference_messages import DetectionRequest
 from caris_desktop.perception.tracker import TrackedBox
 from tests.perception.networks import colours_of_places
@@ -123,7 +124,7 @@ def test_an_unusable_network_is_refused_once(
     if checksum is not None:
         (tmp_path / "face.onnx.sha256").write_text(f"{checksum}  face.onnx\n")
     faces, image = StudyFaces(path), np.zeros((480, 640, 3), np.uint8)
-    with pytest.raises(FaceModelError, match=expected):
+    with pytest.raises(EmbeddingModelError, match=expected):
         faces.extract(image, DetectionRequest(frame(), faces=True), [BOX], None)
     assert faces.extract(image, DetectionRequest(frame(2.0), faces=True), [BOX], None) == []
 

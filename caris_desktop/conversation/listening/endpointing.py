@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.domain.model_files import packaged_file, read_checked
+from caris_desktop.domain.model_files import onnx_options, packaged_file, read_checked
 from caris_desktop.domain.value_class import Value
 
 # Adaptive endpointing delay: pause lengths within turns, learned per person.
@@ -271,17 +271,11 @@ class VoiceActivity:
 
 
 def open_network(path: Path) -> "onnxruntime.InferenceSession":
-    """Session on one thread without spinning, which delays other processes on a busy computer by milliseconds.
-
-    Raises WrongChecksum.
-    """
+    """Session on one thread. Raises WrongChecksum."""
     import onnxruntime
 
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options = onnx_options(1)
     options.enable_cpu_mem_arena = False
-    options.log_severity_level = 3
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     return onnxruntime.InferenceSession(read_checked(path)[0], sess_options=options, providers=["CPUExecutionProvider"])
 
 
@@ -306,7 +300,13 @@ class TurnModel:
 
     def __init__(self, session: object) -> None:
         self._session = session
-        self._bands = _mel_filters()
+        # Mel filter bank, Slaney's scale with equal areas; shape (bands, frequencies of the spectrum).
+        edges = _hz(np.linspace(_mel(0.0), _mel(RATE_HZ / 2), _BANDS + 2))
+        frequencies = np.linspace(0, RATE_HZ / 2, _WINDOW // 2 + 1)
+        widths = np.diff(edges)
+        slopes = edges[:, np.newaxis] - frequencies
+        bands = np.maximum(0.0, np.minimum(-slopes[:-2] / widths[:-1, np.newaxis], slopes[2:] / widths[1:, np.newaxis]))
+        self._bands = np.asarray(bands * (2.0 / (edges[2:] - edges[:-2]))[:, np.newaxis])
         self._window = np.hanning(_WINDOW + 1)[:-1]
 
     def turn_over(self, turn: NDArray[np.float32]) -> float:
@@ -327,16 +327,6 @@ class TurnModel:
         log = np.log10(np.maximum(_POWER_FLOOR, self._bands @ power.T))
         log = np.maximum(log, log.max() - _RANGE)
         return np.asarray((log + 4.0) / 4.0, np.float32)
-
-
-def _mel_filters() -> NDArray[np.float64]:
-    """Mel filter bank, Slaney's scale with equal areas; shape (bands, frequencies of the spectrum)."""
-    edges = _hz(np.linspace(_mel(0.0), _mel(RATE_HZ / 2), _BANDS + 2))
-    frequencies = np.linspace(0, RATE_HZ / 2, _WINDOW // 2 + 1)
-    widths = np.diff(edges)
-    slopes = edges[:, np.newaxis] - frequencies
-    bands = np.maximum(0.0, np.minimum(-slopes[:-2] / widths[:-1, np.newaxis], slopes[2:] / widths[1:, np.newaxis]))
-    return np.asarray(bands * (2.0 / (edges[2:] - edges[:-2]))[:, np.newaxis])
 
 
 # Slaney's scale: linear up to 1 kHz, logarithmic above.

@@ -26,6 +26,7 @@ from caris_desktop.domain.model_files import (
     expected_of,
     fetch,
     models_dirs,
+    named_path,
     packaged_file,
     sha256_of,
 )
@@ -135,16 +136,13 @@ def _usual(folders: tuple[Path, ...]) -> Path:
 
 
 def _path_of(settings: RecogniserSettings, folders: tuple[Path, ...]) -> Path:
-    path = Path(settings.model).expanduser()
-    if path.is_absolute():
-        return path
-    if ".." in path.parts:
+    path = named_path(settings.model, settings.folder, folders)
+    if path is None:
         raise _no(
             localized(QT_TR_NOOP("The recogniser {model} is outside the scenario's folder."), model=settings.model),
             QT_TR_NOOP("Enter the full path, or put the model next to the scenario or into a models folder."),
         )
-    places = [folder / path for folder in (*([settings.folder] if settings.folder else []), *folders)]
-    return next((place for place in places if place.exists()), places[0])
+    return path
 
 
 def _fetched(url: str, sha256: str, folder: Path, *, allow_download: bool) -> Path:
@@ -283,9 +281,13 @@ class LocalEngine:
             word_timestamps=True,
             max_new_tokens=_TOKENS_AT_LEAST + round(_TOKENS_A_SECOND * len(sound) / _RATE_HZ),
         )
+        # No text from silence: after ending at the first of two sentences, the model may decode the rest, and
+        # invents text for silence after the last word.
         words = [
             RecognisedWord(word.word.strip(), float(word.start), float(word.end), float(word.probability))
-            for segment in itertools.takewhile(lambda each: _is_of_voice(each, voice_s), segments)
+            for segment in itertools.takewhile(
+                lambda each: bool(each.seek == 0 or each.seek / _FRAMES_PER_S <= voice_s - _SPEECH_GOES_ON_S), segments
+            )
             if not is_nothing(
                 segment.text,
                 no_speech=segment.no_speech_prob,
@@ -299,13 +301,6 @@ class LocalEngine:
 
     def close(self) -> None:
         """See Engine."""
-
-
-def _is_of_voice(segment: Any, voice_s: float) -> bool:
-    """False for text from silence: after ending at the first of two sentences, the model may decode the rest, and
-    invents text for silence after the last word.
-    """
-    return bool(segment.seek == 0 or segment.seek / _FRAMES_PER_S <= voice_s - _SPEECH_GOES_ON_S)
 
 
 def _open(folder: str, threads: int) -> Any:

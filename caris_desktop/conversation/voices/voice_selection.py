@@ -34,7 +34,7 @@ from caris_desktop.conversation.voices.installed_voices import (
 )
 from caris_desktop.conversation.voices.utterance_sound import RenderingStoppedError, Samples, Stop, Voice, words_of
 from caris_desktop.domain.foreign_json import parse_json
-from caris_desktop.domain.model_files import WrongChecksum, check_file, packaged_file, read_checked
+from caris_desktop.domain.model_files import WrongChecksum, check_file, onnx_options, packaged_file, read_checked
 from caris_desktop.domain.onnx_graph import part_of_graph, taken_by
 from caris_desktop.domain.plugins import PluginError
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
@@ -97,25 +97,20 @@ class EspeakVoice:
             time.sleep(pause_s)
         raise ValueError("the voice produced no audio")
 
-    def _tune_now(self) -> None:
-        """Wait until espeak has applied the settings: unfinished work would cancel the next sentence.
-
-        Unchanged settings are not sent, since they would count as such work.
-        """
-        for name, value in self._tuned.items():
-            if self._engine.getProperty(name) != value:
-                self._engine.setProperty(name, value)
-        until_s = time.monotonic() + _TUNED_WITHIN_S
-        while time.monotonic() < until_s and any(
-            self._engine.getProperty(name) != value for name, value in self._tuned.items()
-        ):
-            time.sleep(0.005)
-        self._is_tuned = True
-
     def _attempt(self, text: str) -> tuple[Samples, int] | None:
         """None if pyttsx3 cancelled its own work, as it does while espeak seems busy."""
         if not self._is_tuned:
-            self._tune_now()
+            # Wait until espeak has applied the settings: unfinished work would cancel the next sentence. Unchanged
+            # settings are not sent, since they would count as such work.
+            for name, value in self._tuned.items():
+                if self._engine.getProperty(name) != value:
+                    self._engine.setProperty(name, value)
+            until_s = time.monotonic() + _TUNED_WITHIN_S
+            while time.monotonic() < until_s and any(
+                self._engine.getProperty(name) != value for name, value in self._tuned.items()
+            ):
+                time.sleep(0.005)
+            self._is_tuned = True
         while not self._completions.empty():
             self._completions.get()
         self._path.unlink(missing_ok=True)
@@ -293,15 +288,10 @@ class PiperVoice:
             ]
         except (ValueError, IndexError):
             parts = [content]
-        return [self._session(part) for part in parts]
-
-    def _session(self, content: bytes) -> Any:
-        options = self._runtime.SessionOptions()
-        options.intra_op_num_threads = _THREADS
-        options.inter_op_num_threads = 1
-        # Spinning threads would take processor time from the window.
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-        return self._runtime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        return [
+            self._runtime.InferenceSession(part, onnx_options(_THREADS), providers=["CPUExecutionProvider"])
+            for part in parts
+        ]
 
 
 def _around(first: int, end: int, frames: int, at_most: int) -> slice:

@@ -39,11 +39,11 @@ class ModelFacts(Value):
 
 def facts_of(metadata: Mapping[str, object]) -> ModelFacts:
     """Parse the metadata of ultralytics' exports, without evaluating it."""
-    names = _value(metadata.get("names"))
+    names = parsed_metadata(metadata.get("names"))
     if isinstance(names, Mapping):
         numbered = {int(number): str(name) for number, name in names.items()}
         names = [numbered.get(number, "") for number in range(max(numbered, default=-1) + 1)]
-    shape = _value(metadata.get("kpt_shape"))
+    shape = parsed_metadata(metadata.get("kpt_shape"))
     values = shape[0] * shape[1] if isinstance(shape, list | tuple) and len(shape) == 2 else 0
     task = str(metadata.get("task", "detect"))
     return ModelFacts(
@@ -54,7 +54,8 @@ def facts_of(metadata: Mapping[str, object]) -> ModelFacts:
     )
 
 
-def _value(text: object) -> object:
+def parsed_metadata(text: object) -> object:
+    """Value of a metadata text in JSON or as a Python literal; None if it is neither."""
     if not isinstance(text, str):
         return text
     try:

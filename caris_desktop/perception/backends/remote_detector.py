@@ -26,14 +26,7 @@ from websockets.http11 import Request, Response
 from websockets.sync.client import ClientConnection, connect
 
 from caris_desktop.domain.address import is_loopback, is_same_server, without_credentials
-from caris_desktop.domain.certificates import (
-    OtherCertificateError,
-    certificate_of,
-    client_context,
-    confirmed_context,
-    fingerprint_of,
-    why_refused,
-)
+from caris_desktop.domain.certificates import OtherCertificateError, refusal_of, trusted_context
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.limited_listener import is_own_host, listen_limited, quiet_handshakes
 from caris_desktop.domain.picture_checks import PictureError, decoded
@@ -204,23 +197,19 @@ def _trusted(host: str, port: int) -> ssl.SSLContext:
     """TLS context, pinned to a fingerprint if the user confirmed one."""
     confirmed = os.environ.get(FINGERPRINT_VARIABLE, "").strip()
     try:
-        return confirmed_context(confirmed, host, port) if confirmed else client_context()
+        return trusted_context(confirmed, host, port)
     except ValueError as error:
         unknown = QT_TR_NOOP("{variable} does not contain a SHA-256 fingerprint")
         raise DetectorAwayError(localized(unknown, variable=FINGERPRINT_VARIABLE)) from error
 
 
 def _not_proven(error: ssl.SSLError, address: SplitResult, server: str) -> str:
-    host = address.hostname or ""
-    certificate = None
-    with contextlib.suppress(OSError, ValueError):
-        certificate = certificate_of(host, address.port or 443)
-    reason, _ = why_refused(error, host, certificate)
-    if certificate is not None:
+    reason, _, fingerprint = refusal_of(error, address.hostname or "", address.port or 443)
+    if fingerprint:
         confirm = QT_TR_NOOP(
             "If this is the right certificate, set {variable} to its SHA-256 fingerprint: {fingerprint}"
         )
-        reason = (*reason, localized(confirm, variable=FINGERPRINT_VARIABLE, fingerprint=fingerprint_of(certificate)))
+        reason = (*reason, localized(confirm, variable=FINGERPRINT_VARIABLE, fingerprint=fingerprint))
     return localized(QT_TR_NOOP("The identity of {shown} cannot be verified. {why}"), shown=server, why=joined(reason))
 
 

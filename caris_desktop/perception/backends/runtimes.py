@@ -3,10 +3,8 @@
 onnxruntime's threads sleep instead of spinning, and ONNX networks run without their decoding head.
 """
 
-import ast
 import importlib.util
 import io
-import json
 import logging
 import re
 import sys
@@ -19,10 +17,18 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.domain.model_files import onnx_options
 from caris_desktop.domain.onnx_graph import cut_graph, describe
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.yaml_source import YamlSourceError, parse_yaml
-from caris_desktop.perception.backends.network import BINS, ModelFacts, Network, UnknownFormError, facts_of
+from caris_desktop.perception.backends.network import (
+    BINS,
+    ModelFacts,
+    Network,
+    UnknownFormError,
+    facts_of,
+    parsed_metadata,
+)
 from caris_desktop.perception.inference_messages import Device
 from caris_desktop.perception.weights import Weights, WeightsError
 
@@ -51,20 +57,6 @@ def open_network(weights: Weights, *, threads: int, device: Device) -> Network |
     )
 
 
-def session_options(threads: int) -> Any:
-    """Session options with a thread limit and no spinning, which delayed other processes on two
-    cores by up to 11 ms.
-    """
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    options.log_severity_level = 3
-    return options
-
-
 class OnnxNetwork:
     """``Network`` by onnxruntime. An export for a single input size is opened for any size if its head is known.
 
@@ -77,7 +69,7 @@ class OnnxNetwork:
     def __init__(self, path: Path, *, threads: int, device: str = "cpu") -> None:
         import onnxruntime
 
-        options = session_options(threads)
+        options = onnx_options(threads)
         on_gpu = device in ("auto", "cuda") and _CUDA in onnxruntime.get_available_providers()
         content = path.read_bytes()
         # On a GPU, the exported size costs little.
@@ -259,11 +251,5 @@ def metadata_of(path: Path) -> Mapping[str, object]:
             text = archive.read("metadata.json" if "metadata.json" in names else names[0]).decode()
     except (zipfile.BadZipFile, OSError, IndexError, UnicodeDecodeError):
         return {}
-    try:
-        found = json.loads(text)
-    except ValueError:
-        try:
-            found = ast.literal_eval(text)
-        except (ValueError, SyntaxError, MemoryError, RecursionError):
-            return {}
+    found = parsed_metadata(text)
     return found if isinstance(found, dict) else {}

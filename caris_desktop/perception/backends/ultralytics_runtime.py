@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.file_replacement import replace_file
+from caris_desktop.domain.model_files import onnx_options
 from caris_desktop.domain.onnx_graph import with_metadata
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.perception.backends.network import (
@@ -121,11 +122,9 @@ def _limit_runtimes(threads: int) -> None:
     from ultralytics.nn.backends import litert
     from ultralytics.nn.backends.onnx import ONNXBackend
 
-    from caris_desktop.perception.backends.runtimes import session_options
-
     class QuietOnnxBackend(ONNXBackend):  # type: ignore[misc]  # ultralytics is untyped
         def __init__(self, weight: Any, device: Any, fp16: bool = False) -> None:
-            super().__init__(weight, device, fp16, session_options=session_options(threads))
+            super().__init__(weight, device, fp16, session_options=onnx_options(threads))
 
     litert.NUM_THREADS = threads
     autobackend.AutoBackend._BACKEND_MAP["onnx"] = QuietOnnxBackend

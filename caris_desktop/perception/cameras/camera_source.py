@@ -46,6 +46,14 @@ def cannot_be_reached(name: str) -> CameraError:
     )
 
 
+def stopped_sending(name: str) -> CameraError:
+    """Error for a network camera that was connected."""
+    return CameraError(
+        localized(QT_TR_NOOP("The camera at {name} stopped sending images."), name=name),
+        QT_TR_NOOP("Check the camera and its network connection."),
+    )
+
+
 class Picture(Value, eq=False):
     """One frame as the camera delivers it: grey, BGR or BGRA, of 8 or 16 bits.
 

@@ -147,7 +147,7 @@ class OakCamera:
             output = camera.requestOutput(DEVICE_SIZE_PX, type=depthai.ImgFrame.Type.BGR888i, fps=DEVICE_FPS)
             # One slot that the newest image overwrites: queued images would be shown late.
             self._pictures = output.createOutputQueue(maxSize=1, blocking=False)
-            if _sees_depth(device):
+            if len(device.getConnectedCameras()) >= 3:
                 self._depths = self._depth_output(depthai, output).createOutputQueue(maxSize=1, blocking=False)
             self._pipeline.start()
         except RuntimeError as error:
@@ -199,7 +199,3 @@ class OakCamera:
         return CameraError(
             QT_TR_NOOP("The OAK camera stopped delivering images."), QT_TR_NOOP("Check the camera cable.")
         )
-
-
-def _sees_depth(device: Any) -> bool:
-    return len(device.getConnectedCameras()) >= 3

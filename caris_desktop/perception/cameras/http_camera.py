@@ -1,7 +1,6 @@
 """HTTP cameras: authenticated requests, MJPEG images (multipart), and the clock of our camera server."""
 
 import base64
-import contextlib
 import http.client
 import logging
 import re
@@ -13,14 +12,7 @@ from collections.abc import Callable, Mapping
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.address import is_encrypted_or_local
-from caris_desktop.domain.certificates import (
-    OtherCertificateError,
-    certificate_of,
-    client_context,
-    confirmed_context,
-    fingerprint_of,
-    why_refused,
-)
+from caris_desktop.domain.certificates import OtherCertificateError, refusal_of, trusted_context
 from caris_desktop.domain.picture_checks import decode_compressed, picture_size
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.perception.cameras.camera_source import (
@@ -31,6 +23,7 @@ from caris_desktop.perception.cameras.camera_source import (
     Picture,
     camera_token,
     cannot_be_reached,
+    stopped_sending,
 )
 
 _LONGEST_ANSWER_BYTES = 1_000_000
@@ -77,9 +70,8 @@ class CameraConnection:
             raise self._not_reached(error) from error
 
     def _trusted(self, host: str, port: int) -> ssl.SSLContext:
-        confirmed = self._chosen.certificate_sha256
         try:
-            return confirmed_context(confirmed, host, port) if confirmed else client_context()
+            return trusted_context(self._chosen.certificate_sha256, host, port)
         except OSError as error:
             raise self._not_reached(error) from error
 
@@ -95,16 +87,13 @@ class CameraConnection:
                 ),
             )
         if isinstance(error, ssl.SSLError):
-            host, certificate = self._parts.hostname or "", None
-            with contextlib.suppress(OSError, ValueError):
-                certificate = certificate_of(host, self._parts.port or 443)
-            reason, advice = why_refused(error, host, certificate)
-            if certificate is not None:
+            reason, advice, fingerprint = refusal_of(error, self._parts.hostname or "", self._parts.port or 443)
+            if fingerprint:
                 confirm = QT_TR_NOOP(
                     "If this is the right certificate, append its SHA-256 fingerprint to the address: "
                     "#certificate-sha256={fingerprint}"
                 )
-                advice = (*advice, localized(confirm, fingerprint=fingerprint_of(certificate)))
+                advice = (*advice, localized(confirm, fingerprint=fingerprint))
             return CameraError(joined(reason), joined(advice))
         return cannot_be_reached(name)
 
@@ -285,25 +274,19 @@ class HttpCamera:
         try:
             while newest is None or self._more_waits():
                 if newest is None and clock.now_ns() > until_ns:
-                    raise self._lost()
+                    raise stopped_sending(self._chosen.name)
                 data = self._response.read1(self.read_at_most_bytes)
                 if not data:
                     if newest is not None:
                         break
-                    raise self._lost()
+                    raise stopped_sending(self._chosen.name)
                 newest = self._parts.add(data) or newest
         except (OSError, http.client.HTTPException) as error:
-            raise self._lost() from error
+            raise stopped_sending(self._chosen.name) from error
         return newest
 
     def _more_waits(self) -> bool:
         return bool(select.select([self._response.fileno()], [], [], 0)[0])
-
-    def _lost(self) -> CameraError:
-        return CameraError(
-            localized(QT_TR_NOOP("The camera at {name} stopped sending images."), name=self._chosen.name),
-            QT_TR_NOOP("Check the camera and its network connection."),
-        )
 
     def _capture_time(self, head: dict[str, str]) -> tuple[int, int] | None:
         stamp = head.get(CAPTURED_HEADER, "")
