@@ -244,7 +244,12 @@ class ResponseTimes:
             case SuggestionChanged(state="edited"):
                 self._edited.add(event.utterance_id)
             case UtteranceCorrected():
-                return self._correct(event, at_ns)
+                turn = self._turn(event.utterance_id)
+                if turn is not None and event.speaker not in (None, "participant"):
+                    return self._take_back(turn, at_ns)
+                if turn is not None and event.person_id is not None:
+                    turn.person_id = event.person_id
+                return []
             case UtteranceChanged(speaker="participant"):
                 return self._hear(event, at_ns)
             case UtteranceChanged(state="requested"):
@@ -255,14 +260,6 @@ class ResponseTimes:
 
     def _turn(self, turn_id: str) -> _ParticipantTurn | None:
         return next((turn for turn in reversed(self._turns) if turn.turn_id == turn_id), None)
-
-    def _correct(self, event: UtteranceCorrected, at_ns: int) -> list[ResponseTimed]:
-        turn = self._turn(event.utterance_id)
-        if turn is not None and event.speaker not in (None, "participant"):
-            return self._take_back(turn, at_ns)
-        if turn is not None and event.person_id is not None:
-            turn.person_id = event.person_id
-        return []
 
     def _take_back(self, turn: _ParticipantTurn, at_ns: int) -> list[ResponseTimed]:
         """Remove a turn that was not a participant's: its replies answered the turn before."""

@@ -301,7 +301,9 @@ class _Synthesis:
             case Prepare(texts):
                 self._prepare(texts)
             case Draft(text):
-                self._draft(text)
+                spoken = speakable(text)
+                if self._engine is not None and len(spoken) <= MAX_UTTERANCE_CHARACTERS:
+                    self._engine.draft(spoken)
             case CloseSynthesis():
                 self._closed = True
                 self._silenced_by = CONSOLE
@@ -335,11 +337,6 @@ class _Synthesis:
         self._to_prepare = tuple(chosen)
         if self._engine is not None:
             self._engine.prepare(self._to_prepare)
-
-    def _draft(self, text: str) -> None:
-        spoken = speakable(text)
-        if self._engine is not None and len(spoken) <= MAX_UTTERANCE_CHARACTERS:
-            self._engine.draft(spoken)
 
     def _take(self, command: Speak) -> None:
         text = speakable(command.text)

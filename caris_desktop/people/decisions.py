@@ -96,7 +96,12 @@ class Decisions:
             case intents.SplitPerson(person_id=person_id, visit_id=visit_id):
                 return self._split(person_id, visit_id, now_ns, intent.actor)
             case intents.NoteConsent():
-                return self._note_consent(intent, now_ns)
+                if not self._exists(intent.person_id):
+                    return [_unknown(now_ns)]
+                root = self._root(intent.person_id)
+                back = self._known.note_consent(root, intent.kind, given=intent.given, actor=intent.actor)
+                self._remember("consent", root, "", back)
+                return [ConsentNoted(now_ns, root, intent.kind, intent.given, intent.actor)]
             case intents.UndoPeople():
                 return self._undo(now_ns, intent.actor)
             case intents.ForgetPerson(person_id=person_id):
@@ -240,14 +245,6 @@ class Decisions:
             PersonSplit(now_ns, new_id, root, actor),
             PersonAppeared(now_ns, new_id, visit.track, number),
         ]
-
-    def _note_consent(self, intent: intents.NoteConsent, now_ns: int) -> list[Event]:
-        if not self._exists(intent.person_id):
-            return [_unknown(now_ns)]
-        root = self._root(intent.person_id)
-        back = self._known.note_consent(root, intent.kind, given=intent.given, actor=intent.actor)
-        self._remember("consent", root, "", back)
-        return [ConsentNoted(now_ns, root, intent.kind, intent.given, intent.actor)]
 
     def _undo(self, now_ns: int, actor: Actor) -> list[Event]:
         if not self._done:

@@ -8,7 +8,6 @@ from typing import TypeVar
 
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ConsentKind, Event, Problem
-from caris_desktop.domain.person_values import LooksKind
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.people.identities import Identities
@@ -252,16 +251,13 @@ class KnownPeople:
             if kind == "face" and not may_keep_face:
                 self.identities.drop("face", [person_id])
                 continue
-            stored = StoredEmbeddings(person_id, kind, model, self._day_of(kind), vectors)
+            stored = StoredEmbeddings(person_id, kind, model, self._day if kind == "clothing" else "", vectors)
             expires_utc_ns = self._end_of_day_utc_ns() if kind == "clothing" else None
             self._write(
                 lambda store, stored=stored, expires=expires_utc_ns: store.store_embeddings(
                     stored, expires_utc_ns=expires
                 )  # type: ignore[misc]
             )
-
-    def _day_of(self, kind: LooksKind) -> str:
-        return self._day if kind == "clothing" else ""
 
     def store_portrait(self, person_id: str, jpeg: bytes, quality: float) -> None:
         self._write(lambda store: store.store_portrait(person_id, jpeg, quality))

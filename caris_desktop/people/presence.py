@@ -777,7 +777,7 @@ def same_visit(
     possible: list[tuple[float, Visit]] = []
     for visit in lost:
         gap_ns = now_ns - visit.last_seen_ns
-        away_m = _apart_m(candidate.spot, visit.spot)
+        away_m = None if candidate.spot is None or visit.spot is None else math.dist(candidate.spot, visit.spot)
         if away_m is not None and away_m > _STANDS_WITHIN_M + _WALKS_MPS * gap_ns / 1e9:
             continue
         if away_m is None and gap_ns > SHORT_GAP_NS:
@@ -799,7 +799,3 @@ def same_visit(
 def _alike(visit: Visit, embeddings: Sequence[PersonLooks], likeness: Likeness) -> float | None:
     similarities = [alike for each in embeddings if (alike := likeness(visit.visit_id, each)) is not None]
     return sum(similarities) / len(similarities) if similarities else None
-
-
-def _apart_m(one: Spot | None, other: Spot | None) -> float | None:
-    return None if one is None or other is None else math.dist(one, other)

@@ -142,7 +142,8 @@ TOLD = {
     "AnnotationError", "CameraError", "DetectorAwayError", "EmbeddingModelError", "EngineUnavailableError",
     "ExportError", "ErasureStoppedError", "Gap", "NoAnswer", "NoEngineError", "NoSuchVoiceError",
     "OutletUnavailableError", "Problem", "RepairReport", "SecurityError", "SessionError", "UserFacingError",
-    "UnknownFormError", "UnreadableMediaError", "WeightsError", "_away", "_miss", "_no", "_report_problem", "abort", "give_up", "problem", "unreachable",
+    "UnknownFormError", "UnreadableMediaError", "WeightsError", "_away", "_miss", "_no",
+    "_report_problem", "abort", "give_up", "problem", "unreachable",
 }  # fmt: skip
 """Calls whose arguments the wizard reads."""
 COLLECTED = ("self._sentences.append", "self._losses.append", "problems.append", "context.warn")

@@ -309,11 +309,7 @@ def _without_repeats(words: list[RecognisedWord]) -> list[RecognisedWord]:
             again = [word.spoken for word in both[:length]] == [word.spoken for word in both[length:]]
             if again and len(both) > _WORDS_A_SECOND * (both[-1].end_s - both[0].start_s):
                 return words[: at + length] + words[at + 2 * length :]
-    return _without_half_again(words)
-
-
-def _without_half_again(words: list[RecognisedWord]) -> list[RecognisedWord]:
-    """The same for a second repetition that breaks off with the sound."""
+    # The same for a second repetition that breaks off with the sound.
     for length in range(len(words) // 2, _LONG_PHRASE - 1, -1):
         tail = [word.spoken for word in words[-length:]]
         for at in range(len(words) - 2 * length + 1):

@@ -200,7 +200,12 @@ class _Recogniser:
                     self._process(self._connection.recv())
                     self._process_news()
                 self._process_news()
-                self._close_segmenters()
+                # Treat missing sound as silence, so that the last words before a microphone was closed are reported.
+                now_ns = clock.now_ns()
+                for segmenter in self._segmenters.values():
+                    if segmenter.busy and now_ns - segmenter.heard_until_ns > _NO_SOUND_NS:
+                        self._signal.closed(segmenter.source)
+                        segmenter.add_silence(now_ns - _IN_PROGRESS_NS)
                 self._ask()
         finally:
             self._words.end()
@@ -242,7 +247,21 @@ class _Recogniser:
             return
         segmenter = self._segmenters.get(chunk.source)
         if segmenter is None:
-            segmenter = self._segmenters[chunk.source] = self._new_segmenter(chunk.source)
+            canceller = EchoCanceller()
+            for sound in self._played:
+                canceller.play(sound)
+            # The wizard's pauses must not affect the participants' delay.
+            turns = TurnTaking(SilenceOfPeople() if chunk.source == WIZARD_MICROPHONE else self._silence, self._bounds)
+            self._turns.append(turns)
+            segmenter = self._segmenters[chunk.source] = SpeechSegmenter(
+                chunk.source,
+                turns,
+                VoiceActivity(),
+                canceller=canceller,
+                robot_speech=self._robot_speech,
+                turn_over=None if self._turn_model is None else self._turn_model.turn_over,
+                report=self._connection.send,
+            )
         if chunk.source != WIZARD_MICROPHONE:
             peak = int(np.abs(chunk.samples.astype(np.int32)).max(initial=0)) / 32768
             if self._signal.process(chunk.source, chunk.stamp_ns, peak):
@@ -250,31 +269,6 @@ class _Recogniser:
         segmenter.process(chunk)
         self._ask()
         segmenter.judge()
-
-    def _new_segmenter(self, source: str) -> SpeechSegmenter:
-        canceller = EchoCanceller()
-        for sound in self._played:
-            canceller.play(sound)
-        # The wizard's pauses must not affect the participants' delay.
-        turns = TurnTaking(SilenceOfPeople() if source == WIZARD_MICROPHONE else self._silence, self._bounds)
-        self._turns.append(turns)
-        return SpeechSegmenter(
-            source,
-            turns,
-            VoiceActivity(),
-            canceller=canceller,
-            robot_speech=self._robot_speech,
-            turn_over=None if self._turn_model is None else self._turn_model.turn_over,
-            report=self._connection.send,
-        )
-
-    def _close_segmenters(self) -> None:
-        """Treat missing sound as silence, so that the last words before a microphone was closed are reported."""
-        now_ns = clock.now_ns()
-        for segmenter in self._segmenters.values():
-            if segmenter.busy and now_ns - segmenter.heard_until_ns > _NO_SOUND_NS:
-                self._signal.closed(segmenter.source)
-                segmenter.add_silence(now_ns - _IN_PROGRESS_NS)
 
     def _ask(self) -> None:
         if self._transcribing is not None or self._ready is None:
@@ -304,20 +298,17 @@ class _Recogniser:
                 case PluginError(plugin=plugin, reason=reason):
                     self._connection.send(switched_off(clock.now_ns(), plugin.name, plugin.package, reason))
                 case Recognition() as result:
-                    self._process_result(result)
-
-    def _process_result(self, result: Recognition) -> None:
-        segmenter, self._transcribing = self._transcribing, None
-        self._not_before_s = time.monotonic() + (_ROOM - 1) * result.took_s
-        if result.away is not None and not self._away:
-            self._away = result.away.what
-            self._connection.send(RecogniserAway(_problem(result.away)))
-        elif result.away is None and self._away and self._ready is not None:
-            self._away = ""
-            self._connection.send(self._ready)
-        if segmenter is not None:
-            segmenter.add_result(result.stretch, result.text)
-        self._ask()
+                    segmenter, self._transcribing = self._transcribing, None
+                    self._not_before_s = time.monotonic() + (_ROOM - 1) * result.took_s
+                    if result.away is not None and not self._away:
+                        self._away = result.away.what
+                        self._connection.send(RecogniserAway(_problem(result.away)))
+                    elif result.away is None and self._away and self._ready is not None:
+                        self._away = ""
+                        self._connection.send(self._ready)
+                    if segmenter is not None:
+                        segmenter.add_result(result.stretch, result.text)
+                    self._ask()
 
     def _fail(self, failure: UserFacingError) -> None:
         self._connection.send(RecogniserFailed(_problem(failure)))

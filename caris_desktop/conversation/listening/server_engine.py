@@ -84,7 +84,13 @@ class ServerEngine:
         if before:
             fields["prompt"] = before
         try:
-            status, body = self._ask(fields, _wav(sound))
+            file = io.BytesIO()
+            with wave.open(file, "wb") as writer:
+                writer.setnchannels(1)
+                writer.setsampwidth(2)
+                writer.setframerate(_RATE_HZ)
+                writer.writeframes((np.clip(sound, -1.0, 1.0) * 32767).astype("<i2").tobytes())
+            status, body = self._ask(fields, file.getvalue())
         except (httpx.HTTPError, TimeoutError, OSError, LanguageModelError) as error:
             late = isinstance(error, (TimeoutError, httpx.TimeoutException))
             detail = shortened(without(self._key, str(error))) or type(error).__name__
@@ -165,16 +171,6 @@ def _key_names(server: str) -> tuple[str, ...]:
     """Names of keys that may be sent to this server, which a scenario names: those that the user gave for it."""
     names = (f"{KEY_NAME}@{urlsplit(server).hostname}",)
     return (KEY_NAME, *names) if is_same_server(os.environ.get(SERVER_NAME, ""), server) else names
-
-
-def _wav(sound: NDArray[np.float32]) -> bytes:
-    file = io.BytesIO()
-    with wave.open(file, "wb") as writer:
-        writer.setnchannels(1)
-        writer.setsampwidth(2)
-        writer.setframerate(_RATE_HZ)
-        writer.writeframes((np.clip(sound, -1.0, 1.0) * 32767).astype("<i2").tobytes())
-    return file.getvalue()
 
 
 def _refused_field(fields: dict[str, str], body: bytes) -> str:

@@ -250,7 +250,15 @@ async def model_version(endpoint: ModelEndpoint, *, local_only: bool) -> str:
         return ""
     listed = await _listed(endpoint, local_only=local_only)
     if endpoint.provider == "ollama":
-        return _listed_digest(endpoint, listed)
+        # Ollama resolves a name without a tag to latest.
+        names = (endpoint.model, f"{endpoint.model}:latest")
+        models = listed.get("models")
+        for model in models if isinstance(models, list) else ():
+            if isinstance(model, dict) and (model.get("name") in names or model.get("model") in names):
+                digest = str(model.get("digest", "")).removeprefix("sha256:")
+                if len(digest) >= _DIGEST_DIGITS and set(digest.lower()) <= set("0123456789abcdef"):
+                    return f"sha256:{digest[:_DIGEST_DIGITS]}"
+        return ""
     loaded = listed.get("data")
     first = loaded[0] if isinstance(loaded, list) and loaded else None
     return recorded_name(endpoint, first.get("id")) if isinstance(first, dict) else ""
@@ -293,15 +301,3 @@ async def _listed(endpoint: ModelEndpoint, *, local_only: bool) -> dict[str, Any
     except (httpx.HTTPError, httpx.InvalidURL, LanguageModelError, TimeoutError) as error:
         _log.info("%s does not list its models: %r", endpoint.place, error)
         return {}
-
-
-def _listed_digest(endpoint: ModelEndpoint, listed: dict[str, Any]) -> str:
-    # Ollama resolves a name without a tag to latest.
-    names = (endpoint.model, f"{endpoint.model}:latest")
-    models = listed.get("models")
-    for model in models if isinstance(models, list) else ():
-        if isinstance(model, dict) and (model.get("name") in names or model.get("model") in names):
-            digest = str(model.get("digest", "")).removeprefix("sha256:")
-            if len(digest) >= _DIGEST_DIGITS and set(digest.lower()) <= set("0123456789abcdef"):
-                return f"sha256:{digest[:_DIGEST_DIGITS]}"
-    return ""

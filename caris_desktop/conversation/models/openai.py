@@ -76,7 +76,11 @@ def request(endpoint: ModelEndpoint, question: Question) -> Request:
 
 def parse(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> Chunk:
     """Parse a message of the stream, or a complete answer without streaming. Raises LanguageModelError."""
-    version = _reported_version(endpoint, message, key)
+    # Model and fingerprint from a message of the stream.
+    parts = [recorded_name(endpoint, message.get("model"), key)]
+    if endpoint.provider != "embedded":  # the fingerprint of the embedded build has no information
+        parts.append(recorded_name(endpoint, message.get("system_fingerprint"), key))
+    version = " ".join(part for part in parts if part)
     choices = message.get("choices")
     if not choices:
         return Chunk(version=version)  # usage or filter results
@@ -114,14 +118,6 @@ def refuses_schema(request: Request, status: int, error_text: str) -> bool:
         and status in (400, 422, 500, 501)
         and ("response_format" in error_text or "json_schema" in error_text)
     )
-
-
-def _reported_version(endpoint: ModelEndpoint, message: dict[str, Any], key: str | None) -> str:
-    """Model and fingerprint from a message of the stream."""
-    parts = [recorded_name(endpoint, message.get("model"), key)]
-    if endpoint.provider != "embedded":  # the fingerprint of the embedded build has no information
-        parts.append(recorded_name(endpoint, message.get("system_fingerprint"), key))
-    return " ".join(part for part in parts if part)
 
 
 def _is_closed(schema: Schema) -> bool:
