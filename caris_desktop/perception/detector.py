@@ -27,6 +27,11 @@ class Detections(Value, eq=False):
     classes: NDArray[np.int64]
     keypoints: NDArray[np.float64] | None = None
 
+    def at(self, rows: Any) -> "Detections":
+        """Subset by row numbers or mask."""
+        keypoints = None if self.keypoints is None else self.keypoints[rows]
+        return Detections(self.corners_px[rows], self.confidences[rows], self.classes[rows], keypoints)
+
 
 class DetectorAwayError(Exception):
     """A remote detector is unavailable; the reason as a phrase. A retry may succeed."""

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caris_desktop.domain.person_values import PersonLooks
-from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
 from caris_desktop.perception.appearance_embedding import EmbeddingModel
@@ -54,16 +53,25 @@ class FaceModel(EmbeddingModel):
         return np.asarray(vector / max(1e-12, float(np.linalg.norm(vector))), np.float32)
 
 
+class FaceCrop(Value):
+    """``image_bgr`` is uint8, shape (112, 112, 3); ``quality`` is 0..1."""
+
+    image_bgr: NDArray[np.uint8]
+    quality: float
+
+
 class StudyFaces:
     """Face embeddings where the scenario permits them, with the study's network if it has one. For one thread.
 
-    The network is opened on the first permitted use.
+    The network is opened on the first permitted use. At most two faces per second and track, and one per image: the
+    track that waited longest.
     """
 
     def __init__(self, path: Path | None, *, threads: int = 1) -> None:
         self._path = path
         self._threads = threads
-        self._faces: Faces | None = None
+        self._model: FaceModel | None = None
+        self._detected_ns: dict[int, int] = {}
 
     def extract(
         self,
@@ -72,37 +80,18 @@ class StudyFaces:
         boxes: Sequence[TrackedBox],
         keypoints: NDArray[np.float64] | None,
     ) -> list[PersonLooks]:
-        """As :meth:`Faces.taken`; empty if faces are not permitted. Raises EmbeddingModelError, once."""
+        """Embedding of a due face, if any; empty if faces are not permitted. Raises EmbeddingModelError, once.
+
+        ``keypoints`` are the detector's, shape (detections, 17, 3), or None.
+        """
         if not request.faces:
             return []
         path, self._path = self._path, None
         if path is not None and path.is_file():
-            self._faces = Faces(FaceModel(path, threads=self._threads))
-        return [] if self._faces is None else self._faces.extract(image_bgr, request.frame, boxes, keypoints)
-
-
-class FaceCrop(Value):
-    """``image_bgr`` is uint8, shape (112, 112, 3); ``quality`` is 0..1."""
-
-    image_bgr: NDArray[np.uint8]
-    quality: float
-
-
-class Faces:
-    """For one thread. At most two faces per second and track, and one per image: the track that waited longest."""
-
-    def __init__(self, model: FaceModel) -> None:
-        self._model = model
-        self._detected_ns: dict[int, int] = {}
-
-    def extract(
-        self,
-        image_bgr: NDArray[np.uint8],
-        frame: FrameRef,
-        boxes: Sequence[TrackedBox],
-        keypoints: NDArray[np.float64] | None,
-    ) -> list[PersonLooks]:
-        """Embedding of a due face, if any. ``keypoints`` are the detector's, shape (detections, 17, 3), or None."""
+            self._model = FaceModel(path, threads=self._threads)
+        model, frame = self._model, request.frame
+        if model is None:
+            return []
         due = [
             box
             for box in boxes
@@ -116,9 +105,8 @@ class Faces:
             self._detected_ns[box.track] = frame.stamp_ns
             if len(self._detected_ns) > _MAX_FACES:
                 del self._detected_ns[next(iter(self._detected_ns))]
-            vector = self._model.embed(face.image_bgr)
-            name = self._model.name
-            return [PersonLooks(frame.stamp_ns, frame.camera, box.track, "face", name, vector, face.quality)]
+            vector = model.embed(face.image_bgr)
+            return [PersonLooks(frame.stamp_ns, frame.camera, box.track, "face", model.name, vector, face.quality)]
         return []
 
 

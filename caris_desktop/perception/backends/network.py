@@ -5,7 +5,7 @@ import json
 import logging
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 import cv2
 import numpy as np
@@ -141,7 +141,7 @@ class NetworkDetector:
         found = found if known.all() else found.at(known)
         if not self._chosen:
             found = suppress(found, self._groups)
-        corners, keypoints = found.corners.reshape(-1, 2, 2), found.keypoints
+        corners, keypoints = found.corners_px.reshape(-1, 2, 2), found.keypoints
         if network.relative:
             sides = np.array([size[1], size[0]], np.float64)
             corners = corners * sides
@@ -152,12 +152,7 @@ class NetworkDetector:
         if keypoints is not None:
             keypoints = np.concatenate([how.to_picture(keypoints[..., :2]), keypoints[..., 2:]], axis=2)
         valid = (corners[:, 1] > corners[:, 0]).all(axis=1)
-        return Detections(
-            corners.reshape(-1, 4)[valid],
-            found.confidences[valid],
-            found.classes[valid],
-            None if keypoints is None else keypoints[valid],
-        )
+        return Detections(corners.reshape(-1, 4), found.confidences, found.classes, keypoints).at(valid)
 
 
 def _usual_names(class_count: int) -> tuple[str, ...]:
@@ -275,20 +270,6 @@ BINS = 16
 Form = Literal["raw", "final", "yolox", "undecoded"]
 
 
-class Found(Value, eq=False):
-    """Boxes in input pixels: left, top, right, bottom; ``keypoints`` as in ``Detections``."""
-
-    corners: NDArray[np.float64]
-    confidences: NDArray[np.float64]
-    classes: NDArray[np.int64]
-    keypoints: NDArray[np.float64] | None = None
-
-    def at(self, rows: Any) -> "Found":
-        """Subset by row numbers or mask."""
-        keypoints = None if self.keypoints is None else self.keypoints[rows]
-        return Found(self.corners[rows], self.confidences[rows], self.classes[rows], keypoints)
-
-
 def form_of(
     shape: tuple[int, ...], input_size: tuple[int, int], *, class_count: int | None, keypoint_values: int = 0
 ) -> Form | None:
@@ -313,7 +294,9 @@ def form_of(
     return "yolox" if rows == places and columns > 5 else None
 
 
-def reader(form: Form, *, keypoint_values: int = 0) -> Callable[[NDArray[np.float32], tuple[int, int], float], Found]:
+def reader(
+    form: Form, *, keypoint_values: int = 0
+) -> Callable[[NDArray[np.float32], tuple[int, int], float], Detections]:
     """Decoder of a format: function of output, input size and confidence threshold."""
     if form == "yolox":
         return read_yolox
@@ -324,7 +307,7 @@ def reader(form: Form, *, keypoint_values: int = 0) -> Callable[[NDArray[np.floa
     return lambda output, _size, confidence: read_raw(output, confidence, keypoint_values=keypoint_values)
 
 
-def read_raw(output: NDArray[np.float32], confidence: float, *, keypoint_values: int = 0) -> Found:
+def read_raw(output: NDArray[np.float32], confidence: float, *, keypoint_values: int = 0) -> Detections:
     """Decode YOLOv8, 11 and similar: every anchor with a box and class probabilities."""
     values = output[0]
     last_class = len(values) - keypoint_values
@@ -333,7 +316,7 @@ def read_raw(output: NDArray[np.float32], confidence: float, *, keypoint_values:
     few = values[:, indices].T.astype(np.float64)
     centres, halves = few[:, :2], few[:, 2:4] / 2.0
     return _finite(
-        Found(
+        Detections(
             np.concatenate([centres - halves, centres + halves], axis=1),
             few[:, 4:last_class].max(axis=1, initial=0.0),
             few[:, 4:last_class].argmax(axis=1).astype(np.int64),
@@ -342,18 +325,18 @@ def read_raw(output: NDArray[np.float32], confidence: float, *, keypoint_values:
     )
 
 
-def read_final(output: NDArray[np.float32], confidence: float, *, keypoint_values: int = 0) -> Found:
+def read_final(output: NDArray[np.float32], confidence: float, *, keypoint_values: int = 0) -> Detections:
     """Decode networks with built-in suppression: corners, confidence and class per box, then key points."""
     rows = output[0]
     rows = rows[rows[:, 4] > confidence].astype(np.float64)
     return _finite(
-        Found(
+        Detections(
             rows[:, :4], rows[:, 4], np.rint(rows[:, 5]).astype(np.int64), _keypoints(rows[:, 6:][:, :keypoint_values])
         )
     )
 
 
-def read_yolox(output: NDArray[np.float32], size: tuple[int, int], confidence: float) -> Found:
+def read_yolox(output: NDArray[np.float32], size: tuple[int, int], confidence: float) -> Detections:
     """Decode YOLOX: offset and log size in strides relative to the anchor, objectness, class probabilities."""
     values = output[0]
     best = values[:, 4] * values[:, 5:].max(axis=1)
@@ -363,7 +346,7 @@ def read_yolox(output: NDArray[np.float32], size: tuple[int, int], confidence: f
     centres = (few[:, :2] + corners_xy[:, indices].T - 0.5) * stride_px[indices, np.newaxis]
     halves = np.exp(np.minimum(few[:, 2:4], 20.0)) * stride_px[indices, np.newaxis] / 2.0
     return _finite(
-        Found(
+        Detections(
             np.concatenate([centres - halves, centres + halves], axis=1),
             best[indices].astype(np.float64),
             few[:, 5:].argmax(axis=1).astype(np.int64),
@@ -381,12 +364,12 @@ def _keypoints(values: NDArray[np.float64]) -> NDArray[np.float64] | None:
     return None
 
 
-def _finite(found: Found) -> Found:
+def _finite(found: Detections) -> Detections:
     """Drop boxes with infinite or NaN corners, from a network that overflows."""
-    return found.at(np.isfinite(found.corners).all(axis=1))
+    return found.at(np.isfinite(found.corners_px).all(axis=1))
 
 
-def suppress(found: Found, groups: NDArray[np.int64]) -> Found:
+def suppress(found: Detections, groups: NDArray[np.int64]) -> Detections:
     """Non-maximum suppression within groups. ``groups`` has the group of each class.
 
     Classes of equal meaning share a group, so that one person does not get a box from each.
@@ -394,7 +377,7 @@ def suppress(found: Found, groups: NDArray[np.int64]) -> Found:
     order = np.argsort(-found.confidences, kind="stable")[:_CANDIDATES_AT_MOST]
     found = found.at(order)
     group = groups[found.classes]
-    left, top, right, bottom = found.corners.T
+    left, top, right, bottom = found.corners_px.T
     area = (right - left) * (bottom - top)
     indices: list[int] = []
     rest = np.arange(len(order))

@@ -94,9 +94,7 @@ class RemoteDetector:
             found = _read(answer, scale)
         except (KeyError, TypeError, ValueError, RecursionError) as error:
             self.close()
-            raise DetectorAwayError(
-                localized(QT_TR_NOOP("The response from {shown} cannot be read"), shown=self._server)
-            ) from error
+            raise self._away(QT_TR_NOOP("The response from {shown} cannot be read")) from error
         known = (found.classes >= 0) & (found.classes < len(self.class_names)) & (found.confidences > self._confidence)
         limits = [image_bgr.shape[1], image_bgr.shape[0]] * 2
         return Detections(
@@ -113,15 +111,13 @@ class RemoteDetector:
             connection.close_socket()
         self._open.close()
 
+    def _away(self, what: str) -> DetectorAwayError:
+        return DetectorAwayError(localized(what, shown=self._server))
+
     def _connect(self) -> dict[str, Any]:
         address = urlsplit(self._address)
         if address.scheme == "ws" and not is_loopback(self._address):
-            raise DetectorAwayError(
-                localized(
-                    QT_TR_NOOP("Images are not sent to {shown} over an unencrypted connection: use wss://"),
-                    shown=self._server,
-                )
-            )
+            raise self._away(QT_TR_NOOP("Images are not sent to {shown} over an unencrypted connection: use wss://"))
         # The scenario names the server; the user decides which server may get the token.
         for_this = is_same_server(os.environ.get(SERVER_VARIABLE, ""), self._address)
         token = os.environ.get(TOKEN_VARIABLE, "") if for_this else ""
@@ -158,26 +154,22 @@ class RemoteDetector:
             raise DetectorAwayError(_not_proven(error, address, self._server)) from error
         except (OSError, TimeoutError, socket.gaierror, InvalidHandshake, InvalidURI, WebSocketException) as error:
             self.close()
-            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not respond"), shown=self._server)) from error
+            raise self._away(QT_TR_NOOP("{shown} does not respond")) from error
         except (KeyError, TypeError, ValueError) as error:
             self.close()
-            raise DetectorAwayError(
-                localized(
-                    QT_TR_NOOP("{shown} is not a perception server, or has a different version"), shown=self._server
-                )
-            ) from error
+            raise self._away(QT_TR_NOOP("{shown} is not a perception server, or has a different version")) from error
         log.info("people are looked for by %s at %s", hello["label"], self._server)
         return hello
 
     def _connect_again(self) -> None:
         now_s = self._monotonic_s()
         if now_s - self._tried_s < _TRY_AGAIN_AFTER_S:
-            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not respond"), shown=self._server))
+            raise self._away(QT_TR_NOOP("{shown} does not respond"))
         self._tried_s = now_s
         hello = self._connect()
         if tuple(hello["class_names"]) != self.class_names:
             self.close()
-            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} now uses a different detector"), shown=self._server))
+            raise self._away(QT_TR_NOOP("{shown} now uses a different detector"))
 
     def _ask(self, jpeg: bytes) -> dict[str, Any]:
         connection = self._connection
@@ -189,7 +181,7 @@ class RemoteDetector:
             # A late answer would be mistaken for that to the next image.
             self.close()
             self._tried_s = self._monotonic_s()
-            raise DetectorAwayError(localized(QT_TR_NOOP("{shown} does not respond"), shown=self._server)) from error
+            raise self._away(QT_TR_NOOP("{shown} does not respond")) from error
         return dict(answer)
 
 

@@ -28,7 +28,6 @@ from caris_desktop.perception.backends.network import (
     KEYPOINTS,
     STRIDES_PX,
     UNDECODED,
-    Found,
     person_groups,
     suppress,
 )
@@ -168,8 +167,8 @@ class UltralyticsDetector:
         boxes = result.boxes
         points = None if result.keypoints is None else result.keypoints.data.numpy(force=True).astype(np.float64)
         height_px, width_px = image_bgr.shape[:2]
-        found = suppress(
-            Found(
+        return suppress(
+            Detections(
                 boxes.xyxy.numpy(force=True).astype(np.float64).clip(0, [width_px, height_px, width_px, height_px]),
                 boxes.conf.numpy(force=True).astype(np.float64),
                 boxes.cls.numpy(force=True).astype(np.int64),
@@ -177,7 +176,6 @@ class UltralyticsDetector:
             ),
             self._groups,
         )
-        return Detections(found.corners, found.confidences, found.classes, found.keypoints)
 
 
 _SHOWN = {"cpu": "CPU", "cuda": "CUDA", "mps": "MPS"}

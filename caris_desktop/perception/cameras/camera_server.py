@@ -20,7 +20,7 @@ import urllib.parse
 from collections import deque
 from collections.abc import Callable, Coroutine
 from dataclasses import field
-from typing import Any, Protocol, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,23 +137,18 @@ _MOST_PIECES = 10
 Take = Callable[[NDArray[np.int16]], None]
 
 
-class SoundSource(Protocol):
-    """Delivers chunks of ``PIECE`` samples of one channel, shape (PIECE,), at ``RATE_HZ``, in any thread."""
-
-    def begin(self, take: Take) -> None:
-        """Start. Raises OSError without audio input."""
-
-    def end(self) -> None: ...
-
-
 class LocalSound:
-    """Audio input of this computer, by a part of its name; empty: the system default."""
+    """Audio input of this computer, by a part of its name; empty: the system default.
+
+    It delivers chunks of ``PIECE`` samples of one channel, shape (PIECE,), at ``RATE_HZ``, in any thread.
+    """
 
     def __init__(self, name: str) -> None:
         self._name = name or None
         self._stream: Any = None
 
     def begin(self, take: Take) -> None:
+        """Start. Raises OSError without audio input."""
         try:
             import sounddevice
 
@@ -177,7 +172,7 @@ class LocalSound:
 class ServedSound:
     """One source for all clients, open only while there is one. In one event loop."""
 
-    def __init__(self, source: SoundSource) -> None:
+    def __init__(self, source: LocalSound) -> None:
         self._source = source
         self._listeners: set[_Listener] = set()
         self._loop: asyncio.AbstractEventLoop | None = None

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.perception.backends.network import (
-    Found,
+    Detections,
     ModelFacts,
     NetworkDetector,
     UnknownFormError,
@@ -166,7 +166,7 @@ def test_metadata_of_a_file_is_read_and_never_run(tmp_path: Path) -> None:
 
 def test_of_boxes_of_one_group_the_surest_stays() -> None:
     corners = np.array([[0, 0, 10, 10], [0, 0, 10, 9], [0, 0, 10, 10], [0, 0, 10, 6], [50, 0, 60, 10]], float)
-    found = Found(corners, np.array([0.5, 0.9, 0.7, 0.6, 0.3]), np.array([0, 1, 2, 0, 1]))
+    found = Detections(corners, np.array([0.5, 0.9, 0.7, 0.6, 0.3]), np.array([0, 1, 2, 0, 1]))
     groups = person_groups(("Fall", "Normal", "dog"), ("normal", "fall"))
     kept = suppress(found, groups)
     assert kept.confidences.tolist() == [0.9, 0.7, 0.6, 0.3]
