@@ -52,6 +52,10 @@ PeopleIntent = (
 )
 
 
+# Intents about visits, or about nobody; the others are about a person.
+_OfVisits = intents.ConfirmPerson | intents.RejectPerson | intents.SplitPerson | intents.UndoPeople
+
+
 class _Done(Value):
     """Decision with its undo function. ``concerns`` are all ids that it affects."""
 
@@ -73,6 +77,8 @@ class Decisions:
 
     def do(self, intent: PeopleIntent, now_ns: int) -> list[Event]:
         """Events of an intent; a Problem if it cannot be executed."""
+        if not isinstance(intent, _OfVisits) and not self._exists(intent.person_id):
+            return [_unknown(now_ns)]
         match intent:
             case intents.NamePerson(person_id=person_id, name=name):
                 return self._name(person_id, _one_line(name), now_ns, intent.actor)
@@ -96,8 +102,6 @@ class Decisions:
             case intents.SplitPerson(person_id=person_id, visit_id=visit_id):
                 return self._split(person_id, visit_id, now_ns, intent.actor)
             case intents.NoteConsent():
-                if not self._exists(intent.person_id):
-                    return [_unknown(now_ns)]
                 root = self._root(intent.person_id)
                 back = self._known.note_consent(root, intent.kind, given=intent.given, actor=intent.actor)
                 self._remember("consent", root, "", back)
@@ -137,6 +141,14 @@ class Decisions:
         by: IdentifiedBy = "console" if actor == CONSOLE else "wizard"
         return [PersonIdentified(now_ns, before, root, by, round(confidence, 3), round(runner_up, 3), actor)]
 
+    def begin_another(self, visit: Visit, now_ns: int) -> Visit:
+        """Begin the visit of another person on the tracks of this one."""
+        new_id = self._known.add()
+        other = Visit(new_id, new_id, visit.camera, visit.track, now_ns, now_ns, self._known.utc_now_ns())
+        for track in tuple(visit.tracks):
+            self._visits.begin(other, track)
+        return other
+
     def forget_decisions(self) -> None:
         """Clear the undo history."""
         self._done.clear()
@@ -145,8 +157,6 @@ class Decisions:
         return len(self._done)
 
     def _name(self, person_id: str, name: str, now_ns: int, actor: Actor) -> list[Event]:
-        if not self._exists(person_id):
-            return [_unknown(now_ns)]
         root = self._root(person_id)
         back = self._known.describe(root, replace(self._known.about(root), name=name))
         self._remember("named", root, "", back)
@@ -168,8 +178,6 @@ class Decisions:
     def _describe(
         self, person_id: str, detail: PersonDetail, changes: dict[str, object], now_ns: int, actor: Actor
     ) -> list[Event]:
-        if not self._exists(person_id):
-            return [_unknown(now_ns)]
         root = self._root(person_id)
         about: About = replace(self._known.about(root), **changes)  # type: ignore[arg-type]
         if about == self._known.about(root):
@@ -198,7 +206,7 @@ class Decisions:
         return [PersonRejected(now_ns, visit.visit_id, root, actor)]
 
     def _merge(self, person_id: str, into_person_id: str, now_ns: int, actor: Actor) -> list[Event]:
-        if not (self._exists(person_id) and self._exists(into_person_id)):
+        if not self._exists(into_person_id):
             return [_unknown(now_ns)]
         root, into = self._root(person_id), self._root(into_person_id)
         if root == into:
@@ -224,12 +232,8 @@ class Decisions:
         if not visit.here:
             return [_unknown(now_ns)]
         # A different person is there now: the visit ends, and a new one begins on the same tracks.
-        tracks = tuple(visit.tracks)
-        new_id = self._known.add()
-        other = Visit(new_id, new_id, visit.camera, visit.track, now_ns, now_ns, self._known.utc_now_ns())
+        other = self.begin_another(visit, now_ns)
         visit.here = False
-        for track in tracks:
-            self._visits.begin(other, track)
 
         def back_again() -> None:
             for track in tuple(other.tracks):
@@ -238,12 +242,12 @@ class Decisions:
             visit.leave_to_wizard()
             self._visits.drop(other)
 
-        self._remember("split", new_id, root, back_again)
-        number = self._visits.number_of(new_id)
+        self._remember("split", other.visit_id, root, back_again)
+        number = self._visits.number_of(other.visit_id)
         return [
             PersonLeft(now_ns, root, visit.track),
-            PersonSplit(now_ns, new_id, root, actor),
-            PersonAppeared(now_ns, new_id, visit.track, number),
+            PersonSplit(now_ns, other.visit_id, root, actor),
+            PersonAppeared(now_ns, other.visit_id, visit.track, number),
         ]
 
     def _undo(self, now_ns: int, actor: Actor) -> list[Event]:
@@ -263,8 +267,6 @@ class Decisions:
         return [PeopleUndone(now_ns, done.person_id, done.decision, done.is_person_id, actor)]
 
     def _forget(self, person_id: str, now_ns: int, actor: Actor) -> list[Event]:
-        if not self._exists(person_id):
-            return [_unknown(now_ns)]
         root = self._root(person_id)
         visits = [visit for visit in self._visits if self._root(visit.person_id) == root]
         try:
@@ -289,12 +291,10 @@ class Decisions:
             self._visits.drop(visit)
             if visit.here:
                 # Still in view, as an unknown person.
-                new_id = self._known.add()
-                other = Visit(new_id, new_id, visit.camera, visit.track, now_ns, now_ns, self._known.utc_now_ns())
+                other = self.begin_another(visit, now_ns)
                 other.forgotten = True
-                for track in tuple(visit.tracks):
-                    self._visits.begin(other, track)
-                events.append(PersonAppeared(now_ns, new_id, visit.track, self._visits.number_of(new_id)))
+                number = self._visits.number_of(other.visit_id)
+                events.append(PersonAppeared(now_ns, other.visit_id, visit.track, number))
         return events
 
     def _given_to(self, visit: Visit, person_id: str) -> Undo:

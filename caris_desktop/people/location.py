@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Sequence
-from typing import Literal, Protocol, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,12 +166,7 @@ def _moved(points: NDArray[np.float64], by: Pose2D) -> NDArray[np.float64]:
     return moved
 
 
-class _Stamped(Protocol):
-    @property
-    def stamp_ns(self) -> int: ...
-
-
-_S = TypeVar("_S", bound=_Stamped)
+_S = TypeVar("_S", LaserScan, RobotPose, HeadState, DepthGrid)
 
 
 class PeopleLocator:

@@ -495,18 +495,13 @@ class PresenceTracker:
 
     def _replace_by_another(self, visit: Visit, now_ns: int) -> list[Event]:
         """End the visit and begin another: a track that switched people must not pass on a name."""
-        tracks = tuple(visit.tracks)
         events = self._leave(visit, now_ns)
-        new_id = self._known.add()
-        other = Visit(new_id, new_id, visit.camera, visit.track, now_ns, now_ns, self._known.utc_now_ns())
+        other = self._decisions.begin_another(visit, now_ns)
         other.seen_by_camera_ns = now_ns
-        for track in tracks:
-            self._visits.begin(other, track)
-        number = self._visits.number_of(new_id)
         return [
             *events,
-            PersonSplit(now_ns, new_id, visit.person_id, CONSOLE),
-            PersonAppeared(now_ns, new_id, other.track, number),
+            PersonSplit(now_ns, other.visit_id, visit.person_id, CONSOLE),
+            PersonAppeared(now_ns, other.visit_id, other.track, self._visits.number_of(other.visit_id)),
         ]
 
     def _recognise(self, visit: Visit, embedding: PersonLooks) -> list[Event]:
