@@ -11,8 +11,9 @@ from caris_desktop.conversation.embedded_server import serve_model
 from caris_desktop.conversation.listening.endpointing import TurnModel, VoiceActivity
 from caris_desktop.conversation.listening.engines import LocalEngine
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
+from caris_desktop.conversation.synthesis_messages import SynthesisSettings
 from caris_desktop.conversation.voices.installed_voices import PiperFiles
-from caris_desktop.conversation.voices.voice_selection import PiperVoice, VoiceChoice, open_voice
+from caris_desktop.conversation.voices.voice_selection import PiperVoice, open_voice
 from caris_desktop.domain import model_files
 from caris_desktop.domain.model_files import check_file, packaged_checksums, packaged_file, read_checked
 from caris_desktop.perception.backends.runtime_selection import open_detector, open_fastest
@@ -128,7 +129,7 @@ def test_the_system_speaks_in_place_of_a_damaged_voice_and_says_why(
     tmp_path: Path, damaged: Callable[[str], Path]
 ) -> None:
     damaged(_VOICE)
-    choice = VoiceChoice("piper:en_US-joe-medium", "en", 1.0, 1.0, "", at_hand=True)
+    choice = SynthesisSettings("piper:en_US-joe-medium", "en", 1.0, 1.0, "", at_hand=True)
     voice, why = open_voice(choice, tmp_path, lambda _: None)
     assert not isinstance(voice, PiperVoice) and _SAID in why
 

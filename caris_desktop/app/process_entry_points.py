@@ -66,7 +66,7 @@ def language_model(connection: Connection, model: str = "") -> None:
 
 
 def model_addition(connection: Connection, *arguments: Any) -> None:
-    from caris_desktop.conversation.model_addition import run_model_addition
+    from caris_desktop.conversation.speech_checks import run_model_addition
 
     run_model_addition(connection, *arguments)
 

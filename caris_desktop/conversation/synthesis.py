@@ -11,7 +11,7 @@ import tempfile
 import threading
 import unicodedata
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -70,21 +70,11 @@ class VoiceEngine:
             threading.Thread(target=read, args=(stream,), name=f"engine-{number}", daemon=True).start()
         self._send({**asdict(settings), "look": look, "files_folder": self._folder})
 
-    def say(self, text: str, number: int) -> None:
-        """Say a text; ``number`` is returned with its audio, which may arrive after cancellation."""
-        self._send({"do": "say", "text": text, "number": number})
-
-    def tune(self, rate: float, volume: float) -> None:
-        self._send({"do": "tune", "rate": rate, "volume": volume})
-
-    def silence(self) -> None:
-        self._send({"do": "silence"})
-
-    def prepare(self, texts: Sequence[str]) -> None:
-        self._send({"do": "prepare", "texts": list(texts)})
-
-    def draft(self, text: str) -> None:
-        self._send({"do": "draft", "text": text})
+    def send(self, do: str, **values: Any) -> None:
+        """Send a command: say (its ``number`` returns with the audio, maybe after cancellation), tune, silence, prepare
+        or draft.
+        """
+        self._send({"do": do, **values})
 
     def kill(self) -> None:
         self._process.kill()
@@ -246,7 +236,7 @@ class _Synthesis:
     def __init__(
         self, connection: Connection, deadlines: SynthesisDeadlines, inbox: "queue.SimpleQueue[tuple[int, Any]]"
     ) -> None:
-        self._connection = connection
+        self._send = connection.send
         self._settings = SynthesisSettings()
         self._deadlines = deadlines
         self._inbox = inbox
@@ -303,7 +293,7 @@ class _Synthesis:
             case Draft(text):
                 spoken = speakable(text)
                 if self._engine is not None and len(spoken) <= MAX_UTTERANCE_CHARACTERS:
-                    self._engine.draft(spoken)
+                    self._engine.send("draft", text=spoken)
             case CloseSynthesis():
                 self._closed = True
                 self._silenced_by = CONSOLE
@@ -320,7 +310,7 @@ class _Synthesis:
         before, self._settings = self._settings, settings
         changed = not settings.tunes(before)
         if self._engine is not None and not changed:
-            self._engine.tune(settings.rate, settings.volume)
+            self._engine.send("tune", rate=settings.rate, volume=settings.volume)
         elif self._now is not None:
             self._outdated = True
         else:
@@ -336,7 +326,7 @@ class _Synthesis:
                 chosen.append(text)
         self._to_prepare = tuple(chosen)
         if self._engine is not None:
-            self._engine.prepare(self._to_prepare)
+            self._engine.send("prepare", texts=self._to_prepare)
 
     def _take(self, command: Speak) -> None:
         text = speakable(command.text)
@@ -358,7 +348,7 @@ class _Synthesis:
         elif self._phase == "pacing":
             self._end("interrupted", clock.now_ns())
         elif self._phase != "silencing" and self._engine is not None:
-            self._engine.silence()
+            self._engine.send("silence")
             self._enter("silencing", self._deadlines.silence_s)
 
     def _start_engine(self, *, look: bool = True) -> None:
@@ -370,7 +360,7 @@ class _Synthesis:
         if settings.voice in self._plugins_off:
             settings = replace(settings, voice="")
         self._engine = VoiceEngine(settings, self._inbox, number=self._engines, look=look)
-        self._engine.prepare(self._to_prepare)
+        self._engine.send("prepare", texts=self._to_prepare)
         self._enter("starting", self._deadlines.start_s)
 
     def _go_on(self) -> None:
@@ -390,7 +380,7 @@ class _Synthesis:
         self._sound = _SynthesisedSound(self._now)
         text = speakable(self._now.text)
         self._number += 1
-        engine.say(text, self._number)
+        engine.send("say", text=text, number=self._number)
         self._enter("rendering", self._deadlines.render_s + _RENDER_S_PER_CHARACTER * len(text))
 
     def _on_engine(self, event: dict[str, Any] | None) -> None:
@@ -597,9 +587,6 @@ class _Synthesis:
                 person_id=utterance.person_id,
             )
         )
-
-    def _send(self, message: object) -> None:
-        self._connection.send(message)
 
     def _enter(self, phase: _Phase, within_s: float | None) -> None:
         self._phase = phase

@@ -36,14 +36,13 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation.listening.echo import CleanSound, EchoCanceller
 from caris_desktop.conversation.listening.endpointing import (
-    SilenceBounds,
     SilenceOfPeople,
     TurnModel,
     TurnTaking,
     VoiceActivity,
 )
 from caris_desktop.conversation.listening.engines import LocalEngine
-from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings, UseSilence
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
 from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
 from caris_desktop.conversation.resampling import resampled
@@ -287,7 +286,7 @@ def heard(scene: Scene, engine: LocalEngine, canceller: EchoCanceller, own_words
     model = TurnModel.find()
     ear = SpeechSegmenter(
         ROBOT_MICROPHONE,
-        TurnTaking(SilenceOfPeople(), SilenceBounds()),
+        TurnTaking(SilenceOfPeople(), UseSilence()),
         VoiceActivity(),
         canceller=canceller,
         robot_speech=own_words,

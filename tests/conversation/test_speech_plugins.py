@@ -11,9 +11,9 @@ from caris_desktop.app.plugin_contracts import check_speech
 from caris_desktop.conversation import speech_plugins
 from caris_desktop.conversation.listening import recogniser
 from caris_desktop.conversation.listening.engines import PluginEngine
-from caris_desktop.conversation.listening.heard_turn import TurnInterval
-from caris_desktop.conversation.listening.recogniser import Recognition, WordsReady, WordsThread
+from caris_desktop.conversation.listening.recogniser import RecogniserReady, Recognition, WordsThread
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
+from caris_desktop.conversation.listening.speech_segmenter import TurnInterval
 from caris_desktop.conversation.voices.utterance_sound import Stop
 from caris_desktop.conversation.voices.voice_selection import PluginVoice
 from caris_desktop.domain.clock import ClockAnchor
@@ -139,12 +139,12 @@ def test_the_usual_recogniser_replaces_one_that_fails(
     words = WordsThread(RecogniserSettings(model="plugin:lab"))
     words.start()
     ready = words.news.get(timeout=60)
-    assert isinstance(ready, WordsReady) and ready.model == "plugin:lab"
+    assert isinstance(ready, RecogniserReady) and ready.model == "plugin:lab"
     words.ask(TurnInterval("t", np.ones(16_000, np.float32), 0.0, 1.0, "", False))
     lost, failure, usual = (words.news.get(timeout=60) for _ in range(3))
     assert isinstance(lost, Recognition) and lost.text is None
     assert isinstance(failure, PluginError) and failure.reason == reason
-    assert isinstance(usual, WordsReady) and usual.model == "usual"
+    assert isinstance(usual, RecogniserReady) and usual.model == "usual"
     words.end()
 
 

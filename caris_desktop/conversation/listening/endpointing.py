@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from caris_desktop.conversation.listening.recogniser_messages import UseSilence
 from caris_desktop.domain.model_files import onnx_options, packaged_file, read_checked
-from caris_desktop.domain.value_class import Value
 
 # Adaptive endpointing delay: pause lengths within turns, learned per person.
 
@@ -111,14 +111,7 @@ _SURE, _UNSURE = 0.4, 0.3
 Change = Literal["began", "paused", "spoke on", "over"]
 
 
-class SilenceBounds(Value):
-    """Minimum and maximum silence that ends a turn, whatever the probability."""
-
-    at_least_s: float = 0.3
-    at_most_s: float = 3.0
-
-
-def silence_to_wait_s(turn_over: float | None, learnt_s: float, bounds: SilenceBounds) -> float:
+def silence_to_wait_s(turn_over: float | None, learnt_s: float, bounds: UseSilence) -> float:
     """Silence that ends the turn, by the probability that it is over (None: unknown).
 
     If it is likely over, the minimum; if not, as long as this person's pauses take.
@@ -131,7 +124,7 @@ def silence_to_wait_s(turn_over: float | None, learnt_s: float, bounds: SilenceB
 class TurnTaking:
     """Turns at one microphone. ``turn`` names the present one for the learned pauses."""
 
-    def __init__(self, silence: SilenceOfPeople, bounds: SilenceBounds) -> None:
+    def __init__(self, silence: SilenceOfPeople, bounds: UseSilence) -> None:
         self._silence = silence
         self.bounds = bounds
         self._voiced_ns = self._audio_end_ns = 0

@@ -15,7 +15,6 @@ import numpy as np
 from caris_desktop.conversation.listening.echo import EchoCanceller
 from caris_desktop.conversation.listening.endpointing import (
     NoVoiceActivity,
-    SilenceBounds,
     SilenceOfPeople,
     TurnModel,
     TurnTaking,
@@ -29,7 +28,6 @@ from caris_desktop.conversation.listening.engines import (
     PluginEngine,
     Recognised,
 )
-from caris_desktop.conversation.listening.heard_turn import TurnInterval
 from caris_desktop.conversation.listening.recogniser_messages import (
     EndTurns,
     RecogniserAway,
@@ -40,7 +38,7 @@ from caris_desktop.conversation.listening.recogniser_messages import (
     UseSilence,
 )
 from caris_desktop.conversation.listening.robot_speech_filter import RobotSpeechFilter
-from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter
+from caris_desktop.conversation.listening.speech_segmenter import SpeechSegmenter, TurnInterval
 from caris_desktop.conversation.speech_plugins import PLUGIN
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import Problem, UtteranceChanged
@@ -58,15 +56,6 @@ _END_WITHIN_S = 0.2
 WORDS_THREAD = "words"
 
 
-class WordsReady(Value):
-    """The engine is loaded. ``every_s`` is the minimum interval between requests during continuous speech."""
-
-    model: str
-    language: str
-    every_s: float
-    load_s: float
-
-
 class Recognition(Value):
     """Result of an interval; ``text`` is None on failure, with ``away`` if the engine is unavailable."""
 
@@ -77,13 +66,16 @@ class Recognition(Value):
 
 
 class WordsThread:
-    """One interval at a time. ``news`` has WordsReady, or a final NoEngineError, and a Recognition per request.
+    """One interval at a time. ``news`` has RecogniserReady, or a final NoEngineError, and a Recognition per request.
 
-    A plug-in that fails is replaced by the usual engine: ``news`` has its PluginError, and another WordsReady.
+    A plug-in that fails is replaced by the usual engine: ``news`` has its PluginError, and another RecogniserReady.
+    ``every_s`` is the minimum interval between requests during continuous speech, for the engine that is ready.
     """
 
+    every_s = 0.5
+
     def __init__(self, settings: RecogniserSettings) -> None:
-        self.news: queue.SimpleQueue[WordsReady | NoEngineError | PluginError | Recognition] = queue.SimpleQueue()
+        self.news: queue.SimpleQueue[RecogniserReady | NoEngineError | PluginError | Recognition] = queue.SimpleQueue()
         self._requests: queue.SimpleQueue[TurnInterval | None] = queue.SimpleQueue()
         self._settings = settings
         self._thread = threading.Thread(target=self._run, name=WORDS_THREAD, daemon=True)
@@ -114,7 +106,8 @@ class WordsThread:
     def _work(self, settings: RecogniserSettings) -> None:
         began_s = time.monotonic()
         engine = open_engine(settings)
-        self.news.put(WordsReady(engine.model, engine.language, engine.every_s, time.monotonic() - began_s))
+        self.every_s = engine.every_s
+        self.news.put(RecogniserReady(engine.model, engine.language, time.monotonic() - began_s))
         with contextlib.closing(engine):
             while (stretch := self._requests.get()) is not None:
                 self._make_out(engine, stretch)
@@ -164,7 +157,7 @@ def run_recogniser(connection: Connection, settings: RecogniserSettings) -> None
 class _Recogniser:
     def __init__(self, connection: Connection, settings: RecogniserSettings) -> None:
         self._connection = connection
-        self._bounds = SilenceBounds()
+        self._bounds = UseSilence()
         self._robot_speech = RobotSpeechFilter()
         self._silence = SilenceOfPeople()
         self._signal = SignalWatch()
@@ -175,7 +168,6 @@ class _Recogniser:
         self._played: deque[PlayedSound] = deque(maxlen=_PLAYED_AT_MOST)
         self._ready: RecogniserReady | None = None
         self._transcribing: SpeechSegmenter | None = None
-        self._every_s = 0.5
         self._not_before_s = 0.0
         self._away = ""
 
@@ -235,8 +227,8 @@ class _Recogniser:
                 for source, segmenter in self._segmenters.items():
                     if source != WIZARD_MICROPHONE:
                         segmenter.end_turn()
-            case UseSilence(at_least_s, at_most_s):
-                self._bounds = SilenceBounds(at_least_s, at_most_s)
+            case UseSilence() as bounds:
+                self._bounds = bounds
                 for turns in self._turns:
                     turns.bounds = self._bounds
             case other:
@@ -273,7 +265,7 @@ class _Recogniser:
     def _ask(self) -> None:
         if self._transcribing is not None or self._ready is None:
             return
-        every_s = self._every_s if time.monotonic() >= self._not_before_s else float("inf")
+        every_s = self._words.every_s if time.monotonic() >= self._not_before_s else float("inf")
         for segmenter in self._segmenters.values():
             stretch = segmenter.next_interval(every_s)
             if stretch is not None:
@@ -284,15 +276,12 @@ class _Recogniser:
     def _process_news(self) -> None:
         while not self._words.news.empty():
             match self._words.news.get():
-                case WordsReady() as ready:
-                    self._every_s = ready.every_s
-                    detail = (
-                        ""
-                        if self._turn_model
-                        else QT_TR_NOOP("No endpointing model is available: only silence ends a turn.")
-                    )
-                    self._ready = RecogniserReady(ready.model, ready.language, ready.load_s, detail)
-                    self._connection.send(self._ready)
+                case RecogniserReady() as ready:
+                    if self._turn_model is None:
+                        detail = QT_TR_NOOP("No endpointing model is available: only silence ends a turn.")
+                        ready = replace(ready, detail=detail)
+                    self._ready = ready
+                    self._connection.send(ready)
                 case NoEngineError() as failure:
                     self._fail(failure)
                 case PluginError(plugin=plugin, reason=reason):

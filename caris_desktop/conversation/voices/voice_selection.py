@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from caris_desktop.conversation import speech_plugins
 from caris_desktop.conversation.speech_plugins import PLUGIN, checked_rate, open_speech
+from caris_desktop.conversation.synthesis_messages import SynthesisSettings
 from caris_desktop.conversation.voices.installed_voices import (
     ESPEAK,
     PIPER,
@@ -38,7 +39,6 @@ from caris_desktop.domain.model_files import WrongChecksum, check_file, onnx_opt
 from caris_desktop.domain.onnx_graph import part_of_graph, taken_by
 from caris_desktop.domain.plugins import PluginError
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.domain.value_class import Value
 
 _USUAL_WPM = 165
 # espeak applies settings in its own thread, within milliseconds on an idle computer.
@@ -288,10 +288,10 @@ class PiperVoice:
             ]
         except (ValueError, IndexError):
             parts = [content]
-        return [
-            self._runtime.InferenceSession(part, onnx_options(_THREADS), providers=["CPUExecutionProvider"])
-            for part in parts
-        ]
+        return [self._session(part) for part in parts]
+
+    def _session(self, content: bytes) -> Any:
+        return self._runtime.InferenceSession(content, onnx_options(_THREADS), providers=["CPUExecutionProvider"])
 
 
 def _around(first: int, end: int, frames: int, at_most: int) -> slice:
@@ -337,19 +337,8 @@ class PluginVoice:
         yield sound
 
 
-class VoiceChoice(Value):
-    """Requested voice, as in the scenario file. ``at_hand``: it will be used."""
-
-    voice: str
-    language: str
-    rate: float
-    volume: float
-    folder: str
-    at_hand: bool
-
-
 def open_voice(
-    choice: VoiceChoice, files_folder: Path, on_plugin_failure: Callable[[PluginError], None]
+    choice: SynthesisSettings, files_folder: Path, on_plugin_failure: Callable[[PluginError], None]
 ) -> tuple[Voice, str]:
     """Open a voice; the text explains a fallback, empty for the requested one, and for a plug-in that failed.
 
@@ -389,7 +378,7 @@ def open_voice(
     return system, why_not
 
 
-def every_voice(choice: VoiceChoice, used: Voice) -> list[tuple[str, str]]:
+def every_voice(choice: SynthesisSettings, used: Voice) -> list[tuple[str, str]]:
     """All selectable voices with their languages; system voices only in the spoken language."""
     piper = {PIPER + files.name: files.language for files in piper_voices(voice_folders(choice.folder))}
     # pyttsx3 hangs in two threads: if its voice is in use, that has already read the list.
@@ -400,7 +389,7 @@ def every_voice(choice: VoiceChoice, used: Voice) -> list[tuple[str, str]]:
     return [*plugin, *piper.items(), *(each for each in system.items() if base_language(each[1]) == spoken)]
 
 
-def _piper_files(choice: VoiceChoice) -> PiperFiles | None:
+def _piper_files(choice: SynthesisSettings) -> PiperFiles | None:
     if choice.voice.startswith(PIPER):
         return find_piper_voice(choice.voice.removeprefix(PIPER), voice_folders(choice.folder))
     if choice.voice or not choice.language or importlib.util.find_spec("piper") is None:
