@@ -102,7 +102,7 @@ class Decisions:
             case intents.SplitPerson(person_id=person_id, visit_id=visit_id):
                 return self._split(person_id, visit_id, now_ns, intent.actor)
             case intents.NoteConsent():
-                root = self._root(intent.person_id)
+                root = self._known.root_of(intent.person_id)
                 back = self._known.note_consent(root, intent.kind, given=intent.given, actor=intent.actor)
                 self._remember("consent", root, "", back)
                 return [ConsentNoted(now_ns, root, intent.kind, intent.given, intent.actor)]
@@ -157,7 +157,7 @@ class Decisions:
         return len(self._done)
 
     def _name(self, person_id: str, name: str, now_ns: int, actor: Actor) -> list[Event]:
-        root = self._root(person_id)
+        root = self._known.root_of(person_id)
         back = self._known.describe(root, replace(self._known.about(root), name=name))
         self._remember("named", root, "", back)
         self._store_known(root)
@@ -178,7 +178,7 @@ class Decisions:
     def _describe(
         self, person_id: str, detail: PersonDetail, changes: dict[str, object], now_ns: int, actor: Actor
     ) -> list[Event]:
-        root = self._root(person_id)
+        root = self._known.root_of(person_id)
         about: About = replace(self._known.about(root), **changes)  # type: ignore[arg-type]
         if about == self._known.about(root):
             return []
@@ -208,7 +208,7 @@ class Decisions:
     def _merge(self, person_id: str, into_person_id: str, now_ns: int, actor: Actor) -> list[Event]:
         if not self._exists(into_person_id):
             return [_unknown(now_ns)]
-        root, into = self._root(person_id), self._root(into_person_id)
+        root, into = self._known.root_of(person_id), self._known.root_of(into_person_id)
         if root == into:
             return []
         back = [self._given_to(visit, into) for visit in self._visits.of_person(root)]
@@ -267,8 +267,8 @@ class Decisions:
         return [PeopleUndone(now_ns, done.person_id, done.decision, done.is_person_id, actor)]
 
     def _forget(self, person_id: str, now_ns: int, actor: Actor) -> list[Event]:
-        root = self._root(person_id)
-        visits = [visit for visit in self._visits if self._root(visit.person_id) == root]
+        root = self._known.root_of(person_id)
+        visits = [visit for visit in self._visits if self._known.root_of(visit.person_id) == root]
         try:
             ids = set(self._known.forget(root)) | {visit.visit_id for visit in visits}
         except PeopleStoreError as error:
@@ -317,14 +317,11 @@ class Decisions:
         concerns = {*self._known.ids_of(person_id), *(self._known.ids_of(is_person_id) if is_person_id else ())}
         self._done.append(_Done(decision, person_id, is_person_id, frozenset(concerns), take_back))
 
-    def _root(self, person_id: str) -> str:
-        return self._known.root_of(person_id)
-
     def _exists(self, person_id: str) -> bool:
         return (
             self._visits.find(person_id) is not None
             or self._known.is_known(person_id)
-            or self._known.identities.knows(self._root(person_id))
+            or self._known.identities.knows(self._known.root_of(person_id))
         )
 
 

@@ -33,11 +33,6 @@ _DEPTH_ERROR = 0.02  # per metre, for a stereo baseline of 7.5 cm: the error gro
 _FLOOR_ERROR = 0.08  # fraction of the distance: how precisely a box ends at the feet
 
 
-def located(people: People, scan: LaserScan, camera: CameraModel, map_from_robot: Pose2D) -> tuple[PersonPlace, ...]:
-    """Positions of people that a camera on the robot and the LIDAR both see. ``camera`` is its pose at that time."""
-    return _placed(people, camera, map_from_robot, _points_in_robot(scan, map_from_robot), by_floor=False)
-
-
 def _placed(
     people: People,
     camera: CameraModel,

@@ -334,11 +334,11 @@ class PresenceTracker:
         present_ids = {row.person_id for row in rows}
         before = tuple(
             PersonRow(
-                known.person_id, -1, self._name_of(known.person_id), here=False, since_ns=0, last_seen_ns=0,
-                known=True, group=known.about.group, tags=known.about.tags, note=known.about.note,
-                portrait=self._portrait_of(known.person_id), consents=self._known.consents(known.person_id),
+                known_id, -1, self._name_of(known_id), here=False, since_ns=0, last_seen_ns=0,
+                known=True, group=about.group, tags=about.tags, note=about.note,
+                portrait=self._portrait_of(known_id), consents=self._known.consents(known_id),
             )
-            for known in self._known.everybody() if known.person_id not in present_ids
+            for known_id, about in self._known.everybody() if known_id not in present_ids
         )  # fmt: skip
         return (*sorted(rows, key=lambda row: not row.here), *before)
 
