@@ -257,7 +257,16 @@ class _Recogniser:
         if chunk.source != WIZARD_MICROPHONE:
             peak = int(np.abs(chunk.samples.astype(np.int32)).max(initial=0)) / 32768
             if self._signal.process(chunk.source, chunk.stamp_ns, peak):
-                self._connection.send(_silent(chunk.source))
+                self._connection.send(
+                    Problem(
+                        clock.now_ns(),
+                        "warning",
+                        localized(QT_TR_NOOP("No sound is received from the {source}."), source=chunk.source),
+                        QT_TR_NOOP("The participant's speech there is neither heard nor transcribed."),
+                        QT_TR_NOOP("Check whether it is muted or turned off, or choose another one."),
+                        until="quiet",
+                    )
+                )
         segmenter.process(chunk)
         self._ask()
         segmenter.judge()
@@ -308,17 +317,6 @@ class _Recogniser:
 
 def _problem(failure: UserFacingError) -> Problem:
     return Problem(clock.now_ns(), "warning", failure.what, failure.meaning, failure.advice, until="transcription")
-
-
-def _silent(source: str) -> Problem:
-    return Problem(
-        clock.now_ns(),
-        "warning",
-        localized(QT_TR_NOOP("No sound is received from the {source}."), source=source),
-        QT_TR_NOOP("The participant's speech there is neither heard nor transcribed."),
-        QT_TR_NOOP("Check whether it is muted or turned off, or choose another one."),
-        until="quiet",
-    )
 
 
 _SILENT = 0.0008

@@ -12,6 +12,9 @@ from caris_desktop.conversation.models.failures import nonsense, unusable
 from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.value_class import Value
 
+if TYPE_CHECKING:
+    import httpx
+
 Schema = dict[str, Any]
 Cut = Literal["", "length", "filter"]
 """Why an answer ends before its end: it reached its limit, or the server's filter stopped it."""
@@ -84,9 +87,6 @@ def json_object(endpoint: ModelEndpoint, document: str) -> dict[str, Any]:
         raise unusable(endpoint, "a message is not a JSON object")
     return message
 
-
-if TYPE_CHECKING:
-    import httpx
 
 MAX_LINE_BYTES = 1_000_000
 # Many servers omit or misstate the content type; only certain mismatches are errors.

@@ -1,6 +1,7 @@
 """HTTP cameras: authenticated requests, MJPEG images (multipart), and the clock of our camera server."""
 
 import base64
+import contextlib
 import http.client
 import logging
 import re
@@ -29,7 +30,7 @@ from caris_desktop.perception.cameras.camera_source import (
 _LONGEST_ANSWER_BYTES = 1_000_000
 
 
-class CameraConnection:
+class CameraConnection(contextlib.AbstractContextManager["CameraConnection"]):
     """Connection to a camera's host for sequential requests. Use as a context, or close it."""
 
     def __init__(self, chosen: ChosenCamera) -> None:
@@ -44,9 +45,6 @@ class CameraConnection:
             )
         else:
             self._connection = http.client.HTTPConnection(host, port, timeout=OPEN_TIMEOUT_S)
-
-    def __enter__(self) -> "CameraConnection":
-        return self
 
     def __exit__(self, *_error: object) -> None:
         self.close()
@@ -165,37 +163,36 @@ class RemoteClockEstimate:
         return None if taken_ns is None else (taken_ns, uncertainty_ns)
 
 
-class ServedClock:
+class ServedClock(RemoteClockEstimate):
     """Clock of a camera server, polled over HTTP: several times at first, then periodically."""
 
     def __init__(self, chosen: ChosenCamera, path: str) -> None:
+        super().__init__(self._server_ns)
         self._chosen = chosen
         self._path = path
         self._connection: CameraConnection | None = None
-        self._clock = RemoteClockEstimate(self._notify)
-        self._requested_ns = 0
         for _ in range(_FIRST_ROUND_TRIPS):
-            self._ask()
+            self._poll()
 
     def here(self, far_ns: int) -> tuple[int, int] | None:
         """As :meth:`RemoteClockEstimate.here`, with an occasional round trip."""
-        if clock.now_ns() - self._requested_ns >= _ASK_EVERY_NS:
-            self._ask()
-        return self._clock.here(far_ns)
+        if clock.now_ns() - self._polled_ns >= _ASK_EVERY_NS:
+            self._poll()
+        return super().here(far_ns)
 
     def close(self) -> None:
         if self._connection is not None:
             self._connection.close()
 
-    def _notify(self) -> int:
+    def _server_ns(self) -> int:
         if self._connection is None:
             self._connection = CameraConnection(self._chosen)
         return int(self._connection.ask("GET", self._path)[1])
 
-    def _ask(self) -> None:
-        self._requested_ns = clock.now_ns()
+    def _poll(self) -> None:
+        self._polled_ns = clock.now_ns()
         try:
-            self._clock.measure()
+            self.measure()
         except (CameraError, ValueError):
             _log.info("the clock of %s was not told", self._chosen.name, exc_info=True)
 
