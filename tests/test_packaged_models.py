@@ -12,8 +12,7 @@ from caris_desktop.conversation.listening.endpointing import TurnModel, VoiceAct
 from caris_desktop.conversation.listening.engines import LocalEngine
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.synthesis_messages import SynthesisSettings
-from caris_desktop.conversation.voices.installed_voices import PiperFiles
-from caris_desktop.conversation.voices.voice_selection import PiperVoice, open_voice
+from caris_desktop.conversation.voices.voice_selection import PiperFiles, PiperVoice, open_voice
 from caris_desktop.domain import model_files
 from caris_desktop.domain.model_files import check_file, packaged_checksums, packaged_file, read_checked
 from caris_desktop.perception.backends.runtime_selection import open_detector, open_fastest

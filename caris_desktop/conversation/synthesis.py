@@ -33,7 +33,7 @@ from caris_desktop.conversation.synthesis_messages import (
     UseVoice,
     VoicesFound,
 )
-from caris_desktop.conversation.voices.installed_voices import GET_PIPER_VOICES
+from caris_desktop.conversation.voices.voice_selection import GET_PIPER_VOICES
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import Problem, UtteranceChanged, UtteranceState

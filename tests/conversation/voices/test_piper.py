@@ -9,14 +9,15 @@ import pytest
 
 pytest.importorskip("piper", reason="piper-tts is not installed")
 
-from caris_desktop.conversation.voices.installed_voices import (
+from caris_desktop.conversation.voices.utterance_sound import RenderingStoppedError, Samples, Stop
+from caris_desktop.conversation.voices.voice_selection import (
     NoSuchVoiceError,
     PiperFiles,
+    PiperVoice,
+    _clauses,
     find_piper_voice,
     voice_folders,
 )
-from caris_desktop.conversation.voices.utterance_sound import RenderingStoppedError, Samples, Stop
-from caris_desktop.conversation.voices.voice_selection import PiperVoice, _clauses
 
 SENTENCE = "Please follow me to the robot arm."
 
