@@ -42,7 +42,7 @@ _ASK_AGAIN_AFTER_S = 2.0
 
 
 def run_inference(connection: Connection, frames: FrameReader, settings: InferenceSettings) -> None:
-    """Process entry point: receives ``Look``s and answers with ``People`` for the newest.
+    """Process entry point: receives ``DetectionRequest``s and answers with ``People`` for the newest.
 
     Sends ``InferenceReady`` or ``InferenceFailed`` first. Of waiting frames only the newest is processed; each
     processed frame yields one ``People`` (possibly empty) or one ``FrameSkipped``. ``People`` are followed by

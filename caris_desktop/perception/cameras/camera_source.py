@@ -79,7 +79,7 @@ def picture_of(image: NDArray[Any], *, device_ns: int, depth_mm: NDArray[np.uint
 
 class CameraSource(Protocol):
     """Open camera. For one thread. Another kind of camera of the program needs a class like this that takes the
-    ChosenCamera, a keyword in ``chosen_camera.py`` and an entry point of the group ``caris_desktop.cameras``.
+    ChosenCamera, a keyword in this module and an entry point of the group ``caris_desktop.cameras``.
     """
 
     width_px: int
