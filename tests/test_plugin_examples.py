@@ -28,8 +28,8 @@ LISTED = (
 )
 _SPEAK_AND_LISTEN = """
 import numpy as np
-from caris_desktop.conversation.listening.plugin_engine import PluginEngine
-from caris_desktop.conversation.voices.plugin_voice import PluginVoice
+from caris_desktop.conversation.listening.engines import PluginEngine
+from caris_desktop.conversation.voices.voice_selection import PluginVoice
 from caris_desktop.conversation.voices.utterance_sound import Stop
 
 if __name__ == "__main__":
