@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from caris_desktop.app.server_arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
+from caris_desktop.app.arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
 from caris_desktop.domain.address import before_port
 
 if TYPE_CHECKING:

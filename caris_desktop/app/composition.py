@@ -6,7 +6,8 @@ import hashlib
 import logging
 import platform
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, fields, replace
 from datetime import datetime
 from pathlib import Path
@@ -16,7 +17,7 @@ import platformdirs
 
 from caris_desktop import __version__
 from caris_desktop.app import process_entry_points
-from caris_desktop.app.scenario_bundles import import_conflicts, import_scenario, share_scenario
+from caris_desktop.conversation.face.face_file import FaceError, parse_face, user_faces_dir
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.models.chat import stream_chat
 from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
@@ -27,8 +28,9 @@ from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import Event, Problem
 from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.plugins import PluginError, find
-from caris_desktop.domain.shipped import layouts_dir
+from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.sound_values import MICROPHONE, WIZARD_MICROPHONE, Role
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
@@ -44,7 +46,7 @@ from caris_desktop.live.services.microphone_service import MicrophoneAdapters
 from caris_desktop.live.services.people_service import PeopleAdapters
 from caris_desktop.live.services.practice_service import PracticeAdapters
 from caris_desktop.live.services.robot_service import RobotConnection
-from caris_desktop.live.services.scenario_service import ScenarioAdapters
+from caris_desktop.live.services.scenario_service import Imported, ScenarioAdapters
 from caris_desktop.live.services.session_service import SessionAdapters
 from caris_desktop.live.services.sound_service import SoundAdapters
 from caris_desktop.live.wizard_console import RobotChoice
@@ -63,11 +65,34 @@ from caris_desktop.recording.session.session_header import (
     read_header,
 )
 from caris_desktop.robot.link import LinkSettings
-from caris_desktop.robot.profile import ProfileError, leaves_ros_open, list_profiles, load_profile, with_ros
+from caris_desktop.robot.profile import (
+    ProfileError,
+    leaves_ros_open,
+    list_profiles,
+    load_profile,
+    parse_profile,
+    profile_text,
+    read_profile,
+    user_robots_dir,
+    with_ros,
+)
 from caris_desktop.ros.dialect import Dialect
+from caris_desktop.scenario.bundle import (
+    Bundle,
+    BundledFile,
+    BundleError,
+    NameConflict,
+    PartKind,
+    bundle_name,
+    conflicts_of,
+    names_of,
+    read_bundle,
+    unpack,
+    write_bundle,
+)
 from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario, save_places, save_text, scenario_text
 from caris_desktop.scenario.scenario_library import find_scenario as find_scenario_file
-from caris_desktop.scenario.scenario_library import own_file
+from caris_desktop.scenario.scenario_library import own_file, user_scenarios_dir
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.study.study_folder import (
     StudyFolder,
@@ -562,3 +587,91 @@ def _new_session(
             "sound": "permitted" if scenario.permissions.audio_recording else "not permitted",
         },
     )
+
+
+# Scenario bundles: one file with the user's own robot profile and face, for passing on and import.
+
+
+def share_scenario(scenario: Scenario, path: Path) -> None:
+    """Write the scenario with the user's own files that it refers to. Raises UserFacingError."""
+    stem = scenario.path.stem if scenario.path is not None else scenario.title
+    scenario_file = BundledFile("scenario", bundle_name(stem), scenario_text(scenario))
+    try:
+        write_bundle(Bundle(scenario_file, tuple(_next_to(scenario))), path)
+    except (BundleError, ProfileError, OSError) as error:
+        raise UserFacingError(
+            tr("The scenario was not exported as one file."), str(error), tr("Choose another folder or another name.")
+        ) from error
+
+
+def import_conflicts(path: Path) -> tuple[NameConflict, ...]:
+    """Name conflicts of this bundle with existing files. Raises UserFacingError."""
+    with _reported_errors():
+        return conflicts_of(_checked(path), _folders(), _known)
+
+
+def import_scenario(path: Path, decided: Sequence[SameName] = ()) -> Imported:
+    """Import it into the user's own files, with name conflicts resolved as ``decided``. Raises UserFacingError."""
+    with _reported_errors():
+        unpacked = unpack(_checked(path), _folders(), _known, decided)
+    aside = ", ".join(str(place) for place in unpacked.put_aside)
+    return Imported(unpacked.path, names_of(unpacked.renamed), aside)
+
+
+def _folders() -> dict[PartKind, Path]:
+    return {"scenario": user_scenarios_dir(), "robot": user_robots_dir(), "face": user_faces_dir()}
+
+
+def _checked(path: Path) -> Bundle:
+    bundle = read_bundle(path)
+    for part in bundle.beside:
+        _check(part, path)
+    return bundle
+
+
+@contextmanager
+def _reported_errors() -> Iterator[None]:
+    try:
+        yield
+    except (BundleError, ProfileError, FaceError) as error:
+        reason = error.what if isinstance(error, FaceError) else str(error)
+        raise UserFacingError(
+            tr("The scenario was not imported."), reason, tr("Nothing was changed. Ask the sender for the file again.")
+        ) from error
+
+
+def _next_to(scenario: Scenario) -> list[BundledFile]:
+    """Robot and face of the scenario, if they are the user's own. A profile's text contains no secrets."""
+    parts = []
+    if (user_robots_dir() / f"{scenario.robot}.yaml").is_file():
+        parts.append(BundledFile("robot", scenario.robot, profile_text(load_profile(scenario.robot))))
+    face = user_faces_dir() / f"{scenario.face.face}.yaml"
+    if face.is_file():
+        parts.append(BundledFile("face", scenario.face.face, face.read_text(encoding="utf-8-sig")))
+    return parts
+
+
+def _check(part: BundledFile, bundle: Path) -> None:
+    file_name = f"{bundle.name}, {part.kind}/{part.name}.yaml"
+    if part.kind == "robot":
+        parse_profile(part.text, file_name=file_name, name=part.name)
+    else:
+        parse_face(part.text, file_name=file_name, name=part.name)
+
+
+def _known(kind: PartKind, name: str) -> tuple[Path, str] | None:
+    """Existing file of that name, and its text; no text if it is unusable."""
+    folders = {
+        "scenario": (user_scenarios_dir(), layouts_dir()),
+        "robot": (user_robots_dir(), resources_dir() / "robots"),
+        "face": (user_faces_dir(), resources_dir() / "faces"),
+    }
+    paths = (folder / f"{name}.yaml" for folder in folders[kind])
+    there = next((path for path in paths if path.is_file()), None)
+    if there is None:
+        return None
+    try:
+        text = profile_text(read_profile(there)) if kind == "robot" else there.read_text(encoding="utf-8-sig")
+    except (OSError, ValueError, ProfileError):
+        text = ""
+    return there, text

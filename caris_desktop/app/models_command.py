@@ -10,7 +10,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from caris_desktop.app import process_entry_points
-from caris_desktop.app.server_arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
+from caris_desktop.app.arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
 from caris_desktop.conversation.embedded_server import (
     EMBEDDED_MODEL,
     EmbeddedFailed,

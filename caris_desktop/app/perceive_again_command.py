@@ -12,7 +12,6 @@ from pathlib import Path
 
 from caris_desktop import __version__
 from caris_desktop.app.arguments import add_tracker
-from caris_desktop.app.session_jobs import add_session_arguments, run_over_sessions
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.events import RobotChosen
 from caris_desktop.domain.file_replacement import no_room, replace_file
@@ -21,7 +20,7 @@ from caris_desktop.domain.plugins import PluginError
 from caris_desktop.domain.sensing import FrameRef, HeadState, Odometry, People
 from caris_desktop.domain.streams import BY_TYPE
 from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.study_jobs import JobError, Progress
+from caris_desktop.live.study_jobs import JobError, Progress, add_session_arguments, run_over_sessions
 from caris_desktop.perception.camera_schedule import CameraTurning
 from caris_desktop.perception.inference import person_box
 from caris_desktop.perception.inference_messages import USUAL_FOCAL_PER_WIDTH, DetectionRequest, default_threads

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import get_args
 
-from caris_desktop.app.server_arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
+from caris_desktop.app.arguments import ServerArgumentsError, add_server_arguments, read_server_arguments
 from caris_desktop.domain.address import before_port
 from caris_desktop.domain.translation import tr
 from caris_desktop.perception.backends.remote_detector import TOKEN_VARIABLE, serving

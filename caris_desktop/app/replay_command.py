@@ -23,14 +23,12 @@ from PySide6.QtWidgets import QApplication, QProgressDialog
 
 from caris_desktop.app import composition
 from caris_desktop.app.console_command import check_screen
-from caris_desktop.app.qt_application import end_with_screen, forget_screen, the_application
-from caris_desktop.app.saved_settings import SavedSettings
-from caris_desktop.app.user_settings import bring_up_to_date, own_settings, retranslated_failure
+from caris_desktop.app.qt_application import GarbageCollector, end_with_screen, forget_screen, the_application
+from caris_desktop.app.user_settings import SavedSettings, bring_up_to_date, own_settings, retranslated_failure
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.garbage_collection import GarbageCollector
 from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.replay_console import ReplayAdapters, ReplayConsole
 from caris_desktop.people.people_store import PeopleStore, PeopleStoreError

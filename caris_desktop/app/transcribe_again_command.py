@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from caris_desktop.app.session_jobs import add_session_arguments, run_over_sessions
 from caris_desktop.conversation.listening.engines import LocalEngine, NoEngineError
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.resampling import resampled
 from caris_desktop.domain.file_replacement import replace_file
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES
-from caris_desktop.live.study_jobs import JobError, Progress
+from caris_desktop.live.study_jobs import JobError, Progress, add_session_arguments, run_over_sessions
 from caris_desktop.perception.inference_messages import default_threads
 from caris_desktop.recording.csv_cells import SHOWN
 from caris_desktop.recording.session.media_files import wav_layout

@@ -40,7 +40,6 @@ EXEMPT: dict[str, dict[str, str]] = {
     "app/check_command.py": {"*": _TERMINAL},
     "app/anonymise_command.py": {"*": _TERMINAL},
     "app/command_table.py": {"*": _TERMINAL},
-    "app/commands_page.py": {"*": "a page of the guide, which is English"},
     "app/composition.py": {
         "imported bags": _FOLDER,
         "hearing along": _PROCESS,
@@ -62,7 +61,6 @@ EXEMPT: dict[str, dict[str, str]] = {
     "app/plugin_contracts.py": {"*": _TERMINAL},
     "app/statistics_command.py": {"*": _TERMINAL},
     "app/rehearse_command.py": {"*": _PLAYED},
-    "app/rehearsal.py": {"*": _PLAYED},
     "app/replay_command.py": {"unsaved annotations": _FOLDER, "CARIS Desktop": "name of the program"},
     "app/robots_command.py": {"ROS {}": _TERMINAL, "Unknown ROS version": _TERMINAL},
     "app/track_command.py": {"*": _TERMINAL},
