@@ -37,12 +37,11 @@ from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live import confirmed_files
 from caris_desktop.live.adapters import Adapters, RobotAdapters
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.local_microphone import MicrophoneChoice
 from caris_desktop.live.model_lists import local_models
 from caris_desktop.live.services.assistant_service import AssistantAdapters
 from caris_desktop.live.services.cameras_service import CameraSelection, OwnCamera
 from caris_desktop.live.services.crash_recovery_service import CrashRecoveryAdapters
-from caris_desktop.live.services.microphone_service import MicrophoneAdapters
+from caris_desktop.live.services.microphone_service import MicrophoneAdapters, MicrophoneChoice
 from caris_desktop.live.services.people_service import PeopleAdapters
 from caris_desktop.live.services.practice_service import PracticeAdapters
 from caris_desktop.live.services.robot_service import RobotConnection

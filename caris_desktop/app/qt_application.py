@@ -7,10 +7,11 @@ import os
 import sys
 import time
 
-from PySide6.QtCore import QMessageLogContext, QObject, QTimer, QtMsgType, qInstallMessageHandler
+from PySide6.QtCore import QMessageLogContext, QObject, QtMsgType, qInstallMessageHandler
 from PySide6.QtWidgets import QApplication
 
 from caris_desktop import __version__
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.ui.theme import SCALES
 
 _CORES_TO_PAINT_WITH = 4
@@ -104,8 +105,7 @@ class GarbageCollector(QObject):
         super().__init__(parent)
         self._was_enabled = gc.isenabled()
         gc.disable()
-        self._timer = QTimer(self)
-        self._timer.timeout.connect(self._collect)
+        self._timer = new_timer(self, self._collect)
         self._timer.start(_EVERY_MS)
 
     def stop(self) -> None:

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
 
-from PySide6.QtCore import QObject, QPoint, QSettings, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QPoint, QSettings, Qt, Signal
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QMenu, QTabBar, QWidget
@@ -26,6 +26,7 @@ from caris_desktop.domain.streams import BY_NAME, STATE_STREAMS, Delivery
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.console import Console
 from caris_desktop.live.logs import configure_logging
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
@@ -131,8 +132,7 @@ class Rehearsal(QObject):
         self.steps: list[dict[str, object]] = []
         self.screenshots: dict[Path, QImage] = {}
         self.session_folder: Path | None = None
-        self._timer = QTimer(self)
-        self._timer.timeout.connect(self._step)
+        self._timer = new_timer(self, self._step)
 
     def start(self) -> None:
         self._timer.start(_STEP_MS)

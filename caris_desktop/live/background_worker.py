@@ -1,4 +1,4 @@
-"""Background worker for file access and process exits, with results in the GUI thread."""
+"""Background worker for file access and process exits, with results in the GUI thread; and timers."""
 
 import contextlib
 import logging
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TypeVar
 
-from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
@@ -134,3 +134,19 @@ def _outcome(work: Callable[[], T], done: Callable[[T], None], failed: Callable[
                 tr("Try again; the log has the details."),
             ),
         )
+
+
+def new_timer(
+    parent: QObject,
+    on_timeout: Callable[[], object],
+    interval_ms: int = 0,
+    *,
+    single_shot: bool = False,
+    precise: bool = False,
+) -> QTimer:
+    """Timer that is not started. ``precise``: to the millisecond, instead of within 5 %."""
+    timer = QTimer(parent, singleShot=single_shot, interval=interval_ms)
+    if precise:
+        timer.setTimerType(Qt.TimerType.PreciseTimer)
+    timer.timeout.connect(on_timeout)
+    return timer

@@ -26,7 +26,7 @@ from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.gate import Gate, Refusal
 from caris_desktop.live.process_manager import ProcessManager
 from caris_desktop.live.replay_video import DisplayFrames
-from caris_desktop.live.service import Handler, Service
+from caris_desktop.live.service import Handler, Service, ServiceContext
 from caris_desktop.live.services.alarms_service import AlarmsService
 from caris_desktop.live.services.assistant_service import AssistantService
 from caris_desktop.live.services.cameras_service import CamerasService
@@ -80,18 +80,13 @@ class Console(QObject):
         bus.tap(self._shown_frames.add, (People,))
         to_read = RingsToRead((self._media_ring.name,))
 
-        self._scenario = ScenarioService(
-            state, bus, parts.scenario, scenario, slow_work, apply=self._apply, parent=self
-        )
-        recording = self._recording = RecordingService(
-            state, bus, children, parts.recorder, slow_work, rings=to_read, parent=self
-        )
-        cameras = CamerasService(state, bus, children, parts.cameras, slow_work, frames=self._frames, parent=self)
-        speakers = SpeakersService(state, bus, self)
-        self._people = PeopleService(
-            state, bus, parts.people, rings=to_read, who_speaks=speakers.who_speaks, parent=self
-        )
-        forgetting = ForgettingService(state, bus, children, parts.forgetting, then=self._people.decide, parent=self)
+        context = ServiceContext(state, bus, children, slow_work, self)
+        self._scenario = ScenarioService(context, parts.scenario, scenario, apply=self._apply)
+        recording = self._recording = RecordingService(context, parts.recorder, rings=to_read)
+        cameras = CamerasService(context, parts.cameras, frames=self._frames)
+        speakers = SpeakersService(context)
+        self._people = PeopleService(context, parts.people, rings=to_read, who_speaks=speakers.who_speaks)
+        forgetting = ForgettingService(context, parts.forgetting, then=self._people.decide)
         self._robot = RobotService(
             state, self._media_ring,
             new_child=self._new_link, publish=bus.publish, problem=bus.problem,
@@ -99,40 +94,28 @@ class Console(QObject):
             selected_cameras=parts.cameras, slow_work=slow_work, parent=self,
         )  # fmt: skip
         self._microphone = MicrophoneService(
-            state, bus, children, parts.microphone,
-            to_robot=self._robot.send_sound, hear_camera=cameras.hear, parent=self,
-        )  # fmt: skip
+            context, parts.microphone, to_robot=self._robot.send_sound, hear_camera=cameras.hear
+        )
         self._drive = DriveService(state, self._robot, scenario, self, publish=bus.publish, problem=bus.problem)
         head = HeadService(state, self._robot, self)
-        self._speech = SpeechService(state, bus, children, parts.speech, robot=self._robot, parent=self)
-        sound = SoundService(
-            state, bus, children, parts.sound,
-            microphones=self._microphone, robot=self._robot, speech=self._speech, parent=self,
-        )  # fmt: skip
-        listening = ListeningService(state, bus, children, parts.listening, parent=self)
-        transcript = TranscriptService(state, bus, self)
+        self._speech = SpeechService(context, parts.speech, robot=self._robot)
+        sound = SoundService(context, parts.sound, microphones=self._microphone, robot=self._robot, speech=self._speech)
+        listening = ListeningService(context, parts.listening)
+        transcript = TranscriptService(context)
         response_time = ResponseTimeService(bus, self)
-        speaking = SpeakingService(
-            state, bus, self._speech.queue, parts.speech_history, slow_work, do=self.do, parent=self
-        )
+        speaking = SpeakingService(context, self._speech.queue, parts.speech_history, do=self.do)
         assistant = AssistantService(
-            state, bus, children, parts.assistant,
-            asyncio_thread=self._asyncio, speech=self._speech.queue, scenario=scenario, parent=self,
-        )  # fmt: skip
-        proposals = ProposalsService(state, bus, assistant.client, do=self.do, parent=self)
+            context, parts.assistant, asyncio_thread=self._asyncio, speech=self._speech.queue, scenario=scenario
+        )
+        proposals = ProposalsService(context, assistant.client, do=self.do)
         suggestions = SuggestionsService(
-            state, bus, assistant.client, speech=self._speech.queue, proposals=proposals, scenario=scenario, parent=self
+            context, assistant.client, speech=self._speech.queue, proposals=proposals, scenario=scenario
         )
         marks = MarksService(state, bus.publish, self)
         alarms = AlarmsService(state, bus.publish, self)
         protocol = ProtocolService(state, bus.publish, self)
-        photos = PhotosService(
-            state, bus, slow_work, recording, assistant,
-            frames=self._shown_frames, study=parts.session.study, parent=self,
-        )  # fmt: skip
-        going_on = self._going_on = CrashRecoveryService(
-            state, bus, parts.going_on, slow_work, robot=self._robot, do=self.do, parent=self
-        )
+        photos = PhotosService(context, recording, assistant, frames=self._shown_frames, study=parts.session.study)
+        going_on = self._going_on = CrashRecoveryService(context, parts.going_on, robot=self._robot, do=self.do)
         preflight = PreflightService(
             state, bus.publish, slow_work,
             disk=parts.session.disk, microphone_chosen=lambda: self._microphone.chosen is not None, parent=self,
@@ -145,9 +128,9 @@ class Console(QObject):
             ),
             self,
         )  # fmt: skip
-        practice = PracticeService(state, bus, parts.practice, do=self.do, parent=self)
-        face = FaceService(state, bus, slow_work, self._asyncio, frames=self._shown_frames, parent=self)
-        governor = LoadSheddingService(state, bus, self._people, assistant.client, parent=self)
+        practice = PracticeService(context, parts.practice, do=self.do)
+        face = FaceService(context, self._asyncio, frames=self._shown_frames)
+        governor = LoadSheddingService(context, self._people, assistant.client)
         self._another_robot = AnotherRobotService(
             bus, slow_work, by_name=parts.robots.connect_to, simulated=parts.robots.simulated,
             robot=self._robot, drive=self._drive, recording=recording, people=self._people, parent=self,

@@ -14,12 +14,13 @@ from dataclasses import field, replace
 from functools import reduce
 from typing import Any, Final, Literal, get_args
 
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, Qt, Signal
 
 from caris_desktop.domain import clock
 from caris_desktop.domain.events import GamepadChanged
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.domain.value_class import Value
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import GamepadStatus
 from caris_desktop.live.teleop_command import AT_REST, TeleopCommand
@@ -515,9 +516,7 @@ class Gamepads(QObject):
         self._inbox = _Inbox(self._woken.emit)
         self._reader: _Reader | None = None
         self._woken.connect(self._process, Qt.ConnectionType.QueuedConnection)
-        self._watch = QTimer(self)
-        self._watch.setInterval(_CHECK_MS)
-        self._watch.timeout.connect(self._check_age)
+        self._watch = new_timer(self, self._check_age, _CHECK_MS)
 
     def start(self) -> None:
         """Start the reader thread; returns at once."""

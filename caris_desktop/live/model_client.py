@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from dataclasses import field
 from typing import Any, Literal, Protocol
 
-from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.conversation.embedded_server import REPLIES_SLOT, SLOTS
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts
@@ -27,6 +27,7 @@ from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.service import PANELS_FIRST_MS
 
 _log = logging.getLogger(__name__)
@@ -143,8 +144,7 @@ class ModelClient(QObject):
         self._asking_version: Future[None] | None = None
         self._running: dict[str, _Running] = {}
         self._to_read: dict[Purpose, Callable[[], Sequence[ChatMessage]]] = {}
-        self._soon = QTimer(self, singleShot=True, interval=PANELS_FIRST_MS)
-        self._soon.timeout.connect(self._read_pending)
+        self._soon = new_timer(self, self._read_pending, PANELS_FIRST_MS, single_shot=True)
         self._grew.connect(self._on_grew)
         self._waits.connect(self._on_waits)
         self._ended.connect(self._on_ended)

@@ -454,7 +454,7 @@ class ReplayPlayer(QObject):
             status = replace(status, content={**status.content, "folder": None})
         show_status(self._state, status, name_of=self._name_of)
         if status.name == "recording":
-            self._state.recording.set(replace(self._state.recording.value, folder=self._session.folder))
+            self._state.recording.update(folder=self._session.folder)
 
     def _on_situation(self, situation: Situation) -> None:
         if situation.generation != self._generation:
@@ -512,16 +512,13 @@ class ReplayPlayer(QObject):
     def _on_failed(self, reason: str) -> None:
         self._clock.pause()
         self._timer.stop()
-        self.playback.set(replace(self.playback.value, playing=False, detail=reason))
+        self.playback.update(playing=False, detail=reason)
 
     def _notify(self) -> None:
-        self.playback.set(
-            replace(
-                self.playback.value,
-                position_ns=self._clock.position_ns(),
-                playing=self._clock.playing,
-                rate=self._clock.rate,
-            )
+        self.playback.update(
+            position_ns=self._clock.position_ns(),
+            playing=self._clock.playing,
+            rate=self._clock.rate,
         )
 
 

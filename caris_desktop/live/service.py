@@ -1,14 +1,18 @@
-"""Base class of services, and restart policy of their processes."""
+"""Base classes of services, their processes, and the restart policy of these."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from PySide6.QtCore import QObject, QTimer
 
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import tr
-from caris_desktop.domain.value_class import dataclass
-from caris_desktop.live.child_process import ChildProcess, Health
+from caris_desktop.domain.value_class import Value, dataclass
+from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.bus import Bus
+from caris_desktop.live.child_process import ChildProcess, Health, ProcessSpec
+from caris_desktop.live.process_manager import ProcessManager, Reads, Sink
+from caris_desktop.live.state import LiveState
 from caris_desktop.scenario.scenario_model import Scenario
 
 PANELS_FIRST_MS = 600
@@ -34,13 +38,17 @@ class Service(QObject):
         """Event handlers, called before any panel."""
         return {}
 
+    def supervised(self) -> "Iterable[SupervisedProcess]":
+        """Processes of the service, running or not."""
+        return ()
+
     def processes(self) -> Mapping[str, ChildProcess]:
         """Child processes by name."""
-        return {}
+        return {each.child.body.name: each.child for each in self.supervised() if each.child is not None}
 
     def restarts(self) -> "Mapping[str, Restarts]":
         """Restart policies by process name."""
-        return {}
+        return {each.name: each.restarts for each in self.supervised() if each.name}
 
     def health(self) -> dict[str, Health]:
         """Health of the processes by name, without those that are not needed."""
@@ -59,6 +67,27 @@ class Service(QObject):
 
     def end(self) -> None:
         """Wait for what was stopped. May take long, in any thread; does not use Qt."""
+
+
+class ServiceContext(Value):
+    """Shared parts of the console: ``children`` starts processes, ``slow_work`` reads and writes files, and ``parent``
+    owns the services.
+    """
+
+    state: LiveState
+    bus: Bus
+    children: ProcessManager
+    slow_work: BackgroundWorker
+    parent: QObject
+
+
+class ContextService(Service):
+    """Service that uses the shared parts."""
+
+    def __init__(self, context: ServiceContext) -> None:
+        super().__init__(context.parent)
+        self._state, self._bus = context.state, context.bus
+        self._children, self._slow_work = context.children, context.slow_work
 
 
 @dataclass(slots=True)
@@ -112,3 +141,75 @@ class Restarts:
     def advice(self) -> str:
         """Advice for the wizard."""
         return tr("It failed too often: restart the program.") if self.exhausted else tr("It is being restarted.")
+
+
+class SupervisedProcess:
+    """Child process of a service, one at a time, started when it is needed. GUI thread.
+
+    ``ended`` is called after an unexpected end; ``on_message`` and ``reads`` as in :meth:`ProcessManager.new`.
+    ``grace_s`` is the time to end before it is killed.
+    """
+
+    def __init__(
+        self,
+        children: ProcessManager,
+        *,
+        ended: Callable[[], None],
+        on_message: Sink,
+        reads: Reads | None = None,
+        grace_s: float = 1.0,
+        name: str = "",
+    ) -> None:
+        self._children = children
+        self._ended = ended
+        self._on_message = on_message
+        self._reads = reads
+        self._grace_s = grace_s
+        self.name = name
+        """Name under which restarts are reported; empty before the first start, unless given."""
+        self.child: ChildProcess | None = None
+        self.restarts = Restarts()
+
+    def start(self, body: ProcessSpec) -> ChildProcess:
+        """Start it, in place of one that has ended or was dismissed, whose messages are ignored from now on."""
+
+        def on_message(message: Any) -> None:
+            if child is self.child:
+                self._on_message(message)
+
+        self.name = body.name
+        child = self.child = self._children.start(body, ended=self.on_ended, on_message=on_message, reads=self._reads)
+        return child
+
+    def send(self, message: Any) -> bool:
+        """Send without waiting; False if impossible. Any thread."""
+        child = self.child
+        return child is not None and child.send(message)
+
+    def dismiss(self, then: Callable[[], None] = lambda: None) -> bool:
+        """End it because it is not needed now; ``then`` as in :meth:`ProcessManager.dismiss`. False if none runs."""
+        child, self.child = self.child, None
+        if child is not None:
+            self._children.dismiss(child, grace_s=self._grace_s, then=then)
+        return child is not None
+
+    def kill(self) -> None:
+        """Kill it because it hangs. Its end is reported."""
+        if self.child is not None:
+            self.child.kill()
+
+    def ask_to_end(self) -> None:
+        """Begin to end it with the program."""
+        if self.child is not None:
+            self.child.ask_to_end()
+
+    def end(self) -> None:
+        """Wait for its end. Any thread."""
+        if self.child is not None:
+            self.child.stop(grace_s=self._grace_s)
+
+    def on_ended(self, child: ChildProcess) -> None:
+        """Handle an exit, unless another process has replaced this one meanwhile."""
+        if child is self.child:
+            self.child = None
+            self._ended()

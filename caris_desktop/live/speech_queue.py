@@ -82,7 +82,7 @@ class SpeechQueue(QObject):
 
     def use_voice(self, kind: VoiceKind) -> None:
         self._kind = kind
-        self._state.speech.set(replace(self._state.speech.value, voice=kind))
+        self._state.speech.update(voice=kind)
 
     def say(
         self,
@@ -251,4 +251,4 @@ class SpeechQueue(QObject):
 
     def _show(self) -> None:
         waiting = tuple(queued.utterance for queued in self._waiting)
-        self._state.speech.set(replace(self._state.speech.value, now=self._now, ends_ns=self._ends_ns, waiting=waiting))
+        self._state.speech.update(now=self._now, ends_ns=self._ends_ns, waiting=waiting)

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QWidget
 
 from caris_desktop.domain import intents
 from caris_desktop.domain.trial_details import TrialDetails
-from caris_desktop.live.remote_microphone import participant_microphone
+from caris_desktop.live.services.microphone_service import participant_microphone
 from caris_desktop.live.status import IN_SESSION, CrashRecoveryStatus, LibraryStatus, RecordingStatus
 from caris_desktop.live.wizard_console import BeforeRecording, SessionLibrary, WizardConsole
 from caris_desktop.recording.studies.study_query import SessionEntry, SessionQuery

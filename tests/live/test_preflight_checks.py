@@ -8,7 +8,7 @@ import pytest
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.translation import LocalizedText, tr, use_translator
-from caris_desktop.live.preflight_checks import ChecklistItem, Facts, automatic_checks, ticked_checks
+from caris_desktop.live.services.preflight_service import ChecklistItem, Facts, automatic_checks, ticked_checks
 from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,

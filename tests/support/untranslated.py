@@ -65,7 +65,7 @@ EXEMPT: dict[str, dict[str, str]] = {
     "app/robots_command.py": {"ROS {}": _TERMINAL, "Unknown ROS version": _TERMINAL},
     "app/track_command.py": {"*": _TERMINAL},
     "live/services/assistant_service.py": {"Hello.": _PROMPT, "person {}": _PROMPT, "group {}": _PROMPT},
-    "live/preflight_checks.py": {"by hand: {}": "name of a check in the recording"},
+    "live/services/preflight_service.py": {"by hand: {}": "name of a check in the recording"},
     "live/session_library.py": {"{} {} sessions": _FOLDER},
     "live/services/session_service.py": {"plug-in {}": _RECORD},
     "live/services/sound_service.py": {"(the wizard’s own voice)": "recorded instead of the transcript"},

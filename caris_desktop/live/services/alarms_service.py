@@ -2,15 +2,16 @@
 
 from collections.abc import Callable, Iterator
 
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ANSWER, Event, Problem, ProblemEnd, RecordingPaused, RobotChosen, SessionStarted
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.alarm_causes import AlarmBook, Condition
-from caris_desktop.live.preflight_checks import no_answer_advice
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.services.preflight_service import no_answer_advice
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.robot.profile import RobotProfile
@@ -40,8 +41,7 @@ class AlarmsService(Service):
         self._now_ns = now_ns
         self._book = AlarmBook()
         self._met_robot: tuple[str, str] | None = None
-        self._again = QTimer(self, singleShot=True)
-        self._again.timeout.connect(self.evaluate)
+        self._again = new_timer(self, self.evaluate, single_shot=True)
         for value in (
             state.link, state.drive, state.recording, state.speech, state.assistant, state.perception,
             state.microphone, state.wizard_microphone, state.listening, state.battery,

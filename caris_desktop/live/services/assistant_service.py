@@ -7,7 +7,7 @@ from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-from PySide6.QtCore import QObject, Qt, QTimer
+from PySide6.QtCore import QObject
 
 from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.conversation.embedded_server import EmbeddedFailed, EmbeddedReady, ModelAdded
@@ -40,12 +40,12 @@ from caris_desktop.domain.sensing import People
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.bus import Bus
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.model_client import ModelClient, StreamChat
 from caris_desktop.live.model_lists import ListModels, ModelLists
-from caris_desktop.live.process_manager import PluginWatch, ProcessManager, localize_problem
-from caris_desktop.live.service import Follows, Handlers, Restarts, Service
+from caris_desktop.live.process_manager import PluginWatch, localize_problem
+from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext, SupervisedProcess
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ContextPartStatus, ExchangeStatus, ModelChoice
@@ -172,45 +172,42 @@ class AssistantAdapters(Value):
     list_models: ListModels
 
 
-class AssistantService(Service):
+class AssistantService(ContextService):
     """Handles questions, setup and spoken answers. ``client`` serves other users of the model."""
 
     def __init__(
         self,
-        state: LiveState,
-        bus: Bus,
-        children: ProcessManager,
+        context: ServiceContext,
         parts: AssistantAdapters,
         *,
         asyncio_thread: AsyncioThread,
         speech: SpeechQueue,
         scenario: Scenario,
-        parent: QObject,
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
-        self._children = children
+        super().__init__(context)
         self._parts = parts
         self._speech = speech
         self._scenario = scenario
         self._setup = AssistantSetupState(scenario.assistant)
-        self._context = AssistantContext(state)
-        self.client = ModelClient(asyncio_thread, parts.stream_chat, bus.publish, self)
-        self._exchanges = Exchanges(state, self.client, bus.publish, self)
+        self._context = AssistantContext(self._state)
+        self.client = ModelClient(asyncio_thread, parts.stream_chat, self._bus.publish, self)
+        self._exchanges = Exchanges(self._state, self.client, self._bus.publish, self)
         self._lists = ModelLists(asyncio_thread, parts.list_models, self)
         self._lists.found.connect(self._show_setup)
         self._read_pictures: ReadPictures | None = None
-        self._counting = QTimer(self, interval=_COUNT_EVERY_MS)
-        self._counting.timeout.connect(self._show_setup)
-        self._server: ChildProcess | None = None
+        self._counting = new_timer(self, self._show_setup, _COUNT_EVERY_MS)
+        self._server = SupervisedProcess(
+            self._children,
+            ended=self._on_server_ended,
+            on_message=self._on_server_message,
+            grace_s=2.0,
+            name=parts.server.name,
+        )
         self._server_url: str | None = None
         self._served = ""
         self._addition: ChildProcess | None = None
-        self._restarts = Restarts()
         self._watch = PluginWatch()
-        self._watching = QTimer(self, singleShot=True, timerType=Qt.TimerType.PreciseTimer)
-        self._watching.timeout.connect(self._end_overdue)
+        self._watching = new_timer(self, self._end_overdue, single_shot=True, precise=True)
         self._plugins_off: set[str] = set()
         self._serving: Plugin | None = None
         self._started = False
@@ -233,11 +230,8 @@ class AssistantService(Service):
     def follows(self) -> Follows:
         return {Marked: self._context.take_mark}
 
-    def processes(self) -> dict[str, ChildProcess]:
-        return {} if self._server is None else {self._parts.server.name: self._server}
-
-    def restarts(self) -> dict[str, Restarts]:
-        return {} if self._parts.server is None else {self._parts.server.name: self._restarts}
+    def supervised(self) -> tuple[SupervisedProcess, ...]:
+        return (self._server,)
 
     def use_scenario(self, scenario: Scenario) -> None:
         if scenario.assistant != self._scenario.assistant:
@@ -266,14 +260,14 @@ class AssistantService(Service):
         self._lists.stop()
         self._counting.stop()
         self.client.cancel_all(QT_TR_NOOP("cancelled because the program closed"))
-        for child in (self._server, self._addition):
-            if child is not None:
-                child.ask_to_end()
+        self._server.ask_to_end()
+        if self._addition is not None:
+            self._addition.ask_to_end()
 
     def end(self) -> None:
-        for child in (self._server, self._addition):
-            if child is not None:
-                child.stop(grace_s=1.5)
+        self._server.end()
+        if self._addition is not None:
+            self._addition.stop(grace_s=1.5)
 
     def forget(self, *, conversation: bool = False) -> None:
         """Remove questions and answers; with ``conversation`` also the context, for another participant."""
@@ -520,8 +514,10 @@ class AssistantService(Service):
             self._exchanges.show_status(AssistantStatus(state="failed", detail=detail))
         elif (name := served_name(self._setup.model)) is not None and not self._serves(name):
             self._exchanges.show_status(AssistantStatus(state="starting", model=_embedded_title(self._setup.model)))
-            if self._server is None:
-                self._start_server(name)
+            if self._server.child is None:
+                server = self._parts.server
+                self._served, self._watch = name, PluginWatch()
+                self._server.start(replace(server, arguments=(*server.arguments, name)))
         else:
             self._use_endpoint()
 
@@ -531,23 +527,10 @@ class AssistantService(Service):
             self._end_server()
         return self._server_url is not None
 
-    def _start_server(self, name: str) -> None:
-        server = self._parts.server
-        self._served, self._watch = name, PluginWatch()
-
-        def on_message(message: Any) -> None:
-            if child is self._server:  # else it was ended while its message was delivered
-                self._on_server_message(message)
-
-        child = self._server = self._children.start(
-            replace(server, arguments=(*server.arguments, name)), ended=self._on_server_ended, on_message=on_message
-        )
-
     def _end_server(self) -> None:
-        server, self._server, self._server_url, self._serving = self._server, None, None, None
+        self._server_url = self._serving = None
         self._watching.stop()
-        if server is not None:
-            self._children.dismiss(server, grace_s=2.0)
+        self._server.dismiss()
 
     def _use_endpoint(self) -> None:
         model, local_only = self._setup.model, not self._scenario.permissions.cloud_models
@@ -585,21 +568,19 @@ class AssistantService(Service):
     def _asks_embedded(self) -> bool:
         return self._scenario.permissions.assistant and served_name(self._setup.model) == self._served
 
-    def _on_server_ended(self, child: ChildProcess) -> None:
-        if child is not self._server:
-            return  # replaced while its exit was being reported
+    def _on_server_ended(self) -> None:
         plugin = self._watch.called or self._serving
-        self._server = self._server_url = self._serving = None
+        self._server_url = self._serving = None
         self._watching.stop()
         if plugin is not None:
             self._switch_off(plugin, self._watch.blame)
         elif self._asks_embedded():
-            self._restarts.after_end(self._report_server_ended, self._use_chosen)
+            self._server.restarts.after_end(self._report_server_ended, self._use_chosen)
         else:
-            self._restarts.another()
+            self._server.restarts.another()
 
     def _end_overdue(self) -> None:
-        if self._server is not None and self._watch.overdue:
+        if self._watch.overdue:
             self._server.kill()
 
     def _switch_off(self, plugin: Plugin, reason: str) -> None:

@@ -5,21 +5,15 @@ from collections.abc import Callable
 from dataclasses import field, replace
 from typing import Any
 
-from PySide6.QtCore import QObject
-
 from caris_desktop.domain import clock
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sensing import CameraState
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value, dataclass
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
-from caris_desktop.live.process_manager import ProcessManager
-from caris_desktop.live.service import Restarts, Service
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.service import ContextService, Restarts, ServiceContext
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.perception.cameras.camera_process import PlayVideo, StreamSound
 from caris_desktop.robot.profile import CameraTopic
@@ -70,27 +64,15 @@ class _Running:
     plays: bool = False
 
 
-class CamerasService(Service):
+class CamerasService(ContextService):
     """Runs the scenario's cameras, and maintains ``state.own_cameras``: name and model of each."""
 
     def __init__(
-        self,
-        state: LiveState,
-        bus: Bus,
-        children: ProcessManager,
-        cameras_of: Callable[[Scenario], CameraSelection],
-        slow_work: BackgroundWorker,
-        *,
-        frames: FrameRings,
-        parent: QObject,
+        self, context: ServiceContext, cameras_of: Callable[[Scenario], CameraSelection], *, frames: FrameRings
     ) -> None:
         """``frames`` receives the rings and closes them."""
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
-        self._children = children
+        super().__init__(context)
         self._cameras_of = cameras_of
-        self._slow_work = slow_work
         self._frames = frames
         self._free_rings: list[FrameRing] = []
         self._own_cameras: tuple[OwnCamera, ...] = ()
@@ -98,8 +80,8 @@ class CamerasService(Service):
         self._ended: set[str] = set()
         self._audio_camera = ""
         self._started = self._stopped = False
-        state.perception.changed.connect(self._on_perception)
-        bus.tap(self._note, (CameraState,))
+        self._state.perception.changed.connect(self._on_perception)
+        self._bus.tap(self._note, (CameraState,))
 
     def processes(self) -> dict[str, ChildProcess]:
         return {running.camera.body.name: running.child for running in self._running.values()}

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtCore import Qt, Signal
 
 from caris_desktop.conversation.face.drawing import (
     Drawing,
@@ -31,11 +31,9 @@ from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing, PlayedSound, joined
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.bus import Bus
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.service import Follows, Handlers, Service
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.status import FaceStatus
 from caris_desktop.scenario.scenario_model import Scenario
 
@@ -49,7 +47,7 @@ _HEAD_SHARE = 0.12
 """Eye height in a person's box, as a share from its top."""
 
 
-class FaceService(Service):
+class FaceService(ContextService):
     """Maintains ``state.face`` and, while an output is open, ``state.face_drawing`` at up to 25 Hz.
 
     Nothing is drawn while nothing moves. Contents are recorded, eye motion is not.
@@ -61,20 +59,14 @@ class FaceService(Service):
 
     def __init__(
         self,
-        state: LiveState,
-        bus: Bus,
-        slow_work: BackgroundWorker,
+        context: ServiceContext,
         asyncio_thread: AsyncioThread,
         *,
         frames: FrameReader,
-        parent: QObject,
         load: Callable[[str], Face] = load_face,
         save: Callable[[Face], object] = save_face,
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
-        self._slow_work = slow_work
+        super().__init__(context)
         self._asyncio = asyncio_thread
         self._frames = frames
         self._load = load
@@ -91,16 +83,15 @@ class FaceService(Service):
         self._requested_by: Actor = CONSOLE
         self._picture_ns = 0
         self._contents: Drawing | bytes | None = None
-        self._drawing = QTimer(self, interval=_DRAW_EVERY_MS)
-        self._drawing.timeout.connect(self._draw)
+        self._drawing = new_timer(self, self._draw, _DRAW_EVERY_MS)
         self._page_reported.connect(self._on_page_message, Qt.ConnectionType.QueuedConnection)
         self._sound_reported.connect(self._on_sound, Qt.ConnectionType.QueuedConnection)
         self._page_ended.connect(self._on_page_ended, Qt.ConnectionType.QueuedConnection)
-        bus.tap(lambda sound, _raw: self._sound_reported.emit(sound), (PlayedSound,))
-        state.people.changed.connect(self._on_people)
-        state.frame.changed.connect(self._on_frame)
+        self._bus.tap(lambda sound, _raw: self._sound_reported.emit(sound), (PlayedSound,))
+        self._state.people.changed.connect(self._on_people)
+        self._state.frame.changed.connect(self._on_frame)
         for source in PARTICIPANT_SOURCES:
-            state.hearing_of(source).changed.connect(self._on_hearing)
+            self._state.hearing_of(source).changed.connect(self._on_hearing)
 
     def handlers(self) -> Handlers:
         return {
@@ -300,7 +291,7 @@ class FaceService(Service):
         if page is not None:
             self._slow_work.do(page.stop, lambda _ended: None, self._bus.answer)
             self._state.face_page.set("")
-            self._state.face.set(replace(self._state.face.value, served=False, pages=0))
+            self._state.face.update(served=False, pages=0)
 
     # Animation
 
@@ -312,12 +303,12 @@ class FaceService(Service):
             played = self._voices.get(event.utterance_id)
             self._motion.speak(SpokenLoudness(event.stamp_ns) if played is None else _voice_of(played))
             self._caption = self._with_names(event.text)
-            self._state.face.set(replace(self._state.face.value, speaking=True))
+            self._state.face.update(speaking=True)
             self._move()
         elif event.state != "requested" and event.utterance_id == self._speaking_id:
             self._speaking_id = self._caption = ""
             self._motion.speak(None)
-            self._state.face.set(replace(self._state.face.value, speaking=False))
+            self._state.face.update(speaking=False)
             self._move()
 
     def _with_names(self, text: str) -> str:
@@ -340,7 +331,7 @@ class FaceService(Service):
         listening = hearing.speaking and hearing.speaker in ("", "participant")
         if self._motion is not None and listening != self._state.face.value.listening:
             self._motion.hear(listening)
-            self._state.face.set(replace(self._state.face.value, listening=listening))
+            self._state.face.update(listening=listening)
             self._move()
 
     def _on_people(self, people: People) -> None:

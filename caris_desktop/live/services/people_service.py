@@ -30,8 +30,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
 from caris_desktop.live.perception_worker import PerceptionWorker
-from caris_desktop.live.service import Follows, Handlers, Restarts, Service
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.service import ContextService, Follows, Handlers, Restarts, Service, ServiceContext
 from caris_desktop.live.status import CrashRecoveryStatus, PerceptionStatus, PracticeStatus
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.presence import HistoryEvent, PersonRow, PortraitsOf, PresenceTracker, RecognitionSettings
@@ -55,24 +54,20 @@ class PeopleAdapters(Value):
     as_configured: Callable[[ProcessSpec, Scenario], ProcessSpec] = lambda body, _scenario: body
 
 
-class PeopleService(Service):
+class PeopleService(ContextService):
     """Runs the perception worker."""
 
     def __init__(
         self,
-        state: LiveState,
-        bus: Bus,
+        context: ServiceContext,
         parts: PeopleAdapters,
         *,
         rings: RingsToRead,
         who_speaks: Callable[[UtteranceChanged], str],
-        parent: QObject,
     ) -> None:
         """``who_speaks`` returns the participant id of an utterance, empty if uncertain."""
-        super().__init__(parent)
+        super().__init__(context)
         self._who_speaks = who_speaks
-        self._state = state
-        self._bus = bus
         self._parts = parts
         self._rings = rings
         self._thread = QThread(self)
@@ -82,12 +77,12 @@ class PeopleService(Service):
         self._recognition = RecognitionSettings()
         self._may_decide = True
         self._cover = False
-        state.robot.changed.connect(self._on_cameras_changed)
-        state.own_cameras.changed.connect(self._on_cameras_changed)
-        state.camera.changed.connect(self._on_camera_changed)
-        state.going_on.changed.connect(self._on_crash_recovery_changed)
-        state.practice.changed.connect(self._on_practice_changed)
-        bus.tap(self._offer, (FrameRef, LaserScan, Odometry, RobotPose, HeadState, CameraLens, DepthGrid))
+        self._state.robot.changed.connect(self._on_cameras_changed)
+        self._state.own_cameras.changed.connect(self._on_cameras_changed)
+        self._state.camera.changed.connect(self._on_camera_changed)
+        self._state.going_on.changed.connect(self._on_crash_recovery_changed)
+        self._state.practice.changed.connect(self._on_practice_changed)
+        self._bus.tap(self._offer, (FrameRef, LaserScan, Odometry, RobotPose, HeadState, CameraLens, DepthGrid))
 
     def handlers(self) -> Handlers:
         return dict.fromkeys(get_args(PeopleIntent), self.decide) | {
@@ -246,13 +241,11 @@ def _is_practice(status: PracticeStatus) -> bool:
 # Transcript service: turns of the session, with the wizard's corrections.
 
 
-class TranscriptService(Service):
+class TranscriptService(ContextService):
     """Maintains ``state.transcript``, and applies corrections."""
 
-    def __init__(self, state: LiveState, bus: Bus, parent: QObject) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
+    def __init__(self, context: ServiceContext) -> None:
+        super().__init__(context)
         self._transcript = Transcript()
 
     def handlers(self) -> Handlers:
@@ -305,7 +298,7 @@ class ResponseTimeService(Service):
 _TURNS_AT_MOST = 20
 
 
-class SpeakersService(Service):
+class SpeakersService(ContextService):
     """Speaker service: assigns a participant's turns to people present; the wizard's are detected separately. GUI
     thread.
 
@@ -313,16 +306,14 @@ class SpeakersService(Service):
     from them.
     """
 
-    def __init__(self, state: LiveState, bus: Bus, parent: QObject) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
+    def __init__(self, context: ServiceContext) -> None:
+        super().__init__(context)
         self._here = PeopleHere()
         self._began: OrderedDict[str, int] = OrderedDict()
         self._wizards: deque[WizardsVoice] = deque(maxlen=_TURNS_AT_MOST)
-        state.persons.changed.connect(self._on_people_changed)
-        state.selected_person.changed.connect(self._on_people_changed)
-        state.hearing_of(WIZARD_MICROPHONE).changed.connect(self._on_wizard_heard)
+        self._state.persons.changed.connect(self._on_people_changed)
+        self._state.selected_person.changed.connect(self._on_people_changed)
+        self._state.hearing_of(WIZARD_MICROPHONE).changed.connect(self._on_wizard_heard)
 
     def follows(self) -> Follows:
         return {UtteranceChanged: self._on_utterance}

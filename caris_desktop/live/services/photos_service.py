@@ -6,21 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, QTimer
-
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import PhotoDeleted, PhotoTagged, PhotoTaken, SessionEnded, SessionStarted
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.bus import Bus
+from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.replay_video import DisplayFrames
-from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.services.assistant_service import AssistantService
 from caris_desktop.live.services.recording_service import RecordingService
-from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PhotoEntry
 from caris_desktop.recording.photo_file import (
     CAMERA,
@@ -60,7 +56,7 @@ class _StoredPhoto(Value):
         return self.folder / self.entry.file_name
 
 
-class PhotosService(Service):
+class PhotosService(ContextService):
     """Maintains ``state.photos``, newest first. Files are accessed in a background thread (``slow_work``).
 
     A deleted photo leaves its folder at once, so that the session's checksums stay correct; until the session ends it
@@ -69,20 +65,14 @@ class PhotosService(Service):
 
     def __init__(
         self,
-        state: LiveState,
-        bus: Bus,
-        slow_work: BackgroundWorker,
+        context: ServiceContext,
         recording: RecordingService,
         assistant: AssistantService,
         *,
         frames: DisplayFrames,
         study: Path,
-        parent: QObject,
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
-        self._slow_work = slow_work
+        super().__init__(context)
         self._recording = recording
         self._assistant = assistant
         assistant.use_pictures(self._read_for_model)
@@ -93,8 +83,7 @@ class PhotosService(Service):
         self._session: Path | None = None
         self._permitted = False
         self._listed = False
-        self._listing = QTimer(self, singleShot=True, interval=_LIST_AFTER_MS)
-        self._listing.timeout.connect(self.list_earlier)
+        self._listing = new_timer(self, self.list_earlier, _LIST_AFTER_MS, single_shot=True)
 
     def handlers(self) -> Handlers:
         return {

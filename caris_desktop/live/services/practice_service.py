@@ -6,8 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, QTimer
-
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import (
@@ -28,9 +26,8 @@ from caris_desktop.domain.sensing import Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.bus import Bus
-from caris_desktop.live.service import Follows, Handlers, Service
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.background_worker import new_timer
+from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.status import IN_SESSION, PracticeStatus, PracticeStepStatus, RecordingStatus
 from caris_desktop.scenario.scenario_model import Scenario
 
@@ -251,21 +248,13 @@ class PracticeAdapters(Value):
     cut_link: Callable[[float], None]
 
 
-class PracticeService(Service):
+class PracticeService(ContextService):
     """Maintains ``state.practice``. The practice is recorded as a session that is excluded from the data."""
 
     def __init__(
-        self,
-        state: LiveState,
-        bus: Bus,
-        parts: PracticeAdapters,
-        *,
-        do: Callable[[intents.Intent], str],
-        parent: QObject,
+        self, context: ServiceContext, parts: PracticeAdapters, *, do: Callable[[intents.Intent], str]
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
+        super().__init__(context)
         self._parts = parts
         self._do = do
         self._practice: Practice | None = None
@@ -273,12 +262,10 @@ class PracticeService(Service):
         self._scenario_before: Scenario | None = None
         self._robot_before = ""
         self._question_count = 0
-        self._ask_again = QTimer(self, interval=_REPEAT_AFTER_MS)
-        self._ask_again.timeout.connect(self._repeat_question)
-        self._stage = QTimer(self, interval=_STAGE_EVERY_MS)
-        self._stage.timeout.connect(self._begin_when_ready)
-        state.odometry.changed.connect(self._on_odometry)
-        state.recording.changed.connect(self._on_recording_changed)
+        self._ask_again = new_timer(self, self._repeat_question, _REPEAT_AFTER_MS)
+        self._stage = new_timer(self, self._begin_when_ready, _STAGE_EVERY_MS)
+        self._state.odometry.changed.connect(self._on_odometry)
+        self._state.recording.changed.connect(self._on_recording_changed)
 
     def handlers(self) -> Handlers:
         return {

@@ -383,27 +383,18 @@ class RobotService(Service):
         if isinstance(event, LinkChanged):
             self._on_link_changed(event)
         elif isinstance(event, LinkQuality):
-            self._state.link.set(
-                replace(
-                    self._state.link.value,
-                    round_trip_ms=event.round_trip_ms,
-                    clock_offset_ms=event.clock_offset_ms,
-                    clock_uncertainty_ms=event.clock_uncertainty_ms,
-                )
+            self._state.link.update(
+                round_trip_ms=event.round_trip_ms,
+                clock_offset_ms=event.clock_offset_ms,
+                clock_uncertainty_ms=event.clock_uncertainty_ms,
             )
         elif isinstance(event, GoalChanged):
             self._state.goal.set(event)
         elif isinstance(event, TrafficMeasured):
             self._state.traffic.set({**self._state.traffic.value, event.link: event})
         elif isinstance(event, MappingChanged):
-            self._state.mapping.set(
-                replace(
-                    self._state.mapping.value,
-                    mapping=event.mapping,
-                    can_save=event.can_save,
-                    can_load=event.can_load,
-                    can_switch=event.can_switch,
-                )
+            self._state.mapping.update(
+                mapping=event.mapping, can_save=event.can_save, can_load=event.can_load, can_switch=event.can_switch
             )
         elif isinstance(event, MapRequestChanged):
             self._on_map_request_changed(event)
@@ -417,14 +408,11 @@ class RobotService(Service):
         if event.link == "media":
             return
         before = self._state.link.value.state
-        self._state.link.set(
-            replace(
-                self._state.link.value,
-                state=event.state,
-                address=event.address,
-                detail=event.detail,
-                round_trip_ms=None if event.state != "connected" else self._state.link.value.round_trip_ms,
-            )
+        self._state.link.update(
+            state=event.state,
+            address=event.address,
+            detail=event.detail,
+            round_trip_ms=None if event.state != "connected" else self._state.link.value.round_trip_ms,
         )
         if event.state in ("lost", "closed"):
             self._state.control_states.set({})
@@ -457,7 +445,7 @@ class RobotService(Service):
 
     def _on_map_request_changed(self, event: MapRequestChanged) -> None:
         busy = event.operation if event.state == "requested" else ""
-        self._state.mapping.set(replace(self._state.mapping.value, busy=busy))
+        self._state.mapping.update(busy=busy)
         if event.state == "failed":
             what = tr(_MAP_WORDS[event.operation])
             self._problem("warning", what, f"{tr(event.detail)}.", tr("The robot's map is unchanged."), cause=ANSWER)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
@@ -15,11 +15,9 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.bus import Bus
+from caris_desktop.live.background_worker import BackgroundWorker, new_timer
 from caris_desktop.live.confirmed_files import ConfirmationNeededError, accept
-from caris_desktop.live.service import Handlers, Service
-from caris_desktop.live.state import LiveState
+from caris_desktop.live.service import ContextService, Handlers, ServiceContext
 from caris_desktop.live.status import IN_SESSION, SavedScenario
 from caris_desktop.scenario.bundle import ImportQuestion, NameConflict
 from caris_desktop.scenario.scenario_file import OtherFileError
@@ -90,7 +88,7 @@ Filed = tuple[Scenario, str]
 """Scenario as in its file, with its text."""
 
 
-class ScenarioService(Service):
+class ScenarioService(ContextService):
     """Maintains ``state.scenario`` and ``state.places``. ``apply`` passes a scenario to all services. A scenario
     changed on disk by another program is reopened.
 
@@ -98,34 +96,22 @@ class ScenarioService(Service):
     """
 
     def __init__(
-        self,
-        state: LiveState,
-        bus: Bus,
-        parts: ScenarioAdapters,
-        scenario: Scenario,
-        slow_work: BackgroundWorker,
-        *,
-        apply: Callable[[Scenario], None],
-        parent: QObject,
+        self, context: ServiceContext, parts: ScenarioAdapters, scenario: Scenario, *, apply: Callable[[Scenario], None]
     ) -> None:
-        super().__init__(parent)
-        self._state = state
-        self._bus = bus
+        super().__init__(context)
         self._parts = parts
-        self._slow_work = slow_work
         self._apply = apply
         self._layout: LayoutChanged | None = None
         # A scenario given at program start counts as the wizard's choice.
         self._opened_by: Actor = WIZARD
         self._closed = False
-        self._show = QTimer(self, singleShot=True, interval=_NEXT_TURN_MS)
-        self._show.timeout.connect(self._show_current)
+        self._show = new_timer(self, self._show_current, _NEXT_TURN_MS, single_shot=True)
         self.current = scenario
         self._text = parts.text(scenario)
         # ``current`` after all pending requests; for the background thread only.
         self._filed = scenario
-        state.scenario.set(scenario)
-        self._watch = ScenarioWatch(slow_work, self._on_changed_outside, self)
+        self._state.scenario.set(scenario)
+        self._watch = ScenarioWatch(self._slow_work, self._on_changed_outside, self)
         self._watch.use(scenario.path, scenario.sha256)
 
     def handlers(self) -> Handlers:
@@ -453,10 +439,8 @@ class ScenarioWatch(QObject):
         self._checksum_seen = ""
         self._touched: Touched | None = None
         self._asking = False
-        self._clock = QTimer(self, interval=WATCH_EVERY_MS)
-        self._clock.timeout.connect(self._ask)
-        self._rest = QTimer(self, singleShot=True, interval=FILE_AT_REST_MS)
-        self._rest.timeout.connect(self.check_contents)
+        self._clock = new_timer(self, self._ask, WATCH_EVERY_MS)
+        self._rest = new_timer(self, self.check_contents, FILE_AT_REST_MS, single_shot=True)
 
     def start(self) -> None:
         self._clock.start()

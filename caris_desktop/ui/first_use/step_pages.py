@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QLabel, QProgressBar, QSizePolicy, QWidget
 from caris_desktop.domain import intents
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.remote_microphone import participant_microphone
+from caris_desktop.live.services.microphone_service import participant_microphone
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.robot.profile import RobotProfile

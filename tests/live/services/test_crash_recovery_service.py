@@ -24,6 +24,7 @@ from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.scenario_file import load_scenario
 from caris_desktop.scenario.scenario_library import find_scenario
 from tests.support.crashed_trial import assign_to_ended_process
+from tests.support.service_context import context_of
 
 P07 = TrialDetails(participant="P07", trial="2")
 
@@ -45,8 +46,9 @@ class Run:
         self.slow_work = BackgroundWorker(self.state)
         robot: Any = SimpleNamespace(connection=_connection("simulated", "Simulated robot"))
         self.service = CrashRecoveryService(
-            self.state, self.bus, CrashRecoveryAdapters(folder / "trials", folder / "sessions", lambda _session: P07),
-            self.slow_work, robot=robot, do=self.do, parent=self.state,
+            context_of(self.state, self.bus, self.state, slow_work=self.slow_work),
+            CrashRecoveryAdapters(folder / "trials", folder / "sessions", lambda _session: P07),
+            robot=robot, do=self.do,
         )  # fmt: skip
         self.scenario = load_scenario(find_scenario("tour-guide"))
         self.service.use_scenario(self.scenario)

@@ -40,6 +40,7 @@ from caris_desktop.live.status import LinkStatus
 from caris_desktop.robot.profile import RobotProfile, SpeechInterface
 from caris_desktop.scenario.scenario_file import load_scenario
 from tests.live.bodies import voice
+from tests.support.service_context import context_of
 
 WITHIN_S = 30.0
 
@@ -83,7 +84,9 @@ class Bench:
         self.feed.start("begin")
         self.children = ProcessManager(self.bus, self.owner)
         self.speech = SpeechService(
-            self.state, self.bus, self.children, ProcessSpec("speech", voice), robot=self, parent=self.owner
+            context_of(self.state, self.bus, self.owner, children=self.children),
+            ProcessSpec("speech", voice),
+            robot=self,
         )
         self.bus.follow(self.speech.follows())
         self.speech.start()

@@ -20,6 +20,7 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.people_service import ResponseTimeService, TranscriptService
 from caris_desktop.live.state import LiveState
+from tests.support.service_context import context_of
 
 pytestmark = pytest.mark.usefixtures("qapp")
 HEARD = UtteranceChanged(0, "p", "participant", "Can it hurd people?", "heard", "finished")
@@ -50,7 +51,7 @@ def desk() -> Iterator[Desk]:
     state = LiveState(owner)
     bus = Bus(state, owner)
     bus.tap(lambda value, _raw: told.append(value))
-    transcript = TranscriptService(state, bus, owner)
+    transcript = TranscriptService(context_of(state, bus, owner))
     for service in (transcript, ResponseTimeService(bus, owner)):
         bus.follow(service.follows())
     yield Desk(bus, state, transcript, told)
