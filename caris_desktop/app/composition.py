@@ -20,14 +20,14 @@ from caris_desktop.app import process_entry_points
 from caris_desktop.conversation.face.face_file import FaceError, parse_face, user_faces_dir
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.models.chat import stream_chat
-from caris_desktop.conversation.models.endpoint import ModelEndpoint, resolve_endpoint
+from caris_desktop.conversation.models.endpoint import resolve_endpoint
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.events import Event, Problem
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import UserFacingError, reported
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.plugins import PluginError, find
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
@@ -217,7 +217,7 @@ def parts(
             server=ProcessSpec("language-model", process_entry_points.language_model),
             addition=ProcessSpec("model-addition", process_entry_points.model_addition),
             stream_chat=stream_chat,
-            resolve_endpoint=_resolve_endpoint,
+            resolve_endpoint=lambda model, embedded_url: resolve_endpoint(model, embedded_url=embedded_url),
             list_models=local_models,
         ),
         scenario=ScenarioAdapters(
@@ -249,7 +249,9 @@ def parts(
             details_of_session,
         ),
         forgetting=functools.partial(_forgetting, study),
-        listening=_recogniser,
+        listening=lambda scenario: ProcessSpec(
+            "recogniser", process_entry_points.recogniser, (recogniser_settings(scenario),)
+        ),
         sound=SoundAdapters(
             ProcessSpec("hearing along", process_entry_points.playback),
             ProcessSpec("own voice", process_entry_points.playback),
@@ -278,10 +280,6 @@ def recogniser_settings(scenario: Scenario) -> RecogniserSettings:
         # Local recognition is the same whether or not other computers are permitted.
         listening.engine == "server" and scenario.permissions.cloud_models,
     )  # fmt: skip
-
-
-def _recogniser(scenario: Scenario) -> ProcessSpec:
-    return ProcessSpec("recogniser", process_entry_points.recogniser, (recogniser_settings(scenario),))
 
 
 def _forgetting(study: StudyFolder, person_id: str) -> ProcessSpec:
@@ -450,10 +448,6 @@ def _open_presence(study: StudyFolder) -> tuple[PresenceTracker, list[Event]]:
         return PresenceTracker(), [problem]
 
 
-def _resolve_endpoint(model: str, embedded_url: str | None) -> ModelEndpoint:
-    return resolve_endpoint(model, embedded_url=embedded_url)
-
-
 def _inference_as_configured(body: ProcessSpec, scenario: Scenario) -> ProcessSpec:
     (settings,) = body.arguments
     detector = detector_settings(scenario)
@@ -474,14 +468,9 @@ def detector_settings(scenario: Scenario) -> DetectorSettings:
 
 
 def _load_scenario(path: Path) -> Scenario:
-    try:
+    advice = tr("The previous scenario stays open. Correct the file and open it.")
+    with reported(ScenarioError, tr("The scenario was not opened."), advice):
         scenario = load_scenario(path, _velocity_topic_of)
-    except ScenarioError as error:
-        raise UserFacingError(
-            tr("The scenario was not opened."),
-            str(error),
-            tr("The previous scenario stays open. Correct the file and open it."),
-        ) from error
     confirmed_files.check_scenario(scenario)
     return scenario
 
@@ -497,28 +486,18 @@ def _velocity_topic_of(robot: str) -> str | None:
 def _save_places(scenario: Scenario) -> Scenario:
     """Save the places: in the scenario's file if it is the user's, else in the user's copy of a shipped one."""
     path = own_file(scenario.path)
-    try:
+    advice = tr("Make that file writable, or copy the scenario and open the copy.")
+    with reported((OSError, ScenarioError), tr("The place was not saved."), advice):
         path.parent.mkdir(parents=True, exist_ok=True)
         saved = save_places(scenario, path)
         confirmed_files.carry(scenario, saved)
-    except (OSError, ScenarioError) as error:
-        raise UserFacingError(
-            tr("The place was not saved."),
-            str(error),
-            tr("Make that file writable, or copy the scenario and open the copy."),
-        ) from error
     return saved
 
 
 def _save_text(text: str, path: Path, edited: Path | None, replaces: str) -> str:
-    try:
+    advice = tr("Your changes are still in the scenario editor, which shows what to do.")
+    with reported(ScenarioError, tr("The scenario was not saved."), advice):
         return save_text(text, path, came_from=edited, replaces=replaces, velocity_topic_of=_velocity_topic_of)
-    except ScenarioError as error:
-        raise UserFacingError(
-            tr("The scenario was not saved."),
-            str(error),
-            tr("Your changes are still in the scenario editor, which shows what to do."),
-        ) from error
 
 
 def _robots() -> tuple[RobotChoice, ...]:
@@ -529,14 +508,9 @@ def _robots() -> tuple[RobotChoice, ...]:
 
 
 def _connect_to(name: str, *, address_of: Callable[[str], str | None]) -> RobotConnection:
-    try:
+    advice = tr("The current robot stays connected. Correct the profile and try again.")
+    with reported(StartError, tr("The robot was not connected."), advice):
         return robot_connection(name, address=address_of(name))
-    except StartError as refusal:
-        raise UserFacingError(
-            tr("The robot was not connected."),
-            str(refusal),
-            tr("The current robot stays connected. Correct the profile and try again."),
-        ) from refusal
 
 
 def _no_robot_to_practise_on(_actor: Actor) -> None:
@@ -595,12 +569,9 @@ def share_scenario(scenario: Scenario, path: Path) -> None:
     """Write the scenario with the user's own files that it refers to. Raises UserFacingError."""
     stem = scenario.path.stem if scenario.path is not None else scenario.title
     scenario_file = BundledFile("scenario", bundle_name(stem), scenario_text(scenario))
-    try:
+    advice = tr("Choose another folder or another name.")
+    with reported((BundleError, ProfileError, OSError), tr("The scenario was not exported as one file."), advice):
         write_bundle(Bundle(scenario_file, tuple(_next_to(scenario))), path)
-    except (BundleError, ProfileError, OSError) as error:
-        raise UserFacingError(
-            tr("The scenario was not exported as one file."), str(error), tr("Choose another folder or another name.")
-        ) from error
 
 
 def import_conflicts(path: Path) -> tuple[NameConflict, ...]:

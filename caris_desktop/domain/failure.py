@@ -1,5 +1,8 @@
 """Failures that are reported to the wizard."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from caris_desktop.domain.events import Severity
 
 
@@ -12,3 +15,12 @@ class UserFacingError(Exception):
         self.meaning = meaning
         self.advice = advice
         self.severity: Severity = severity
+
+
+@contextmanager
+def reported(errors: type[Exception] | tuple[type[Exception], ...], what: str, advice: str) -> Iterator[None]:
+    """Raise UserFacingError instead of these errors, whose own text says what the failure means."""
+    try:
+        yield
+    except errors as error:
+        raise UserFacingError(what, str(error), advice) from error

@@ -11,8 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.conversation.conversation_transcript import Turn, turns_of
@@ -42,7 +40,6 @@ from caris_desktop.live.robot_connections import LiveRobots
 from caris_desktop.live.state import LiveState, LiveValue, PresentClock
 from caris_desktop.live.status import LiveRobotsStatus, PhotoEntry
 from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
-from caris_desktop.recording.annotation.annotation_model import AnnotationDocument
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.recording.photo_file import PREVIEW_PX, THUMBNAIL_PX, previews
 from caris_desktop.recording.session.session_marks import FinalMark, final_marks, notes_among
@@ -55,19 +52,32 @@ _STREAMS = ("event/photo_taken", "event/photo_tagged", "event/photo_deleted")
 _AT_MOST = 500
 
 
-class ReplayPhotos(QObject):
-    """Photos of a recorded session at the replay's position.
-
-    Maintains ``state.photos``. Photos are read one by one in a background thread.
-    """
+class _SessionReading(QObject):
+    """Reads a recorded session in a background thread of its own."""
 
     def __init__(self, session: Session, state: LiveState, parent: QObject) -> None:
         super().__init__(parent)
         self._session = session
         self._state = state
+        self._slow_work = BackgroundWorker(self)
+
+    def close(self) -> None:
+        self._slow_work.finish(lambda _what, work: work())
+
+    def _on_failed(self, failure: UserFacingError) -> None:
+        _log.warning("%s %s", failure.what, failure.meaning)
+
+
+class ReplayPhotos(_SessionReading):
+    """Photos of a recorded session at the replay's position.
+
+    Maintains ``state.photos``. Photos are read one by one.
+    """
+
+    def __init__(self, session: Session, state: LiveState, parent: QObject) -> None:
+        super().__init__(session, state, parent)
         self._events: list[Any] = []
         self._pictures: dict[str, tuple[bytes, bytes]] = {}
-        self._slow_work = BackgroundWorker(self)
         state.event_happened.connect(self._on_event)
         state.time_jumped.connect(self._show)
 
@@ -82,9 +92,6 @@ class ReplayPhotos(QObject):
 
         self._slow_work.do(read, done, self._on_failed)
 
-    def close(self) -> None:
-        self._slow_work.finish(lambda _what, work: work())
-
     def _read_next(self, file_names: list[str]) -> None:
         if not file_names:
             return
@@ -95,9 +102,6 @@ class ReplayPhotos(QObject):
             self._read_next(file_names[1:])
 
         self._slow_work.do(lambda: _pictures(self._session.folder, file_names[0]), done, self._on_failed)
-
-    def _on_failed(self, failure: UserFacingError) -> None:
-        _log.warning("%s %s", failure.what, failure.meaning)
 
     def _on_event(self, event: object) -> None:
         if isinstance(event, PhotoTaken | PhotoTagged | PhotoDeleted):
@@ -138,26 +142,15 @@ def _pictures(folder: Path, file_name: str) -> tuple[bytes, bytes]:
     return large, small
 
 
-class ReplayTranscript(QObject):
+class ReplayTranscript(_SessionReading):
     """Complete transcript and notes of a recorded session.
 
     Sets ``state.transcript`` and ``state.notes`` once, including later corrections.
-
-    Both are read in a background thread.
     """
-
-    def __init__(self, session: Session, state: LiveState, parent: QObject) -> None:
-        super().__init__(parent)
-        self._session = session
-        self._state = state
-        self._slow_work = BackgroundWorker(self)
 
     def start(self) -> None:
         self._slow_work.do(self._read_turns, self._state.transcript.reset_value, self._on_failed)
         self._slow_work.do(self._read_notes, self._state.notes.reset_value, self._on_failed)
-
-    def close(self) -> None:
-        self._slow_work.finish(lambda _what, work: work())
 
     def _read_turns(self) -> tuple[Turn, ...]:
         turns = turns_of(value for _, value in self._session.values(*UTTERANCE_STREAMS))
@@ -166,9 +159,6 @@ class ReplayTranscript(QObject):
 
     def _read_notes(self) -> tuple[FinalMark, ...]:
         return notes_among(final_marks(self._session))
-
-    def _on_failed(self, failure: UserFacingError) -> None:
-        _log.warning("%s %s", failure.what, failure.meaning)
 
 
 _log = logging.getLogger(__name__)
@@ -238,7 +228,12 @@ class ReplayConsole(QObject):
         self._coding = AnnotationSession(
             session, self._asyncio, self._report_failure, self, unsaved_dir=parts.unsaved_dir
         )
-        self._thumbnails = ReplayThumbnails(session, self._on_thumbnail)
+        self._thumbnails = ReplayThumbnails(session, self.thumbnail_made.emit)
+        self.play, self.pause, self.set_rate = self._player.play, self._player.pause, self._player.set_rate
+        self.seek, self.step = self._player.seek, self._player.step
+        self.edit, self.import_annotations = self._coding.edit, self._coding.import_annotations
+        self.undo, self.redo, self.undo_steps = self._coding.undo, self._coding.redo, self._coding.undo_steps
+        self.request_thumbnail = self._thumbnails.request
         self._photos = ReplayPhotos(session, self._state, self)
         self._transcript = ReplayTranscript(session, self._state, self)
         self._live = None if parts.live_consoles is None else LiveRobots(parts.live_consoles, self._notify, self)
@@ -338,21 +333,6 @@ class ReplayConsole(QObject):
 
     # ReplayControls
 
-    def play(self) -> None:
-        self._player.play()
-
-    def pause(self) -> None:
-        self._player.pause()
-
-    def set_rate(self, rate: float) -> None:
-        self._player.set_rate(rate)
-
-    def seek(self, at_ns: int) -> None:
-        self._player.seek(at_ns)
-
-    def step(self, frames: int) -> None:
-        self._player.step(frames)
-
     def jump(self, kind: Literal["mark", "utterance"], direction: Literal[-1, 1]) -> bool:
         overview: SessionOverview | None = self._coding.overview.value
         if overview is None:
@@ -368,27 +348,6 @@ class ReplayConsole(QObject):
             return False
         self._player.seek(moments[index])
         return True
-
-    def request_thumbnail(self, camera: str, at_ns: int) -> None:
-        self._thumbnails.request(camera, at_ns)
-
-    def edit(self, edit: Callable[[AnnotationDocument], AnnotationDocument]) -> str:
-        return self._coding.edit(edit)
-
-    def undo_steps(self) -> tuple[str, str]:
-        return self._coding.undo_steps()
-
-    def undo(self) -> bool:
-        return self._coding.undo()
-
-    def redo(self) -> bool:
-        return self._coding.redo()
-
-    def import_annotations(self, path: Path, coder: str, on_result: Callable[[str], None]) -> None:
-        self._coding.import_annotations(path, coder, on_result)
-
-    def _on_thumbnail(self, camera: str, at_ns: int, image_bgr: NDArray[np.uint8]) -> None:  # thumbnail thread
-        self.thumbnail_made.emit(camera, at_ns, image_bgr)
 
     # Recorded scenario, robot and layout
 

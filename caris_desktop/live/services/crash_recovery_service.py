@@ -8,7 +8,7 @@ from typing import TypeVar, get_args
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ConfirmedAsBefore, Event, InitialPoseSet, TrialResumed
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import UserFacingError, reported
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
@@ -268,10 +268,8 @@ def _recording_permissions(scenario: Scenario) -> tuple[object, ...]:
 
 def _reporting_errors(work: Callable[[], T]) -> Callable[[], T]:
     def run() -> T:
-        try:
+        with reported(OSError, tr("An interrupted trial cannot be offered for resuming."), ""):
             return work()
-        except OSError as error:
-            raise UserFacingError(tr("An interrupted trial cannot be offered for resuming."), str(error), "") from error
 
     return run
 
