@@ -37,7 +37,7 @@ NOT_GUI_THREAD = {
     "live/robot_explorer.py": "its functions run in threads of the asyncio thread",
 }
 READ_ASIDE = {
-    "live/annotation_session.py: AnnotationSession.start": "as a replay begins, from which nothing is driven",
+    "live/replay_console.py: AnnotationSession.start": "as a replay begins, from which nothing is driven",
     "live/robot_connections.py: _meeting_place": "slow work",
     "live/robot_connections.py: _own_place": "slow work",
     "live/robot_connections.py: _found_consoles": "slow work",
@@ -174,7 +174,7 @@ class Dialog:
         ("Dialog.show.later", "load_profile"),
     ]  # fmt: skip
     assert excused("live/speech_history.py", "_read.inner") == {"live/speech_history.py: _read"}
-    assert excused("live/services/speaking_service.py", "_read_more") == set()
+    assert excused("live/speech_history.py", "_read_more") == set()
 
 
 def test_no_file_is_too_long() -> None:

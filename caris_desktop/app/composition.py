@@ -35,9 +35,9 @@ from caris_desktop.domain.sound_values import MICROPHONE, WIZARD_MICROPHONE, Rol
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.live import confirmed_files
-from caris_desktop.live.adapters import Adapters, RobotAdapters
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.model_lists import local_models
+from caris_desktop.live.console import Adapters, RobotAdapters
+from caris_desktop.live.model_client import local_models
 from caris_desktop.live.services.assistant_service import AssistantAdapters
 from caris_desktop.live.services.cameras_service import CameraSelection, OwnCamera
 from caris_desktop.live.services.crash_recovery_service import CrashRecoveryAdapters

@@ -25,8 +25,7 @@ from caris_desktop.domain.geometry import Pose2D, wrap_angle
 from caris_desktop.domain.streams import BY_NAME, STATE_STREAMS, Delivery
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import new_timer
+from caris_desktop.live.background_worker import AsyncioThread, new_timer
 from caris_desktop.live.console import Console
 from caris_desktop.live.logs import configure_logging
 from caris_desktop.recording.replay.session_timeline import SessionTimeline

@@ -28,7 +28,7 @@ from caris_desktop.app.user_settings import SavedSettings, bring_up_to_date, own
 from caris_desktop.domain.events import LayoutChanged, Problem, RobotChosen, ScenarioOpened
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.logs import configure_logging, log_file
 from caris_desktop.live.replay_console import ReplayAdapters, ReplayConsole
 from caris_desktop.people.people_store import PeopleStore, PeopleStoreError

@@ -16,7 +16,7 @@ from typing import Any
 
 from PySide6.QtCore import QByteArray, QObject, QSettings, QStandardPaths, Signal
 
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.intents import SaveLayout, SizeClass
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
@@ -352,11 +352,10 @@ class SavedSettings(QObject):
             settings.setValue(key, value)
         settings.sync()
         if settings.status() != QSettings.Status.NoError:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("Your settings could not be saved."),
                 tr("Changes to the window are lost when it closes. The session is not affected."),
                 tr("Make sure that {file} is writable.").format(file=self._file),
-                severity="warning",
             )
 
     def _on_written(self, _nothing: None) -> None:

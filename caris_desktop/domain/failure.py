@@ -9,12 +9,20 @@ from caris_desktop.domain.events import Severity
 class UserFacingError(Exception):
     """Failure as the wizard needs it: what happened, what it means for the session, what to do."""
 
-    def __init__(self, what: str, meaning: str, advice: str, *, severity: Severity = "error") -> None:
+    usual_severity: Severity = "error"
+
+    def __init__(self, what: str, meaning: str, advice: str, *, severity: Severity | None = None) -> None:
         super().__init__(f"{what} {meaning} {advice}")
         self.what = what
         self.meaning = meaning
         self.advice = advice
-        self.severity: Severity = severity
+        self.severity: Severity = severity or self.usual_severity
+
+
+class RefusedError(UserFacingError):
+    """Refused command, a warning: the user can change what it needs."""
+
+    usual_severity = "warning"
 
 
 @contextmanager

@@ -180,6 +180,10 @@ class Bus(QObject):
         _log.log(logging.INFO if severity == "info" else logging.WARNING, "%s %s %s", what, meaning, advice)
         self.publish(Problem(clock.now_ns(), severity, what, meaning, advice, until, cause))
 
+    def inform(self, what: str, meaning: str, advice: str = "") -> None:
+        """Report the outcome of a command."""
+        self.problem("info", what, meaning, advice, cause=ANSWER)
+
     def answer(self, failure: UserFacingError, until: ProblemEnd = "") -> None:
         """Report that a command failed; with ``until`` the problem persists until then. An unconfirmed file leads to a
         question instead.

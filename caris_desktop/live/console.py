@@ -16,48 +16,78 @@ from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import People
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.adapters import Adapters
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import BackgroundWorker, During
+from caris_desktop.domain.value_class import Value
+from caris_desktop.live.background_worker import AsyncioThread, BackgroundWorker, During
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.gamepad import Gamepads
 from caris_desktop.live.gate import Gate, Refusal
-from caris_desktop.live.process_manager import ProcessManager
 from caris_desktop.live.replay_video import DisplayFrames
-from caris_desktop.live.service import Handler, Service, ServiceContext
+from caris_desktop.live.service import Handler, ProcessManager, Service, ServiceContext
 from caris_desktop.live.services.alarms_service import AlarmsService
-from caris_desktop.live.services.assistant_service import AssistantService
-from caris_desktop.live.services.cameras_service import CamerasService
-from caris_desktop.live.services.crash_recovery_service import CrashRecoveryService
+from caris_desktop.live.services.assistant_service import AssistantAdapters, AssistantService
+from caris_desktop.live.services.cameras_service import CameraSelection, CamerasService
+from caris_desktop.live.services.crash_recovery_service import CrashRecoveryAdapters, CrashRecoveryService
 from caris_desktop.live.services.drive_service import DriveService, HeadService
 from caris_desktop.live.services.face_service import FaceService
 from caris_desktop.live.services.forgetting_service import ForgettingService
 from caris_desktop.live.services.listening_service import ListeningService
 from caris_desktop.live.services.load_shedding_service import HealthService, LoadSheddingService
-from caris_desktop.live.services.microphone_service import MicrophoneService
+from caris_desktop.live.services.microphone_service import MicrophoneAdapters, MicrophoneService
 from caris_desktop.live.services.people_service import (
+    PeopleAdapters,
     PeopleService,
     ResponseTimeService,
     SpeakersService,
     TranscriptService,
 )
 from caris_desktop.live.services.photos_service import PhotosService
-from caris_desktop.live.services.practice_service import PracticeService
+from caris_desktop.live.services.practice_service import PracticeAdapters, PracticeService
 from caris_desktop.live.services.preflight_service import PreflightService
 from caris_desktop.live.services.protocol_service import ProtocolService
 from caris_desktop.live.services.recording_service import RecordingService
 from caris_desktop.live.services.robot_service import AnotherRobotService, RobotConnection, RobotService
-from caris_desktop.live.services.scenario_service import ScenarioService
-from caris_desktop.live.services.session_service import MarksService, SessionService, SessionServices
-from caris_desktop.live.services.sound_service import SoundService
+from caris_desktop.live.services.scenario_service import ScenarioAdapters, ScenarioService
+from caris_desktop.live.services.session_service import MarksService, SessionAdapters, SessionService, SessionServices
+from caris_desktop.live.services.sound_service import SoundAdapters, SoundService
 from caris_desktop.live.services.speaking_service import SpeakingService
 from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.services.suggestions_service import ProposalsService, SuggestionsService
 from caris_desktop.live.state import LiveState, StatusTap
 from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
 from caris_desktop.scenario.scenario_model import Scenario
+
+
+class RobotAdapters(Value):
+    """``choices`` and ``connect_to`` read files in a background thread; ``connect_to`` raises UserFacingError.
+    ``simulated`` as in AnotherRobotService.
+    """
+
+    choices: Callable[[], Sequence[RobotChoice]]
+    connect_to: Callable[[str], RobotConnection]
+    simulated: Callable[[Actor], None]
+
+
+class Adapters(Value):
+    """Adapters of a run, chosen in ``app``, per service."""
+
+    recorder: ProcessSpec
+    speech: ProcessSpec
+    speech_history: Path
+    people: PeopleAdapters
+    cameras: Callable[[Scenario], CameraSelection]
+    assistant: AssistantAdapters
+    scenario: ScenarioAdapters
+    robots: RobotAdapters
+    session: SessionAdapters
+    going_on: CrashRecoveryAdapters
+    practice: PracticeAdapters
+    microphone: MicrophoneAdapters
+    sound: SoundAdapters
+    listening: Callable[[Scenario], ProcessSpec]
+    forgetting: Callable[[str], ProcessSpec]
+
 
 T = TypeVar("T")
 

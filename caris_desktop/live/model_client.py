@@ -5,6 +5,7 @@ Streams run on the asyncio thread and report through signals.
 
 import asyncio
 import logging
+import os
 import secrets
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from concurrent.futures import Future
@@ -15,19 +16,19 @@ from PySide6.QtCore import QObject, Signal
 
 from caris_desktop.conversation.embedded_server import REPLIES_SLOT, SLOTS
 from caris_desktop.conversation.models.chat import AnswerNotes, ChatTimeouts
-from caris_desktop.conversation.models.connection import model_version
-from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint
+from caris_desktop.conversation.models.connection import model_version, models_here
+from caris_desktop.conversation.models.embedded_models import added_models
+from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, ollama_url, openai_url
 from caris_desktop.conversation.models.question import Cut
 from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.domain import clock
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import ChatMessage, LlmExchange, LlmOutcome
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import Value, dataclass
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import new_timer
+from caris_desktop.live.background_worker import AsyncioThread, new_timer
 from caris_desktop.live.service import PANELS_FIRST_MS
 
 _log = logging.getLogger(__name__)
@@ -242,11 +243,10 @@ class ModelClient(QObject):
         ``exchange_id`` is generated unless given.
         """
         if self._endpoint is None:
-            raise UserFacingError(
+            raise RefusedError(
                 QT_TR_NOOP("The assistant cannot answer now."),
                 QT_TR_NOOP("No question was sent."),
                 self._no_model_reason,
-                severity="warning",
             )
         endpoint, slot = self._endpoint, self._slot(purpose)
         asked = LlmExchange(
@@ -404,3 +404,63 @@ class ModelClient(QObject):
             seed=None if "seed" in left_out else asked.seed,
             cut=response.notes.cut if outcome == "answered" else "",
         )
+
+
+# Language models offered by servers on this computer, listed in the background.
+
+
+_FIRST_AFTER_MS = 3000
+_EVERY_MS = 60_000
+ListModels = Callable[[], Coroutine[Any, Any, tuple[str, ...]]]
+
+
+async def local_models() -> tuple[str, ...]:
+    """Models that the user added, and those of local Ollama and OpenAI-compatible servers, named as in a scenario.
+
+    No other server is queried. Each has five seconds.
+    """
+    found = [f"embedded:{model.name}" for model in added_models()]
+    for provider, url in (("ollama", ollama_url), ("openai", openai_url)):
+        try:
+            endpoint = ModelEndpoint("ollama" if provider == "ollama" else "openai", url(os.environ), "")
+        except LanguageModelError:
+            continue  # reported when such a model is chosen
+        found += [f"{provider}:{name}" for name in await models_here(endpoint)]
+    return tuple(found)
+
+
+class ModelLists(QObject):
+    """Refreshes the list every minute; ``found`` reports changes."""
+
+    found = Signal()
+    _listed = Signal(object)
+
+    def __init__(self, asyncio_thread: AsyncioThread, list_models: ListModels, parent: QObject) -> None:
+        super().__init__(parent)
+        self._asyncio = asyncio_thread
+        self._list_models = list_models
+        self.models: tuple[str, ...] = ()
+        self._timer = new_timer(self, self._query, single_shot=True)
+        self._listed.connect(self._on_listed)
+
+    def start(self) -> None:
+        if not self._timer.isActive():
+            self._timer.start(_FIRST_AFTER_MS)
+
+    def refresh(self) -> None:
+        self._timer.start(0)
+
+    def stop(self) -> None:
+        self._timer.stop()
+
+    def _query(self) -> None:
+        self._timer.start(_EVERY_MS)
+        self._asyncio.submit(self._list())
+
+    async def _list(self) -> None:
+        self._listed.emit(await self._list_models())
+
+    def _on_listed(self, models: tuple[str, ...]) -> None:
+        if models != self.models:
+            self.models = models
+            self.found.emit()

@@ -9,8 +9,7 @@ from PySide6.QtCore import QObject, Signal
 from caris_desktop.conversation.models.connection import models_here
 from caris_desktop.conversation.models.embedded_models import added_models
 from caris_desktop.conversation.models.endpoint import LanguageModelError, ModelEndpoint, ollama_url, openai_url
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import new_timer
+from caris_desktop.live.background_worker import AsyncioThread, new_timer
 
 _FIRST_AFTER_MS = 3000
 _EVERY_MS = 60_000

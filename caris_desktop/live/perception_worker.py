@@ -32,8 +32,7 @@ from caris_desktop.domain.sensing import (
 )
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import PluginWatch, localize_problem
-from caris_desktop.live.service import Restarts
+from caris_desktop.live.service import PluginWatch, Restarts, localize_problem
 from caris_desktop.live.status import PerceptionStatus, PersonHistory
 from caris_desktop.people.decisions import PeopleIntent
 from caris_desktop.people.location import PeopleLocator

@@ -12,7 +12,7 @@ from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from caris_desktop.domain.address import without_credentials
 from caris_desktop.domain.failure import UserFacingError, reported
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.confirmed_files import accept_written_profile
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.profile import (

@@ -11,7 +11,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.events import Marked
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.live.addressee import addressee
+from caris_desktop.live.speech_queue import addressee
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.phrases import (

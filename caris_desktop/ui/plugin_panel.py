@@ -14,7 +14,7 @@ from caris_desktop.domain.actor import SCRIPT
 from caris_desktop.domain.plugins import Plugin, PluginError, find, load, switched_off, watched
 from caris_desktop.domain.streams import BY_TYPE, STATE_STREAMS
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
-from caris_desktop.live.process_manager import localize_problem
+from caris_desktop.live.service import localize_problem
 from caris_desktop.scenario.scenario_model import Scenario
 from caris_desktop.ui import layouts
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins

@@ -23,7 +23,7 @@ from caris_desktop.domain.translation import (
     use_translator,
 )
 from caris_desktop.domain.yaml_writing import yaml_text
-from caris_desktop.live.process_manager import localize_problem
+from caris_desktop.live.service import localize_problem
 from caris_desktop.ui.language import in_trial_language
 
 GERMAN = {

@@ -16,7 +16,7 @@ from caris_desktop.domain.events import ChatMessage, LlmExchange
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.recorded_messages import retranslate
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.model_client import Asking, ModelClient, Purpose
 
 EMBEDDED = ModelEndpoint("embedded", "http://127.0.0.1:9", "embedded")

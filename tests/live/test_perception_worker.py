@@ -17,7 +17,7 @@ from caris_desktop.domain.intents import NamePerson
 from caris_desktop.domain.sensing import People
 from caris_desktop.live.child_process import ProcessSpec, RingsToRead
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.live.perception_worker import PerceptionWorker
+from caris_desktop.live.services.people_service import PerceptionWorker
 from caris_desktop.people.known import KnownPeople
 from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.people.presence import PresenceTracker

@@ -8,7 +8,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain.failure import UserFacingError
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.robot_explorer import LiveRobotExplorer
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.discovery import Exploration, StreamCheck

@@ -6,7 +6,7 @@ from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ANSWER, Event, Problem, ProblemEnd, RecordingPaused, RobotChosen, SessionStarted
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError
 from caris_desktop.domain.translation import tr
 from caris_desktop.live.alarm_causes import AlarmBook, Condition
 from caris_desktop.live.background_worker import new_timer
@@ -83,9 +83,9 @@ class AlarmsService(Service):
 
     def dismiss(self, intent: intents.DismissAlarm) -> None:
         if not self._book.dismiss(intent.alarm_id, intent.actor, self._now_ns()):
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The problem still exists, or it has already ended."), tr("Nothing was changed."),
-                tr("Alarms that end automatically leave the list when the problem is over."), severity="warning",
+                tr("Alarms that end automatically leave the list when the problem is over."),
             )  # fmt: skip
         self._notify()
 

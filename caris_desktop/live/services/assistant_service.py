@@ -33,19 +33,24 @@ from caris_desktop.conversation.prompts import (
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor, cancelled_by
 from caris_desktop.domain.events import ANSWER, AnswerUsed, AssistantChanged, ChatMessage, LlmExchange, Marked
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.plugins import Plugin, PluginCall, PluginFailed, switched_off
 from caris_desktop.domain.ports import ValueSink
 from caris_desktop.domain.sensing import People
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import new_timer
+from caris_desktop.live.background_worker import AsyncioThread, new_timer
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.model_client import ModelClient, StreamChat
-from caris_desktop.live.model_lists import ListModels, ModelLists
-from caris_desktop.live.process_manager import PluginWatch, localize_problem
-from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext, SupervisedProcess
+from caris_desktop.live.model_client import ListModels, ModelClient, ModelLists, StreamChat
+from caris_desktop.live.service import (
+    ContextService,
+    Follows,
+    Handlers,
+    PluginWatch,
+    ServiceContext,
+    SupervisedProcess,
+    localize_problem,
+)
 from caris_desktop.live.speech_queue import SpeechQueue
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, ContextPartStatus, ExchangeStatus, ModelChoice
@@ -285,19 +290,19 @@ class AssistantService(ContextService):
         """Raise UserFacingError if a question cannot include images."""
         meaning = tr("The assistant was not asked; the picture is still attached.")
         if (name := served_name(self._setup.model)) is not None:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("A plug-in cannot process pictures.")
                 if _is_plugin(name)
                 else tr("The embedded language model cannot process pictures."),
                 meaning,
                 tr(
-                    "Choose a model that can process pictures, in a scenario with "
-                    "assistant.pictures."), severity="warning",
+                "Choose a model that can process pictures, in a scenario with "
+                "assistant.pictures."),
             )  # fmt: skip
         if not self._scenario.assistant.pictures:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("This scenario does not allow sending pictures to a language model."), meaning,
-                tr("If participants have agreed, set assistant.pictures in the scenario."), severity="warning",
+                tr("If participants have agreed, set assistant.pictures in the scenario."),
             )  # fmt: skip
 
     def ask(self, intent: intents.Ask) -> None:
@@ -307,16 +312,15 @@ class AssistantService(ContextService):
             return
         too_long = characters_too_long(question)
         if too_long:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The question is {too_long} characters too long.").format(too_long=too_long),
                 tr("The assistant was not asked; a shortened question could get a wrong answer."),
                 tr("Use at most {most} characters.").format(most=f"{MAX_QUESTION_CHARACTERS:,}"),
-                severity="warning",
             )
         if len(intent.pictures) > MOST_PICTURES:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("A question can have at most {most} pictures.").format(most=MOST_PICTURES),
-                tr("The assistant was not asked."), tr("Remove some pictures."), severity="warning",
+                tr("The assistant was not asked."), tr("Remove some pictures."),
             )  # fmt: skip
         if intent.pictures:
             self.check_picture()
@@ -364,11 +368,10 @@ class AssistantService(ContextService):
 
     def _choose(self, intent: intents.ChooseModel) -> None:
         if intent.model not in (choice.model for choice in self._offered()):
-            raise UserFacingError(
+            raise RefusedError(
                 tr("That language model cannot be chosen here."),
                 tr("{model} stays selected.").format(model=self.client.model or self._setup.model),
                 tr("Add it to assistant.models of the scenario, or start its server."),
-                severity="warning",
             )
         if intent.model != self._setup.model:
             self._setup.model = intent.model
@@ -386,22 +389,21 @@ class AssistantService(ContextService):
         text = intent.text.strip()
         most = most_characters(intent.kind)
         if len(text) > most:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The text is {count} characters too long.").format(count=f"{len(text) - most:,}"),
                 tr("The assistant's settings are unchanged."),
                 tr("Shorten it to {most} characters.").format(most=f"{most:,}"),
-                severity="warning",
             )  # fmt: skip
         self._setup.edit(intent.kind, intent.name, text)
         self._notify(intent.kind, intent.name, text, intent.actor)
 
     def _check_prompt(self, kind: Literal["role", "style"], name: str) -> None:
         if not self._setup.has(kind, name):
-            raise UserFacingError(
+            raise RefusedError(
                 tr("This scenario has no role with that name.")
                 if kind == "role"
                 else tr("This scenario has no style with that name."),
-                tr("The assistant's settings are unchanged."), tr("Choose another one."), severity="warning",
+                tr("The assistant's settings are unchanged."), tr("Choose another one."),
             )  # fmt: skip
 
     def _reset(self, intent: intents.ResetPrompts) -> None:
@@ -463,9 +465,9 @@ class AssistantService(ContextService):
                 tr("Another model is being added."), tr("This one was not added."), tr("Wait until it is done."),
                 severity="info",
             )  # fmt: skip
-        self._bus.problem(
-            "info", tr("{name} is checked, and its model is asked a question.").format(name=intent.file.name),
-            tr("Large models take a minute; everything else goes on."), "", cause=ANSWER,
+        self._bus.inform(
+            tr("{name} is checked, and its model is asked a question.").format(name=intent.file.name),
+            tr("Large models take a minute; everything else goes on."),
         )  # fmt: skip
         addition = self._parts.addition
         self._addition = self._children.start(
@@ -477,14 +479,11 @@ class AssistantService(ContextService):
         match message:
             case ModelAdded(name=name, memory_bytes=memory, sha256=sha256, answer=answer):
                 self._lists.refresh()
-                self._bus.problem(
-                    "info",
+                self._bus.inform(
                     tr("{name} is added, and can be chosen in the list of models.").format(name=name),
                     tr("It needs about {memory} GB of memory. {answer}. SHA-256 {sha256}.").format(
                         memory=f"{memory / 1e9:.1f}", answer=answer, sha256=sha256[:12]
                     ),
-                    "",
-                    cause=ANSWER,
                 )
             case EmbeddedFailed(problem):
                 failed = localize_problem(problem)
@@ -747,20 +746,18 @@ class Exchanges(QObject):
     def check_room(self) -> None:
         """Raise UserFacingError if no question can be asked now."""
         if not self._client.ready:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The assistant cannot answer now."),
                 tr("Your question is still in the field."),
                 tr("The model is still starting: ask again in a moment.")
                 if self._none.state == "starting"
                 else (tr(self._none.detail) or tr("Check the scenario's model.")),
-                severity="warning",
             )
         if sum(row.is_pending for row in self._rows.values()) >= MOST_PENDING_EXCHANGES:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("%n questions are already in progress.", "", MOST_PENDING_EXCHANGES),
                 tr("Your question is still in the field."),
                 tr("Wait for an answer, or cancel one of them."),
-                severity="warning",
             )
 
     def prepare(self, question: str) -> str:

@@ -23,15 +23,14 @@ from caris_desktop.conversation.face.face_file import DEFAULT_FACE, Face, FaceEr
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.events import FaceChanged, UtteranceChanged
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.person_marks import with_names
 from caris_desktop.domain.picture_checks import jpeg_of
 from caris_desktop.domain.ports import FrameReader
 from caris_desktop.domain.sensing import FrameRef, People
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing, PlayedSound, joined
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import new_timer
+from caris_desktop.live.background_worker import AsyncioThread, new_timer
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
 from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.status import FaceStatus
@@ -167,11 +166,10 @@ class FaceService(ContextService):
         motion = self._motion_or_raise()
         status: FaceStatus = self._state.face.value
         if intent.expression not in status.expressions:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("This face has no expression “{expression}”.").format(expression=intent.expression),
                 tr("The expression is unchanged."),
                 tr("Choose one of these: {expressions}.").format(expressions=", ".join(status.expressions)),
-                severity="warning",
             )  # fmt: skip
         motion.express(intent.expression)
         self._change(replace(status, expression=intent.expression), intent.actor)
@@ -181,16 +179,11 @@ class FaceService(ContextService):
         self._motion_or_raise()
         text = " ".join(intent.text.split())
         if intent.what == "text" and not text:
-            raise UserFacingError(
-                tr("There is nothing to show."),
-                tr("The face is unchanged."),
-                tr("Enter a text first."),
-                severity="warning",
-            )
+            raise RefusedError(tr("There is nothing to show."), tr("The face is unchanged."), tr("Enter a text first."))
         if intent.what == "live" and not self._live_permitted:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("This scenario does not show people what the robot sees."), tr("The face is unchanged."),
-                tr("To allow this, set face.live_picture in the scenario."), severity="warning",
+                tr("To allow this, set face.live_picture in the scenario."),
             )  # fmt: skip
         if intent.what == "photo":
             self._show_photo(text, intent.actor)
@@ -202,11 +195,10 @@ class FaceService(ContextService):
     def _show_photo(self, file_name: str, actor: Actor) -> None:
         photo = next((one for one in self._state.photos.value if one.file_name == file_name and not one.deleted), None)
         if photo is None or not self._photos_permitted:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("That photo is not available."),
                 tr("The face is unchanged."),
                 tr("Choose one from the Photos panel."),
-                severity="warning",
             )
         self._change(replace(self._state.face.value, what="photo", text=file_name), actor)
         self._show(photo.preview_jpeg)
@@ -223,9 +215,7 @@ class FaceService(ContextService):
 
     def _motion_or_raise(self) -> FaceMotion:
         if self._motion is None:
-            raise UserFacingError(
-                tr("The face is not ready."), tr("Nothing is shown."), tr("Try again in a moment."), severity="warning"
-            )
+            raise RefusedError(tr("The face is not ready."), tr("Nothing is shown."), tr("Try again in a moment."))
         return self._motion
 
     def _notify(self, failure: UserFacingError) -> None:

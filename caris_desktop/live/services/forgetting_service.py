@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from caris_desktop.domain import clock, intents
-from caris_desktop.domain.events import ANSWER, PersonForgotten
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.events import PersonForgotten
+from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.erasure_run import ForgettingEnded, ForgettingProgress
@@ -55,27 +55,23 @@ class ForgettingService(ContextService):
 
     def _forget(self, intent: intents.ForgetPerson) -> None:
         if self._process.child is not None:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("Another person is already being erased."),
                 tr("This person is not erased yet."),
                 tr("Try again when that is done."),
-                severity="warning",
             )
         if self._state.recording.value.state in ACTIVE:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("A session is being recorded."),
                 tr("The person is not erased yet: a recording in progress cannot be changed."),
                 tr("End the recording, then try again."),
-                severity="warning",
             )
         self._intent, self._ended, self._reported = intent, None, 0.0
         self._process.start(self._body_of(intent.person_id))
-        self._bus.problem(
-            "info",
+        self._bus.inform(
             tr("The person is being erased from all recordings of the study."),
             tr("This takes as long as rewriting the person's videos. You can continue working."),
             tr("Start the next recording when this is done."),
-            cause=ANSWER,
         )
 
     def _on_heard(self, message: Any) -> None:
@@ -83,12 +79,10 @@ class ForgettingService(ContextService):
             self._ended = message
         elif isinstance(message, ForgettingProgress) and message.fraction >= self._reported + _REPORT_EVERY:
             self._reported = message.fraction
-            self._bus.problem(
-                "info",
+            self._bus.inform(
                 tr("Erasing the person: {fraction} done.").format(fraction=f"{message.fraction:.0%}"),
                 tr("{doing}.").format(doing=tr(message.what)),
                 tr("No action is needed."),
-                cause=ANSWER,
             )
 
     def _on_ended(self) -> None:
@@ -140,10 +134,8 @@ class ForgettingService(ContextService):
         ):
             self._bus.problem("warning", sentence, tr("This part is not erased."), tr("Erase the person again."))
         if outcome.complete:
-            self._bus.problem(
-                "info",
+            self._bus.inform(
                 tr("The person is erased: no data about them is found in the study or in your own files."),
                 tr("Recordings that showed or named the person were changed and are marked as changed."),
                 tr("The receipt is {receipt}.").format(receipt=outcome.receipt),
-                cause=ANSWER,
             )

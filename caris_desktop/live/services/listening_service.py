@@ -23,8 +23,14 @@ from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, WIZARD_MICROP
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import localize_problem
-from caris_desktop.live.service import ContextService, Follows, Restarts, ServiceContext, SupervisedProcess
+from caris_desktop.live.service import (
+    ContextService,
+    Follows,
+    Restarts,
+    ServiceContext,
+    SupervisedProcess,
+    localize_problem,
+)
 from caris_desktop.live.status import ListeningStatus, RecordingStatus, SoundStatus
 from caris_desktop.scenario.scenario_model import Scenario
 

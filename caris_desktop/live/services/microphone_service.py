@@ -29,7 +29,6 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.process_manager import localize_problem
 from caris_desktop.live.service import (
     PANELS_FIRST_MS,
     ContextService,
@@ -38,6 +37,7 @@ from caris_desktop.live.service import (
     Restarts,
     ServiceContext,
     SupervisedProcess,
+    localize_problem,
 )
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import MicrophoneStatus

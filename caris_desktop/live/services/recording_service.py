@@ -17,9 +17,9 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.sensing import AudioChunk, FrameRef, People
 from caris_desktop.domain.streams import BY_TYPE, STREAMS_OF_LINK, Delivery, streams_voided_by
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
-from caris_desktop.live.addressee import addressee
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingsToRead
 from caris_desktop.live.service import ContextService, Restarts, ServiceContext
+from caris_desktop.live.speech_queue import addressee
 from caris_desktop.live.status import IN_SESSION
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.recording.recorder.recorder_messages import (

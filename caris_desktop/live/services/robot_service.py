@@ -49,8 +49,7 @@ from caris_desktop.domain.link_commands import (
 from caris_desktop.domain.ports import ReportProblem
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.background_worker import AsyncioThread, BackgroundWorker
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing

@@ -10,8 +10,8 @@ from PySide6.QtCore import QObject
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
-from caris_desktop.domain.events import ANSWER, Event, LayoutChanged, PlacesChanged, ScenarioOpened
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.events import Event, LayoutChanged, PlacesChanged, ScenarioOpened
+from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.intents import SameName
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
@@ -152,10 +152,10 @@ class ScenarioService(ContextService):
             layouts.note_saved(path, intent, replaced=replaced)
             if intent.title:
                 what = tr("The scenario {title} was created and is open.").format(title=intent.title)
-                self._bus.problem("info", what, tr("It is in {path}.").format(path=path), "", cause=ANSWER)
+                self._bus.inform(what, tr("It is in {path}.").format(path=path))
             else:
                 where = tr("It is saved in your own copy, {path}.").format(path=path)
-                self._bus.problem("info", tr("The panel layout was saved."), where, "", cause=ANSWER)
+                self._bus.inform(tr("The panel layout was saved."), where)
 
         self._rewrite(lambda scenario: layouts.save(scenario, intent), written, intent.actor)
 
@@ -170,9 +170,9 @@ class ScenarioService(ContextService):
 
         def written(path: Path) -> None:
             layouts.note_reset(path)
-            self._bus.problem(
-                "info", tr("The panel layout was reset."), tr("The saved layout was undone."),
-                tr("Save the layout again to store another one."), cause=ANSWER,
+            self._bus.inform(
+                tr("The panel layout was reset."), tr("The saved layout was undone."),
+                tr("Save the layout again to store another one."),
             )  # fmt: skip
 
         self._rewrite(lambda scenario: layouts.reset(scenario, before), written, intent.actor)
@@ -211,14 +211,13 @@ class ScenarioService(ContextService):
             except ConfirmationNeededError:
                 raise
             except UserFacingError as failure:
-                raise UserFacingError(
+                raise RefusedError(
                     tr("The scenario file was changed and is now invalid."),
                     failure.meaning,
                     tr(
                         "The previous scenario stays in effect. Correct the file: the console reads it again "
                         "automatically."
                     ),
-                    severity="warning",
                 ) from failure
 
         self._slow_work.do(work, lambda filed: self._use(filed, CONSOLE), self._bus.answer)
@@ -235,12 +234,10 @@ class ScenarioService(ContextService):
             return
         self._state.file_question.set(None)
         if not intent.accepted:
-            self._bus.problem(
-                "info",
+            self._bus.inform(
                 tr("“{title}” is not used.").format(title=question.title),
                 tr("Nothing that the file refers to was opened or connected."),
                 tr("Open it again to confirm it, or correct the file."),
-                cause=ANSWER,
             )
             return
 
@@ -305,37 +302,31 @@ class ScenarioService(ContextService):
             if not (imported.put_aside or imported.renamed):
                 what = tr("“{title}” was imported and is open.").format(title=self.current.title)
                 where = tr("It is in {path}.").format(path=imported.path)
-                self._bus.problem("info", what, where, "", cause=ANSWER)
+                self._bus.inform(what, where)
             if imported.put_aside:
-                self._bus.problem(
-                    "info",
+                self._bus.inform(
                     tr("The imported scenario replaced existing files."),
                     tr("The replaced files are not lost: they are in {files}.").format(files=imported.put_aside),
                     tr("Delete them when you no longer need them."),
-                    cause=ANSWER,
                 )
             if imported.renamed:
-                self._bus.problem(
-                    "info",
+                self._bus.inform(
                     tr("These names were already in use: {names}.").format(names=imported.renamed),
                     tr("The existing files are unchanged, and the imported scenario uses its own files."),
                     tr("Compare the files when you have time."),
-                    cause=ANSWER,
                 )
 
         self._slow_work.do(work, done, self._bus.answer)
 
     def _share(self, intent: intents.ShareScenario) -> None:
         def done(_written: None) -> None:
-            self._bus.problem(
-                "info",
+            self._bus.inform(
                 tr("The scenario was exported to {file}.").format(file=intent.path.name),
                 tr(
                     "The file contains the phrases, places, prompts and notes, and the robot profile without any "
                     "secrets."
                 ),
                 tr("The recipient opens it with “Import a scenario”."),
-                cause=ANSWER,
             )
 
         self._slow_work.do(lambda: self._parts.share(self._filed, intent.path), done, self._bus.answer)

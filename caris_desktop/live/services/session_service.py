@@ -12,7 +12,7 @@ from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.address import plugin_address
 from caris_desktop.domain.events import EmergencyStopChanged, Event, GoalChanged, LinkChanged, Marked, PersonAppeared
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError
 from caris_desktop.domain.plugins import PluginError, PluginGroup, find, installed
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
@@ -123,11 +123,11 @@ class MarksService(Service):
     def add_note(self, intent: intents.AddNote) -> None:
         text = _written(intent.text)
         if self._state.recording.value.state != "recording":
-            raise UserFacingError(
+            raise RefusedError(
                 tr(
-                    "The note was not "
-                    "saved."), tr("Nothing is being recorded now, so the note would not belong to a session."),
-                tr("Start or continue the recording, then press Enter again."), severity="warning",
+                "The note was not "
+                "saved."), tr("Nothing is being recorded now, so the note would not belong to a session."),
+                tr("Start or continue the recording, then press Enter again."),
             )  # fmt: skip
         now_ns = clock.now_ns()
         at_ns = now_ns - round(intent.earlier_s * _NANOSECONDS)
@@ -154,9 +154,9 @@ class MarksService(Service):
     def _of_this_session(self, note_id: str) -> Marked:
         mark = self._marks.get(note_id)
         if mark is None:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("That note belongs to another session."), tr("Nothing was changed."),
-                tr("Change it in the session in which it was written."), severity="warning",
+                tr("Change it in the session in which it was written."),
             )  # fmt: skip
         return mark
 
@@ -185,11 +185,8 @@ def _moment_ns(mark: Marked) -> int:
 def _written(text: str) -> str:
     text = " ".join(text.split())
     if not text:
-        raise UserFacingError(
-            tr("A note needs text."),
-            tr("The note is unchanged."),
-            tr("Remove the note if you do not need it."),
-            severity="warning",
+        raise RefusedError(
+            tr("A note needs text."), tr("The note is unchanged."), tr("Remove the note if you do not need it.")
         )
     return text
 
@@ -285,13 +282,12 @@ class SessionService(Service):
         """Refuse if required checks are open and the wizard was not asked before, whatever key was used."""
         waits = self._with.preflight.waits_for()
         if waits:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The recording did not start. Not ready: {checks}.").format(
                     checks=", ".join(tr(check.title) for check in waits)
                 ),
                 tr("Nothing is recorded."),
                 tr("Resolve this in the preflight checks, or choose Record anyway in Start recording."),
-                severity="warning",
             )
 
     def _begin(self, intent: intents.StartRecording) -> None:

@@ -22,13 +22,12 @@ from caris_desktop.conversation.sound_devices import (
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import Actor
 from caris_desktop.domain.events import ANSWER, LinkChanged, UtteranceChanged
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError
 from caris_desktop.domain.link_commands import PlayOnRobot
 from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, WIZARD_MICROPHONE, PlayedSound
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.addressee import addressee
 from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.service import (
@@ -42,6 +41,7 @@ from caris_desktop.live.service import (
 from caris_desktop.live.services.microphone_service import MicrophoneService
 from caris_desktop.live.services.robot_service import RobotService
 from caris_desktop.live.services.speech_service import SpeechService
+from caris_desktop.live.speech_queue import addressee
 from caris_desktop.live.status import MicrophoneStatus, SoundStatus
 from caris_desktop.scenario.scenario_model import Scenario
 
@@ -301,9 +301,9 @@ class SoundService(ContextService):
         if scenario is None or self._state.sound.value.talking:
             return
         if self._microphones.wizards_choice is None:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("No microphone is selected for you."), tr("You cannot be heard."),
-                tr("Choose one in the Window menu."), severity="warning",
+                tr("Choose one in the Window menu."),
             )  # fmt: skip
         if intent.to == "robot":
             speech = self._state.speech.value
@@ -371,10 +371,9 @@ class SoundService(ContextService):
     def _hear_robot(self, intent: intents.HearRobot) -> None:
         scenario = self._scenario
         if intent.on and (scenario is None or not scenario.sound.hear):
-            raise UserFacingError(
+            raise RefusedError(
                 tr("This scenario does not allow listening to the robot's microphone."), tr("Nothing is played."),
                 tr("Open a scenario that does."),
-                severity="warning",
             )  # fmt: skip
         self._show(volume=intent.volume)
         self._hearing.set_volume(intent.volume)

@@ -14,10 +14,9 @@ from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.person_marks import mark_of
 from caris_desktop.domain.sound_values import PlayedSound
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.addressee import addressee
 from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.speech_history import SpeechHistory
-from caris_desktop.live.speech_queue import SpeechQueue
+from caris_desktop.live.speech_queue import SpeechQueue, addressee
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import OpenGap
 from caris_desktop.people.presence import PersonRow, is_unnamed_label

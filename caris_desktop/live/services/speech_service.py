@@ -20,13 +20,12 @@ from caris_desktop.conversation.synthesis_messages import (
 )
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
-from caris_desktop.domain.events import ANSWER, LinkChanged, Problem, SuggestionChanged, UtteranceChanged, VoiceChanged
+from caris_desktop.domain.events import LinkChanged, Problem, SuggestionChanged, UtteranceChanged, VoiceChanged
 from caris_desktop.domain.link_commands import Say, Silence
 from caris_desktop.domain.ports import RobotPort
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.process_manager import localize_problem
 from caris_desktop.live.service import (
     PANELS_FIRST_MS,
     ContextService,
@@ -34,6 +33,7 @@ from caris_desktop.live.service import (
     Handlers,
     ServiceContext,
     SupervisedProcess,
+    localize_problem,
 )
 from caris_desktop.live.speech_queue import NO_VOICE, SpeechQueue, Voice, VoiceKind
 from caris_desktop.live.state import LiveState
@@ -217,11 +217,10 @@ class SpeechService(ContextService):
             return self._output
         if self._permitted and self._mute_robot != robot.title:
             self._mute_robot = robot.title
-            self._bus.problem(
-                "info", tr("{robot} has no voice.").format(robot=robot.title),
+            self._bus.inform(
+                tr("{robot} has no voice.").format(robot=robot.title),
                 tr("This computer speaks instead: participants hear the speech from here."),
                 tr("Put a loudspeaker near the robot, or configure its speech in its profile (Window menu, Robot)."),
-                cause=ANSWER,
             )  # fmt: skip
         return "computer"
 

@@ -31,18 +31,17 @@ from caris_desktop.domain.events import (
     UtteranceChanged,
     UtteranceCorrected,
 )
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import RefusedError, UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.addressee import addressee
 from caris_desktop.live.background_worker import new_timer
 from caris_desktop.live.model_client import Asking, ModelClient
 from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.services.assistant_service import describe_person
 from caris_desktop.live.services.speaking_service import current_place
-from caris_desktop.live.speech_queue import SpeechQueue
+from caris_desktop.live.speech_queue import SpeechQueue, addressee
 from caris_desktop.live.status import DisplayedReply, LevelsStatus, ProposalStatus, SuggestionsStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.scenario.scenario_model import AssistantPeople, Scenario, levels_up_to
@@ -497,9 +496,9 @@ class SuggestionsService(ContextService):
         try:
             spoken = person_marks.with_names(recorded, names.__getitem__)
         except KeyError:
-            raise UserFacingError(
+            raise RefusedError(
                 tr("The name in that suggestion is no longer known."), tr("Nothing was said."),
-                tr("Use another suggestion, or type what to say."), severity="warning",
+                tr("Use another suggestion, or type what to say."),
             ) from None  # fmt: skip
         utterance_id = self._speech.say(spoken, "suggestion", actor, person_id=person_id, recorded=recorded)
         self._rounds.accept(card, recorded, utterance_id, actor, clock.now_ns())
@@ -516,13 +515,13 @@ class SuggestionsService(ContextService):
     def _set_level(self, intent: intents.SetLevel) -> None:
         highest = self._scenario.highest_level(intent.function)
         if intent.level not in levels_up_to(highest):
-            raise UserFacingError(
+            raise RefusedError(
                 tr("This scenario does not allow a level above “{highest}” for {function}.").format(
-                    highest=highest, function=intent.function
+                highest=highest, function=intent.function
                 ),
                 tr(
-                    "The level is "
-                    "unchanged."), tr("Change the highest level under assistance in the scenario."), severity="warning",
+                "The level is "
+                "unchanged."), tr("Change the highest level under assistance in the scenario."),
             )  # fmt: skip
         self._use_level(intent.function, intent.level, intent.actor)
 

@@ -16,7 +16,7 @@ from caris_desktop.conversation.models.endpoint import LanguageModelError, Model
 from caris_desktop.conversation.models.question import REASONING_TOKENS, Question
 from caris_desktop.conversation.models.reasoning import Withdrawn
 from caris_desktop.conversation.speech_checks import probe_language_model
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from tests.conversation.models.served import (
     AT_ONCE,
     LINES_HEAD,

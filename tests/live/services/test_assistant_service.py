@@ -18,7 +18,7 @@ from caris_desktop.domain.events import AssistantChanged, ChatMessage, LlmExchan
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import PromptPart
 from caris_desktop.domain.plugins import Plugin, PluginCall, PluginFailed
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.services.assistant_service import AssistantAdapters, AssistantService

@@ -24,8 +24,7 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.sensing import FrameRef, People, PersonBox
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE, Hearing, PlayedSound
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.background_worker import AsyncioThread, BackgroundWorker
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.services.face_service import FaceService
 from caris_desktop.live.state import LiveState

@@ -21,7 +21,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.erasure_run import ErasureRequest, ForgettingEnded, ForgettingProgress
-from caris_desktop.live.process_manager import ProcessManager
+from caris_desktop.live.service import ProcessManager
 from caris_desktop.live.services.forgetting_service import ForgettingService
 from caris_desktop.live.state import LiveState
 from caris_desktop.people.people_store import About, PeopleStore

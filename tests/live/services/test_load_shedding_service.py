@@ -15,7 +15,7 @@ from caris_desktop.domain.events import ChatMessage
 from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.sensing import People as PeopleSeen
 from caris_desktop.domain.sound_values import MICROPHONE, Hearing
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.model_client import Asking, ModelClient, Purpose
 from caris_desktop.live.services.load_shedding_service import (

@@ -26,8 +26,7 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.sensing import BatteryState, FrameRef, OccupancyGrid, RobotPose
-from caris_desktop.live.asyncio_thread import AsyncioThread
-from caris_desktop.live.background_worker import BackgroundWorker
+from caris_desktop.live.background_worker import AsyncioThread, BackgroundWorker
 from caris_desktop.live.child_process import ProcessSpec
 from caris_desktop.live.frame_ring import FrameRing
 from caris_desktop.live.services.cameras_service import CameraSelection, OwnCamera

@@ -24,8 +24,7 @@ from caris_desktop.domain.sensing import AudioChunk
 from caris_desktop.domain.sound_values import ROBOT_VOICE
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ProcessSpec
-from caris_desktop.live.process_manager import ProcessManager
-from caris_desktop.live.service import Restarts
+from caris_desktop.live.service import ProcessManager, Restarts
 from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.state import LiveState
 from tests.conversation.sound_server import SoundServer, require_pulseaudio

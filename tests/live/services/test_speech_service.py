@@ -30,7 +30,7 @@ from caris_desktop.domain.link_commands import RobotCommand
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.live.bus import Bus
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec
-from caris_desktop.live.process_manager import ProcessManager
+from caris_desktop.live.service import ProcessManager
 from caris_desktop.live.services.alarms_service import AlarmsService
 from caris_desktop.live.services.recording_service import ARRIVED, RecorderFeed
 from caris_desktop.live.services.speech_service import SpeechService
