@@ -10,7 +10,7 @@ from typing import TypeVar
 from PySide6.QtCore import QObject
 
 from caris_desktop.domain.actor import WIZARD, Actor
-from caris_desktop.domain.events import ANSWER, Problem, ProblemEnd, Severity
+from caris_desktop.domain.events import ANSWER, Problem, ProblemEnd
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.intents import Intent
 from caris_desktop.domain.ports import FrameReader
@@ -55,7 +55,7 @@ from caris_desktop.live.services.speaking_service import SpeakingService
 from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.services.suggestions_service import ProposalsService, SuggestionsService
 from caris_desktop.live.state import LiveState, StatusTap
-from caris_desktop.live.wizard_console import BeforeRecording, RobotChoice
+from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.scenario.scenario_model import Scenario
 
 
@@ -97,7 +97,6 @@ class Console(QObject):
 
     def __init__(self, parts: Adapters, scenario: Scenario, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._parts = parts
         self._shut_down = False
         state = self._state = LiveState(self)
         bus = self._bus = Bus(state, self)
@@ -118,10 +117,8 @@ class Console(QObject):
         self._people = PeopleService(context, parts.people, rings=to_read, who_speaks=speakers.who_speaks)
         forgetting = ForgettingService(context, parts.forgetting, then=self._people.decide)
         self._robot = RobotService(
-            state, self._media_ring,
-            new_child=self._new_link, publish=bus.publish, problem=bus.problem,
+            context, self._media_ring, new_child=self._new_link, selected_cameras=parts.cameras,
             before_goal=lambda: self._drive.release(QT_TR_NOOP("A goal was set")), asyncio_thread=self._asyncio,
-            selected_cameras=parts.cameras, slow_work=slow_work, parent=self,
         )  # fmt: skip
         self._microphone = MicrophoneService(
             context, parts.microphone, to_robot=self._robot.send_sound, hear_camera=cameras.hear
@@ -145,27 +142,29 @@ class Console(QObject):
         alarms = AlarmsService(state, bus.publish, self)
         protocol = ProtocolService(state, bus.publish, self)
         photos = PhotosService(context, recording, assistant, frames=self._shown_frames, study=parts.session.study)
-        going_on = self._going_on = CrashRecoveryService(context, parts.going_on, robot=self._robot, do=self.do)
+        going_on = CrashRecoveryService(context, parts.going_on, robot=self._robot, do=self.do)
         preflight = PreflightService(
-            state, bus.publish, slow_work,
-            disk=parts.session.disk, microphone_chosen=lambda: self._microphone.chosen is not None, parent=self,
-        )  # fmt: skip
+            context, disk=parts.session.disk, microphone_chosen=lambda: self._microphone.chosen is not None
+        )
         self._session = SessionService(
-            state, parts.session, slow_work,
+            context, parts.session,
             SessionServices(
                 recording, self._microphone, marks, protocol, assistant, suggestions, self._robot, self._scenario,
                 going_on, preflight,
             ),
-            self,
         )  # fmt: skip
         practice = PracticeService(context, parts.practice, do=self.do)
         face = FaceService(context, self._asyncio, frames=self._shown_frames)
         governor = LoadSheddingService(context, self._people, assistant.client)
-        self._another_robot = AnotherRobotService(
-            bus, slow_work, by_name=parts.robots.connect_to, simulated=parts.robots.simulated,
-            robot=self._robot, drive=self._drive, recording=recording, people=self._people, parent=self,
+        another_robot = self._another_robot = AnotherRobotService(
+            context, by_name=parts.robots.connect_to, simulated=parts.robots.simulated,
+            robot=self._robot, drive=self._drive, recording=recording, people=self._people,
         )  # fmt: skip
         self._gamepads = Gamepads(state, bus.publish, self)
+        self.check_before_recording, self.robots = self._session.check_before, parts.robots.choices
+        self.connect_robot = another_robot.connect_to  # from composition only, as use_robot
+        self.expect_end, self.expect_shutdown = going_on.expect_end, going_on.expect_shutdown
+        self.problem = bus.problem
 
         # Recording starts first and ends last, so that nothing is missing; the robot is stopped before all other
         # services.
@@ -173,7 +172,7 @@ class Console(QObject):
             recording, self._microphone, cameras, forgetting, self._people, self._speech, speaking, sound, listening,
             speakers, transcript, response_time, marks, alarms, going_on, protocol, preflight, self._session,
             assistant, suggestions, proposals, photos, face, self._robot, head, self._drive, self._scenario, practice,
-            governor, self._another_robot, HealthService(state, lambda: self._services, self),
+            governor, another_robot, HealthService(state, lambda: self._services, self),
         )  # fmt: skip
         self._status_tap = StatusTap(state, recording.put, self)
         bus.before_work(self._drive.renew_before_work)
@@ -208,16 +207,10 @@ class Console(QObject):
         """Folder of the current session, or of the last one."""
         return self._recording.session_folder
 
-    def check_before_recording(self, on_result: Callable[[BeforeRecording], None]) -> None:
-        self._session.check_before(on_result)
-
     def run_in_background(
         self, read: Callable[[], T], done: Callable[[T], None], failed: Callable[[UserFacingError], None] | None = None
     ) -> None:
         self._slow_work.do(read, done, self._bus.answer if failed is None else failed)
-
-    def robots(self) -> Sequence[RobotChoice]:
-        return self._parts.robots.choices()
 
     def microphones(self) -> Sequence[str]:
         return self._microphone.names
@@ -255,10 +248,6 @@ class Console(QObject):
         """
         self._another_robot.use(find, actor, until=until)
 
-    def connect_robot(self, connection: RobotConnection, actor: Actor = WIZARD) -> None:
-        """Connect a robot from composition only, as ``use_robot``. As :meth:`AnotherRobotService.connect_to`."""
-        self._another_robot.connect_to(connection, actor)
-
     # Access for helpers outside the services
 
     @property
@@ -276,12 +265,6 @@ class Console(QObject):
         """Report a problem to wizard and record."""
         self._bus.publish(problem)
 
-    def problem(
-        self, severity: Severity, what: str, meaning: str, advice: str, *, until: ProblemEnd = "", cause: str = ""
-    ) -> None:
-        """Report a problem to wizard and record; ``until`` and ``cause`` as in Problem."""
-        self._bus.problem(severity, what, meaning, advice, until=until, cause=cause)
-
     # Start and shutdown
 
     def start(self) -> None:
@@ -291,14 +274,6 @@ class Console(QObject):
         self._gamepads.start()
         for service in self._services:
             service.start()
-
-    def expect_end(self) -> None:
-        """Register a requested quit, so that no crash recovery is offered afterwards."""
-        self._going_on.expect_end()
-
-    def expect_shutdown(self) -> None:
-        """Like :meth:`expect_end`, for a quit that can still be cancelled."""
-        self._going_on.expect_shutdown()
 
     def shutdown(self, during: During = lambda _what, work: work()) -> None:
         """Stop the robot, close the recording, end all threads and children, in that order.

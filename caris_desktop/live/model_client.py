@@ -10,7 +10,7 @@ import secrets
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from concurrent.futures import Future
 from dataclasses import field, replace
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from PySide6.QtCore import QObject, Signal
 
@@ -48,12 +48,6 @@ _CUT_WORDS: dict[Cut, str] = {
     "filter": QT_TR_NOOP("The answer is cut off: the server's filter stopped it."),
 }
 StreamChat = Callable[..., AsyncIterator[str]]
-
-
-class AskVersion(Protocol):
-    """Protocol of :func:`model_version`."""
-
-    def __call__(self, endpoint: ModelEndpoint, /, *, local_only: bool) -> Awaitable[str]: ...
 
 
 @dataclass(slots=True)
@@ -113,7 +107,7 @@ class ModelClient(QObject):
         publish: ValueSink,
         parent: QObject | None = None,
         *,
-        ask_version: AskVersion = model_version,
+        ask_version: Callable[..., Awaitable[str]] = model_version,
     ) -> None:
         super().__init__(parent)
         self._asyncio = asyncio_thread

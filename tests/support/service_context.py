@@ -4,12 +4,10 @@ from typing import Any
 
 from PySide6.QtCore import QObject
 
-from caris_desktop.live.bus import Bus
 from caris_desktop.live.service import ServiceContext
-from caris_desktop.live.state import LiveState
 
 
 def context_of(
-    state: LiveState, bus: Bus, parent: QObject, *, children: Any = None, slow_work: Any = None
+    state: Any, bus: Any, parent: QObject | None, *, children: Any = None, slow_work: Any = None
 ) -> ServiceContext:
-    return ServiceContext(state, bus, children, slow_work, parent)
+    return ServiceContext(state, bus, children, slow_work, parent)  # type: ignore[arg-type]

@@ -636,36 +636,33 @@ class AssistantSetupState:
 
     def __init__(self, settings: AssistantSettings) -> None:
         self._settings = settings
-        self.model = self.role = self.style = ""
-        self._edited: dict[tuple[Kind, str], str] = {}
         self.reset()
 
     def reset(self) -> None:
         """Reset to the scenario."""
-        self.model = self._settings.model
-        self.role = self.style = ""
-        self._edited.clear()
+        self._edited = self._settings
+        self.model, self.role, self.style = self._settings.model, "", ""
 
     def has(self, kind: Literal["role", "style"], name: str) -> bool:
         return not name or any(each.name == name for each in self._named(kind))
 
     def choose(self, kind: Literal["role", "style"], name: str) -> None:
-        if kind == "role":
-            self.role = name
-        else:
-            self.style = name
+        setattr(self, kind, name)
 
     def edit(self, kind: Kind, name: str, text: str) -> None:
-        """Replace a text of the scenario; the original text removes the edit."""
-        key = (kind, name)
-        if text == self._of_scenario(kind, name):
-            self._edited.pop(key, None)
+        """Replace a text of the scenario."""
+        if kind in ("system_prompt", "notes"):
+            changes: dict[str, Any] = {kind: text}
         else:
-            self._edited[key] = text
+            texts = (replace(each, text=text) if each.name == name else each for each in self._named(kind))
+            changes = {f"{kind}s": tuple(texts)}
+        self._edited = replace(self._edited, **changes)
 
     def text_of(self, kind: Kind, name: str = "") -> str:
         """Current text; empty for an unknown role or style."""
-        return self._edited.get((kind, name), self._of_scenario(kind, name))
+        if kind in ("system_prompt", "notes"):
+            return str(getattr(self._edited, kind))
+        return next((each.text for each in self._named(kind) if each.name == name), "")
 
     @property
     def prompt(self) -> str:
@@ -675,33 +672,21 @@ class AssistantSetupState:
         )
 
     def shown(self) -> AssistantSetup:
-        settings = self._settings
+        edited = self._edited
         return AssistantSetup(
             model=self.model,
             role=self.role,
             style=self.style,
-            system_prompt=self.text_of("system_prompt"),
-            roles=self._now("role"),
-            styles=self._now("style"),
-            templates=settings.templates,
-            notes=self.text_of("notes"),
-            edited=bool(self._edited) or self.model != settings.model or bool(self.role or self.style),
+            system_prompt=edited.system_prompt,
+            roles=edited.roles,
+            styles=edited.styles,
+            templates=edited.templates,
+            notes=edited.notes,
+            edited=edited != self._settings or self.model != edited.model or bool(self.role or self.style),
         )
 
-    def _named(self, kind: Literal["role", "style"]) -> tuple[NamedText, ...]:
-        return self._settings.roles if kind == "role" else self._settings.styles
-
-    def _now(self, kind: Literal["role", "style"]) -> tuple[NamedText, ...]:
-        return tuple(NamedText(each.name, self.text_of(kind, each.name)) for each in self._named(kind))
-
-    def _of_scenario(self, kind: Kind, name: str) -> str:
-        match kind:
-            case "system_prompt":
-                return self._settings.system_prompt
-            case "notes":
-                return self._settings.notes
-            case _:
-                return next((each.text for each in self._named(kind) if each.name == name), "")
+    def _named(self, kind: Kind) -> tuple[NamedText, ...]:
+        return self._edited.roles if kind == "role" else self._edited.styles
 
 
 MOST_EXCHANGES_SHOWN = 6

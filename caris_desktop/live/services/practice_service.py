@@ -264,7 +264,7 @@ class PracticeService(ContextService):
         self._question_count = 0
         self._ask_again = new_timer(self, self._repeat_question, _REPEAT_AFTER_MS)
         self._stage = new_timer(self, self._begin_when_ready, _STAGE_EVERY_MS)
-        self._state.odometry.changed.connect(self._on_odometry)
+        self._state.odometry.changed.connect(self._take)
         self._state.recording.changed.connect(self._on_recording_changed)
 
     def handlers(self) -> Handlers:
@@ -275,7 +275,7 @@ class PracticeService(ContextService):
         }
 
     def follows(self) -> Follows:
-        return dict.fromkeys(_WATCHED, self._on_event)
+        return dict.fromkeys(_WATCHED, self._take)
 
     def stop(self) -> None:
         self._ask_again.stop()
@@ -366,16 +366,9 @@ class PracticeService(ContextService):
 
     # Events
 
-    def _on_event(self, event: Any) -> None:
-        if self._practice is not None:
-            self._take(event)
-
-    def _on_odometry(self, odometry: Odometry | None) -> None:
-        if self._practice is not None and odometry is not None:
-            self._take(odometry)
-
     def _take(self, value: Any) -> None:
-        if self._practice is None:
+        """Process an event, or odometry, which is None without a robot."""
+        if self._practice is None or value is None:
             return
         ended = self._practice.add(value, self._now_s())
         if ended is not None:

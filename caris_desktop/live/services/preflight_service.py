@@ -4,8 +4,6 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import field, replace
 from functools import partial
 
-from PySide6.QtCore import QObject
-
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, Actor
 from caris_desktop.domain.address import is_loopback, without_credentials
@@ -14,10 +12,9 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.streams import Freshness, streams_voided_by
 from caris_desktop.domain.translation import QT_TR_NOOP, localized, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.background_worker import BackgroundWorker, new_timer
-from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.background_worker import new_timer
+from caris_desktop.live.service import ContextService, Follows, Handlers, ServiceContext
 from caris_desktop.live.services.microphone_service import participant_microphone
-from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import (
     IN_SESSION,
     AssistantStatus,
@@ -91,24 +88,19 @@ class ChecklistItem(Value):
     actor: Actor
 
 
-class PreflightService(Service):
+class PreflightService(ContextService):
     """Maintains ``state.preflight``. During a recording the automatic checks keep their results from its start."""
 
     def __init__(
         self,
-        state: LiveState,
-        publish: Callable[[Event], None],
-        slow_work: BackgroundWorker,
+        context: ServiceContext,
         *,
         disk: Callable[[Scenario], Disk],
         microphone_chosen: Callable[[], bool],
-        parent: QObject | None = None,
     ) -> None:
         """``disk`` returns free space and usage per hour; it reads files in a background thread."""
-        super().__init__(parent)
-        self._state = state
-        self._publish = publish
-        self._slow_work = slow_work
+        super().__init__(context)
+        state = context.state
         self._disk_of = disk
         self._microphone_chosen = microphone_chosen
         self._scenario: Scenario | None = None
@@ -236,7 +228,7 @@ class PreflightService(Service):
             self._ticks[check.id] = ChecklistItem(now_ns, intent.actor)
         else:
             self._ticks.pop(check.id, None)
-        self._publish(
+        self._bus.publish(
             PreflightChecked(
                 now_ns, check.id, check.title, "passed" if intent.done else "not checked", manual=True,
                 checked_ns=now_ns if intent.done else None, actor=intent.actor,

@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
 
-from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtCore import Qt, Signal
 
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE, WIZARD, Actor
@@ -46,19 +46,16 @@ from caris_desktop.domain.link_commands import (
     SetInitialPose,
     UseControl,
 )
-from caris_desktop.domain.ports import ReportProblem
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.background_worker import AsyncioThread, BackgroundWorker
-from caris_desktop.live.bus import Bus
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.child_process import ChildProcess, ProcessSpec, RingToWrite
 from caris_desktop.live.frame_ring import FrameRing
-from caris_desktop.live.service import Follows, Handlers, Restarts, Service
+from caris_desktop.live.service import ContextService, Follows, Handlers, Restarts, ServiceContext
 from caris_desktop.live.services.cameras_service import CameraSelection
 from caris_desktop.live.services.drive_service import DriveService
 from caris_desktop.live.services.people_service import PeopleService
 from caris_desktop.live.services.recording_service import RecordingService
-from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
 from caris_desktop.robot.link import LinkSettings
 from caris_desktop.robot.profile import CameraTopic, RobotProfile, interface_names, profile_text
@@ -92,36 +89,29 @@ class RobotConnection(Value):
     settle: Callable[[], Coroutine[Any, Any, "RobotConnection"]] | None = None
 
 
-class RobotService(Service):
+class RobotService(ContextService):
     """Runs the links and maintains ``state.link``, ``goal``, ``robot``, ``controls``, ``mapping`` and ``traffic``."""
 
     _settled = Signal(object, object)
 
     def __init__(
         self,
-        state: LiveState,
+        context: ServiceContext,
         ring: FrameRing,
         *,
         new_child: Callable[[ProcessSpec], ChildProcess],
-        publish: Callable[[Any], None],
-        problem: ReportProblem,
         before_goal: Callable[[], None],
         selected_cameras: Callable[[Scenario], CameraSelection],
-        slow_work: BackgroundWorker,
         asyncio_thread: AsyncioThread,
-        parent: QObject | None = None,
     ) -> None:
         """``before_goal`` ends teleoperation."""
-        super().__init__(parent)
-        self._state = state
+        super().__init__(context)
         self._ring = ring
         self._new_child = new_child
-        self._publish = publish
-        self._problem = problem
+        self._publish, self._problem = context.bus.publish, context.bus.problem
         self._before_goal = before_goal
         self._cameras_of = selected_cameras
         self._cameras = CameraSelection()
-        self._slow_work = slow_work
         self._asyncio = asyncio_thread
         self._settling: Future[None] | None = None
         self._settled.connect(self._on_settled, Qt.ConnectionType.QueuedConnection)
@@ -566,7 +556,7 @@ class RobotService(Service):
 # Robot connection service: switches robots, leaving the former one stopped and its state cleared.
 
 
-class AnotherRobotService(Service):
+class AnotherRobotService(ContextService):
     """Connects the robot requested last; finding and leaving one may take a while.
 
     ``by_name`` reads files in a background thread and raises UserFacingError. ``simulated`` starts the simulated robot
@@ -575,8 +565,7 @@ class AnotherRobotService(Service):
 
     def __init__(
         self,
-        bus: Bus,
-        slow_work: BackgroundWorker,
+        context: ServiceContext,
         *,
         by_name: Callable[[str], RobotConnection],
         simulated: Callable[[Actor], None],
@@ -584,13 +573,10 @@ class AnotherRobotService(Service):
         drive: DriveService,
         recording: RecordingService,
         people: PeopleService,
-        parent: QObject | None = None,
     ) -> None:
-        super().__init__(parent)
-        self._bus = bus
+        super().__init__(context)
         self._by_name = by_name
         self._simulated = simulated
-        self._slow_work = slow_work
         self._robot = robot
         self._drive = drive
         self._recording = recording

@@ -17,8 +17,7 @@ from caris_desktop.domain.plugins import PluginError, PluginGroup, find, install
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.trial_details import TrialDetails
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.background_worker import BackgroundWorker
-from caris_desktop.live.service import Follows, Handlers, Service
+from caris_desktop.live.service import ContextService, Follows, Handlers, Service, ServiceContext
 from caris_desktop.live.services.assistant_service import AssistantService
 from caris_desktop.live.services.crash_recovery_service import CrashRecoveryService
 from caris_desktop.live.services.microphone_service import MicrophoneService
@@ -223,24 +222,15 @@ class SessionServices(Value):
     preflight: PreflightService
 
 
-class SessionService(Service):
+class SessionService(ContextService):
     """Starts, pauses and ends sessions, and takes photos."""
 
-    def __init__(
-        self,
-        state: LiveState,
-        parts: SessionAdapters,
-        slow_work: BackgroundWorker,
-        concerned: SessionServices,
-        parent: QObject,
-    ) -> None:
-        super().__init__(parent)
-        self._state = state
+    def __init__(self, context: ServiceContext, parts: SessionAdapters, concerned: SessionServices) -> None:
+        super().__init__(context)
         self._parts = parts
-        self._slow_work = slow_work
         self._with = concerned
         self._latched: EmergencyStopChanged | None = None
-        state.recording.changed.connect(self._on_recording_changed)
+        self._state.recording.changed.connect(self._on_recording_changed)
 
     def handlers(self) -> Handlers:
         return {

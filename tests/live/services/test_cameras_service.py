@@ -70,7 +70,7 @@ class Bench:
             frames=self.frames,
         )
 
-    def start(self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], on_message: object) -> Child:
+    def start(self, body: ProcessSpec, *, ended: Callable[[ChildProcess], None], **_: object) -> Child:
         self.children.append(Child(body, ended))
         return self.children[-1]
 

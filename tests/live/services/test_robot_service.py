@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ from caris_desktop.live.state import LiveState
 from caris_desktop.robot.link import LinkSettings
 from caris_desktop.robot.profile import CameraTopic, RobotProfile, VelocityTopic
 from caris_desktop.scenario.scenario_model import PanelLeaf, Place, Scenario
+from tests.support.service_context import context_of
 
 KITCHEN = Place("Kitchen", Pose2D(4.0, 2.0, 0.0))
 WAVE = RobotControl("wave", "Wave", "button", CallService("/wave", "std_srvs/Trigger", {}))
@@ -77,17 +79,17 @@ class Bench:
         self.asyncio = AsyncioThread()
         self.slow_work = BackgroundWorker(self.owner)
         self.wanted = CameraSelection()
-        self.robot = RobotService(
-            self.state,
-            self.ring,
-            new_child=self._new_child,  # type: ignore[arg-type]
+        bus = SimpleNamespace(
             publish=self.published.append,
             problem=lambda _severity, *words, **_: self.problems.append(" ".join(words)),
+        )
+        self.robot = RobotService(
+            context_of(self.state, bus, self.owner, slow_work=self.slow_work),  # type: ignore[arg-type]
+            self.ring,
+            new_child=self._new_child,  # type: ignore[arg-type]
             before_goal=self._before_goal,
             selected_cameras=lambda _scenario: self.wanted,
-            slow_work=self.slow_work,
             asyncio_thread=self.asyncio,
-            parent=self.owner,
         )
 
     def _new_child(self, body: ProcessSpec) -> Child:
