@@ -19,6 +19,7 @@ from PySide6.QtCore import QLockFile, QSettings, Qt, QTimer
 
 from caris_desktop import __version__
 from caris_desktop.app import composition
+from caris_desktop.app.arguments import build_parser
 from caris_desktop.app.composition import StartError
 from caris_desktop.app.demo_robot import FAULT, PROFILE, DemoRobot, call_simulator
 from caris_desktop.app.qt_application import GarbageCollector, end_with_screen, forget_screen, the_application
@@ -455,15 +456,4 @@ def _let_python_run() -> None:
 
 def default_arguments(**changes: object) -> argparse.Namespace:
     """Console arguments for an empty command line."""
-    values: dict[str, object] = {
-        "scenario": None,
-        "robot": None,
-        "camera": None,
-        "study": None,
-        "demo": False,
-        "accept_named": False,
-        "theme": None,
-        "language": None,
-        "verbose": False,
-    }
-    return argparse.Namespace(**{**values, **changes})
+    return argparse.Namespace(**vars(build_parser().parse_args([])) | changes)

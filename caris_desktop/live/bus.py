@@ -204,7 +204,10 @@ class Bus(QObject):
 
     def _take_in(self, shown_as: Collection[ShownAs]) -> None:
         events, latest = self._mailbox.drain(shown_as)
-        self._take_events(events)
+        for event in events:
+            for take in self._followers.get(type(event), ()):
+                take(event)
+            self._state.add(event)
         for value in latest:
             self._state.add(value)
 
@@ -214,12 +217,6 @@ class Bus(QObject):
         self._take_in(self._pace.may_begin(waiting))
         if self._mailbox.waiting - waiting:
             self._woken.emit()  # queued meanwhile without a wake-up
-
-    def _take_events(self, events: list[Any]) -> None:
-        for event in events:
-            for take in self._followers.get(type(event), ()):
-                take(event)
-            self._state.add(event)
 
 
 class Mailbox:

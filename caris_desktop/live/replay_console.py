@@ -56,7 +56,7 @@ from caris_desktop.recording.annotation.eaf_import import media_began_ms_of, rea
 from caris_desktop.recording.annotation.timeline_builder import run_overview
 from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.recording.photo_file import PREVIEW_PX, THUMBNAIL_PX, previews
-from caris_desktop.recording.session.session_marks import FinalMark, final_marks, notes_among
+from caris_desktop.recording.session.session_marks import final_marks, notes_among
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS
 from caris_desktop.robot.profile import RobotProfile
@@ -349,15 +349,14 @@ class ReplayTranscript(_SessionReading):
 
     def start(self) -> None:
         self._slow_work.do(self._read_turns, self._state.transcript.reset_value, self._on_failed)
-        self._slow_work.do(self._read_notes, self._state.notes.reset_value, self._on_failed)
+        self._slow_work.do(
+            lambda: notes_among(final_marks(self._session)), self._state.notes.reset_value, self._on_failed
+        )
 
     def _read_turns(self) -> tuple[Turn, ...]:
         turns = turns_of(value for _, value in self._session.values(*UTTERANCE_STREAMS))
         # An empty heard turn whose speaker was never determined, because the record ended or has a gap, is dropped.
         return tuple(turn for turn in turns if turn.text or turn.over or turn.origin != "heard")
-
-    def _read_notes(self) -> tuple[FinalMark, ...]:
-        return notes_among(final_marks(self._session))
 
 
 _log = logging.getLogger(__name__)
@@ -564,7 +563,9 @@ class ReplayConsole(QObject):
         try:
             if isinstance(event, ScenarioOpened):
                 opened = replace(self._parts.read_scenario(event), sha256=event.sha256)
-                if not _same_but_for_places(opened, self._opened):
+                before = self._opened
+                # Saving a place rewrites the file but leaves the panels.
+                if replace(opened, places=before.places, path=before.path, sha256=before.sha256) != before:
                     self._layout = None
                 self._opened = opened
             elif isinstance(event, LayoutChanged):
@@ -656,8 +657,3 @@ class ReplayConsole(QObject):
     @property
     def wizard_microphone(self) -> str | None:
         return None
-
-
-def _same_but_for_places(one: Scenario, other: Scenario) -> bool:
-    """Whether only places differ: saving a place rewrites the file but leaves the panels."""
-    return replace(one, places=other.places, path=other.path, sha256=other.sha256) == other

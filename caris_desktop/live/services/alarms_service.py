@@ -46,17 +46,17 @@ class AlarmsService(Service):
             state.link, state.drive, state.recording, state.speech, state.assistant, state.perception,
             state.microphone, state.wizard_microphone, state.listening, state.battery,
         ):  # fmt: skip
-            value.changed.connect(self._on_changed)
+            value.changed.connect(self.evaluate)
         for stream in (state.frame, state.scan, state.pose):
-            stream.freshness_changed.connect(self._on_changed)
+            stream.freshness_changed.connect(self.evaluate)
         self.evaluate()
 
     def follows(self) -> Follows:
         return {
             Problem: self.add,
             RobotChosen: self._on_robot_chosen,
-            SessionStarted: self._on_session_started,
-            RecordingPaused: self._on_recording_paused,
+            SessionStarted: self._on_recording,
+            RecordingPaused: self._on_recording,
         }
 
     def handlers(self) -> Handlers:
@@ -68,7 +68,7 @@ class AlarmsService(Service):
         self._book.add(problem, self._now_ns())
         self.evaluate()
 
-    def evaluate(self) -> None:
+    def evaluate(self, _changed: object = None) -> None:
         """Evaluate the conditions: raise and end alarms."""
         state, now_ns = self._state, self._now_ns()
         link = state.link.value
@@ -96,18 +96,11 @@ class AlarmsService(Service):
         self._book.forget(_OF_ROBOT, self._now_ns())
         self.evaluate()
 
-    def _on_session_started(self, _session: SessionStarted) -> None:
-        self._book.report_all(self._now_ns())
-        self._notify()
-
-    def _on_recording_paused(self, event: RecordingPaused) -> None:
-        """On resuming, record again what is still wrong."""
-        if not event.paused:
+    def _on_recording(self, event: SessionStarted | RecordingPaused) -> None:
+        """At the start of a session and on resuming, record again what is still wrong."""
+        if isinstance(event, SessionStarted) or not event.paused:
             self._book.report_all(self._now_ns())
             self._notify()
-
-    def _on_changed(self, _value: object) -> None:
-        self.evaluate()
 
     def _notify(self) -> None:
         for change in self._book.take_changes():

@@ -553,7 +553,7 @@ class PeopleService(ContextService):
             self._placed(body), self._parts.open_presence, self._bus.publish, self._state.portraits
         )
         worker.moveToThread(self._thread)
-        worker.status_changed.connect(self._on_status, Qt.ConnectionType.QueuedConnection)
+        worker.status_changed.connect(self._state.perception.set, Qt.ConnectionType.QueuedConnection)
         worker.persons_changed.connect(self._state.persons.set, Qt.ConnectionType.QueuedConnection)
         worker.history_found.connect(self._state.person_history.reset_value, Qt.ConnectionType.QueuedConnection)
         worker.everybody_changed.connect(self._state.everybody.set, Qt.ConnectionType.QueuedConnection)
@@ -649,9 +649,6 @@ class PeopleService(ContextService):
     def _on_practice_changed(self, status: PracticeStatus) -> None:
         if self._worker is not None:
             self._worker.practise(_is_practice(status))
-
-    def _on_status(self, status: PerceptionStatus) -> None:
-        self._state.perception.set(status)
 
 
 def _is_practice(status: PracticeStatus) -> bool:

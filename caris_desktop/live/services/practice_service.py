@@ -144,7 +144,11 @@ class Practice:
         self._happened: Mapping[str, Callable[[Any], bool]] = {
             "drive": lambda _event: self._driven_m >= _DRIVEN_M,
             "type": self._typed_while_driving,
-            "phrase": lambda event: _was_spoken(event, "phrase"),
+            "phrase": lambda event: (
+                isinstance(event, UtteranceChanged)
+                and event.origin == "phrase"
+                and event.state in ("started", "finished")
+            ),
             "name": lambda event: isinstance(event, PersonRenamed) and bool(event.actor),
             "photo": lambda event: isinstance(event, PhotoTaken),
             "ask": lambda event: (
@@ -220,10 +224,6 @@ class Practice:
 
     def _released(self, event: Any) -> bool:
         return self._latched and isinstance(event, EmergencyStopChanged) and not event.latched
-
-
-def _was_spoken(event: Any, origin: str) -> bool:
-    return isinstance(event, UtteranceChanged) and event.origin == origin and event.state in ("started", "finished")
 
 
 PURPOSE = "practice"

@@ -155,10 +155,11 @@ class PreflightService(ContextService):
     def state_events(self, *, accepted: bool) -> list[Event]:
         """Results of all checks at the start of a recording. ``accepted``: the wizard starts in spite of open ones."""
         self.evaluate()
-        now_ns = clock.now_ns()
+        now_ns, ticked, open_ = clock.now_ns(), QT_TR_NOOP("It was ticked."), QT_TR_NOOP("It was not ticked.")
         return [
             PreflightChecked(
-                now_ns, check.id, check.title, check.state, check.detail or _ticked_words(check), check.manual,
+                now_ns, check.id, check.title, check.state,
+                check.detail or (ticked if check.state == "passed" else open_), check.manual,
                 at_start=True, accepted=accepted and check.asks_first, checked_ns=check.checked_ns,
                 actor=check.actor or CONSOLE,
             )
@@ -274,10 +275,6 @@ class PreflightService(ContextService):
     def _on_disk_looked_at(self, disk: Disk) -> None:
         self._disk = disk
         self.evaluate()
-
-
-def _ticked_words(check: PreflightCheck) -> str:
-    return QT_TR_NOOP("It was ticked.") if check.state == "passed" else QT_TR_NOOP("It was not ticked.")
 
 
 # Checks before a recording, one plain function per check. Checks that a scenario does not need are absent. Details

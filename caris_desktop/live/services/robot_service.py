@@ -356,14 +356,11 @@ class RobotService(ContextService):
             self._restart_link("media")
 
         media.ask_to_end()
-        self._slow_work.do(lambda: media.stop(grace_s=1.0), ended, self._report_failure)
+        self._slow_work.do(lambda: media.stop(grace_s=1.0), ended, self._bus.answer)
 
     def _forget_cameras(self, cameras: tuple[CameraTopic, ...]) -> None:
         for camera in cameras:
             self._state.forget_camera(camera.name)
-
-    def _report_failure(self, failure: UserFacingError) -> None:
-        self._problem(failure.severity, failure.what, failure.meaning, failure.advice, cause=ANSWER)
 
     # Robot messages
 

@@ -97,10 +97,10 @@ class SpeechService(ContextService):
         voices: dict[VoiceKind, Voice] = {"robot": LinkVoice(self._state, robot), "computer": _Computer(self)}
         self._permitted = True
         self._started = self._stopped = False
-        self._both = voices["both"] = DualSpeechOutput(dict(voices), self._report_both)
         self.queue = SpeechQueue(self._state, voices, self._bus.publish, self)
+        self._both = voices["both"] = DualSpeechOutput(dict(voices), self.queue.report)
         self._soon = new_timer(self, self._prepare, PANELS_FIRST_MS, single_shot=True)
-        self._state.speech.changed.connect(self._on_speech_changed)
+        self._state.speech.changed.connect(self._prepare)
         self._state.robot.changed.connect(self._on_robot_changed)
 
     def handlers(self) -> Handlers:
@@ -238,9 +238,10 @@ class SpeechService(ContextService):
             self._report_failed(event, begun=event.utterance_id == self._begun)
 
     def _report_failed(self, event: UtteranceChanged, *, begun: bool) -> None:
+        shortened = textwrap.shorten(re.sub(r"\{[^{}]*\}", "…", event.text), 60, placeholder="…")  # names are ids in it
         what = tr("“{text}” may have been cut off.") if begun else tr("“{text}” was not said.")
         reason = tr("Speech output failed: {reason}.") if event.detail else tr("Speech output failed.")
-        what, reason = what.format(text=_without_ids(event.text)), reason.format(reason=tr(event.detail))
+        what, reason = what.format(text=shortened), reason.format(reason=tr(event.detail))
         advice = tr("Say it again, or choose another voice in the title of Speak.")
         self._bus.publish(Problem(clock.now_ns(), "warning", what, reason, advice, until="utterance"))
 
@@ -251,10 +252,7 @@ class SpeechService(ContextService):
             self._suggested.pop(event.suggestion_id, None)
         self._prepare()
 
-    def _on_speech_changed(self, _: object) -> None:
-        self._prepare()
-
-    def _prepare(self) -> None:
+    def _prepare(self, _changed: object = None) -> None:
         """Prepare likely next utterances, most likely first. Texts with a name are only known when spoken."""
         if self._soon.isActive():
             return
@@ -266,9 +264,6 @@ class SpeechService(ContextService):
     def _draft(self, intent: intents.DraftSpeech) -> None:
         if self._settings.at_hand and "{" not in intent.text:
             self.send(Draft(intent.text))
-
-    def _report_both(self, change: UtteranceChanged) -> None:  # any thread
-        self.queue.report(change)
 
     def read(self, value: Any, raw: bytes) -> None:  # reader thread
         """Handle a voice process's message. Utterance events are recorded without waiting for the GUI thread."""
@@ -321,11 +316,6 @@ class SpeechService(ContextService):
         if now is not None:
             self._both.lost(kind, replace(now, stamp_ns=clock.now_ns()), detail)
         self.queue.on_voice_lost(kind, detail)
-
-
-def _without_ids(text: str) -> str:
-    """Shortened text; names are ids in it."""
-    return textwrap.shorten(re.sub(r"\{[^{}]*\}", "…", text), 60, placeholder="…")
 
 
 class _Computer:

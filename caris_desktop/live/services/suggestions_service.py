@@ -278,7 +278,8 @@ class SuggestionsService(ContextService):
             self._rounds.add(hearing)
             if hearing.speaking and hearing.utterance_id != self._read_ahead_of:
                 self._read_ahead_of = hearing.utterance_id
-                self._read_ahead()
+                if self._model.embedded:  # it preloads the conversation while the participant speaks
+                    self._model.warm_up(self._earlier_messages(), "replies")
         self._show()
 
     def _on_utterance(self, utterance: UtteranceChanged) -> None:
@@ -339,11 +340,6 @@ class SuggestionsService(ContextService):
             )
         except UserFacingError as failure:
             self._detail = failure.advice or failure.what
-
-    def _read_ahead(self) -> None:
-        """Let the embedded model preload the conversation while the participant speaks."""
-        if self._listens and self._model.embedded:
-            self._model.warm_up(self._earlier_messages(), "replies")
 
     def _on_model_changed(self) -> None:
         if self._model.embedded:

@@ -81,6 +81,7 @@ class Bench:
         self.wanted = CameraSelection()
         bus = SimpleNamespace(
             publish=self.published.append,
+            answer=None,
             problem=lambda _severity, *words, **_: self.problems.append(" ".join(words)),
         )
         self.robot = RobotService(
