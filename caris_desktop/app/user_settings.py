@@ -176,11 +176,39 @@ _KEY = "layout/before_saving"
 _KINDS: tuple[SizeClass, ...] = ("usual", "compact", "large")
 
 
-class SavedLayouts:
-    """Previous layouts in the user's settings, per scenario file and size class."""
+class OwnLayoutFiles:
+    """Implementation of LayoutFiles. ``keep_scenario`` is called with the file that is open from then on.
 
-    def __init__(self, settings: Settings) -> None:
+    Previous layouts are in the user's settings, per scenario file and size class.
+    """
+
+    def __init__(self, settings: Settings, keep_scenario: Callable[[Path], None]) -> None:
         self._settings = settings
+        self._keep_scenario = keep_scenario
+
+    def save(self, scenario: Scenario, intent: SaveLayout) -> Path:
+        changed = with_layout(scenario, intent.size_class, _tree_of(intent))
+        return _rewritten(replace(changed, title=intent.title)) if intent.title else _written(changed)
+
+    def note_saved(self, path: Path, intent: SaveLayout, *, replaced: Scenario) -> None:
+        if not intent.title:
+            kind = intent.size_class
+            before = own_layout(self.as_before(replaced), kind)
+            entry = {
+                "before": None if before is None else layout_data(before),
+                "saved": layout_data(_tree_of(intent)),
+            }
+            self._persist(self._all() | {_name(path, kind): entry})
+        self._keep_scenario(path)
+
+    def reset(self, scenario: Scenario, before: Scenario) -> Path:
+        for kind in _KINDS:
+            scenario = with_layout(scenario, kind, own_layout(before, kind))
+        return _written(scenario)
+
+    def note_reset(self, path: Path) -> None:
+        names = {_name(path, kind) for kind in _KINDS}
+        self._persist({known: layouts for known, layouts in self._all().items() if known not in names})
 
     def as_before(self, scenario: Scenario) -> Scenario:
         """Scenario with the layouts that this program's saving replaced."""
@@ -198,16 +226,6 @@ class SavedLayouts:
                 _log.warning("the arrangement of %s before it was saved cannot be had back: %s", scenario.path, error)
         return scenario
 
-    def note(self, path: Path, kind: SizeClass, saved: LayoutNode, *, replaced: Scenario) -> None:
-        """Note that ``saved`` was written to ``path``; ``replaced`` is the scenario as it was open before."""
-        before = own_layout(self.as_before(replaced), kind)
-        entry = {"before": None if before is None else layout_data(before), "saved": layout_data(saved)}
-        self._persist(self._all() | {_name(path, kind): entry})
-
-    def forget(self, path: Path) -> None:
-        names = {_name(path, kind) for kind in _KINDS}
-        self._persist({known: layouts for known, layouts in self._all().items() if known not in names})
-
     def _all(self) -> dict[str, Any]:
         try:
             known = parse_json(str(self._settings.value(_KEY, "{}")))
@@ -221,34 +239,6 @@ class SavedLayouts:
 
 def _name(path: Path | None, kind: SizeClass) -> str:
     return str(path) if kind == "usual" else f"{path}#{kind}"
-
-
-class OwnLayoutFiles:
-    """Implementation of LayoutFiles. ``keep_scenario`` is called with the file that is open from then on."""
-
-    def __init__(self, settings: Settings, keep_scenario: Callable[[Path], None]) -> None:
-        self._saved = SavedLayouts(settings)
-        self._keep_scenario = keep_scenario
-
-    def save(self, scenario: Scenario, intent: SaveLayout) -> Path:
-        changed = with_layout(scenario, intent.size_class, _tree_of(intent))
-        return _rewritten(replace(changed, title=intent.title)) if intent.title else _written(changed)
-
-    def note_saved(self, path: Path, intent: SaveLayout, *, replaced: Scenario) -> None:
-        if not intent.title:
-            self._saved.note(path, intent.size_class, _tree_of(intent), replaced=replaced)
-        self._keep_scenario(path)
-
-    def as_before(self, scenario: Scenario) -> Scenario:
-        return self._saved.as_before(scenario)
-
-    def reset(self, scenario: Scenario, before: Scenario) -> Path:
-        for kind in _KINDS:
-            scenario = with_layout(scenario, kind, own_layout(before, kind))
-        return _written(scenario)
-
-    def note_reset(self, path: Path) -> None:
-        self._saved.forget(path)
 
 
 def _tree_of(intent: SaveLayout) -> LayoutNode:
