@@ -17,6 +17,7 @@ import platformdirs
 
 from caris_desktop import __version__
 from caris_desktop.app import process_entry_points
+from caris_desktop.conversation.conversation_transcript import Turn, turns_of
 from caris_desktop.conversation.face.face_file import FaceError, parse_face, user_faces_dir
 from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
 from caris_desktop.conversation.models.chat import stream_chat
@@ -63,6 +64,8 @@ from caris_desktop.recording.session.session_header import (
     SessionHeader,
     read_header,
 )
+from caris_desktop.recording.session.session_reader import open_session
+from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS
 from caris_desktop.robot.link import LinkSettings
 from caris_desktop.robot.profile import (
     ProfileError,
@@ -247,6 +250,7 @@ def parts(
             Path(platformdirs.user_state_dir("caris-desktop", appauthor=False)) / "trials",
             study.sessions,
             details_of_session,
+            conversation_of_session,
         ),
         forgetting=functools.partial(_forgetting, study),
         listening=lambda scenario: ProcessSpec(
@@ -530,6 +534,19 @@ def details_of_session(folder: Path) -> TrialDetails:
         return TrialDetails()
     known = {field.name for field in fields(TrialDetails)}
     return TrialDetails(**{key: text for key, text in trial.items() if key in known})
+
+
+def conversation_of_session(folder: Path) -> tuple[Turn, ...]:
+    """Turns of a session, with times of this computer's present clock; empty if it is unreadable."""
+    try:
+        session = open_session(folder, repair=False)
+        turns = turns_of(value for _, value in session.values(*UTTERANCE_STREAMS))
+    except SessionError as error:
+        _log.warning("%s", error)
+        return ()
+    now = ClockAnchor.take()
+    by_ns = session.header.clock.utc_ns_at(0) - now.utc_ns_at(0)
+    return tuple(turn.moved(by_ns) for turn in turns if turn.said)
 
 
 def _new_session(

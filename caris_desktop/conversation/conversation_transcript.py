@@ -55,6 +55,13 @@ class Turn(Value):
         """True if it is complete."""
         return self.state in _ENDED
 
+    def moved(self, by_ns: int) -> "Turn":
+        """The turn by another clock."""
+        started_ns, ended_ns, asked_ns = (
+            None if at_ns is None else at_ns + by_ns for at_ns in (self.started_ns, self.ended_ns, self.asked_ns)
+        )
+        return replace(self, started_ns=started_ns, ended_ns=ended_ns, asked_ns=asked_ns)
+
     @property
     def begins_ns(self) -> int:
         """Sort key: start, else request or end."""
@@ -98,11 +105,14 @@ class Transcript:
 
 
 def turns_of(events: Iterable[UtteranceReport]) -> tuple[Turn, ...]:
-    """Turns from events, in order of their first event."""
+    """Turns of a session, in order of their first event.
+
+    An empty heard turn whose speaker was never determined, because the record ended or has a gap, is dropped.
+    """
     transcript = Transcript()
     for event in events:
         transcript.add(event)
-    return transcript.turns
+    return tuple(turn for turn in transcript.turns if turn.text or turn.over or turn.origin != "heard")
 
 
 def in_order(turns: Iterable[Turn]) -> list[Turn]:

@@ -142,7 +142,10 @@ class Console(QObject):
         alarms = AlarmsService(state, bus.publish, self)
         protocol = ProtocolService(state, bus.publish, self)
         photos = PhotosService(context, recording, assistant, frames=self._shown_frames, study=parts.session.study)
-        going_on = CrashRecoveryService(context, parts.going_on, robot=self._robot, do=self.do)
+        going_on = CrashRecoveryService(
+            context, parts.going_on,
+            robot=self._robot, do=self.do, show_conversation=transcript.show_earlier,
+        )  # fmt: skip
         preflight = PreflightService(
             context, disk=parts.session.disk, microphone_chosen=lambda: self._microphone.chosen is not None
         )

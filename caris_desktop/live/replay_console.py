@@ -354,9 +354,7 @@ class ReplayTranscript(_SessionReading):
         )
 
     def _read_turns(self) -> tuple[Turn, ...]:
-        turns = turns_of(value for _, value in self._session.values(*UTTERANCE_STREAMS))
-        # An empty heard turn whose speaker was never determined, because the record ended or has a gap, is dropped.
-        return tuple(turn for turn in turns if turn.text or turn.over or turn.origin != "heard")
+        return turns_of(value for _, value in self._session.values(*UTTERANCE_STREAMS))
 
 
 _log = logging.getLogger(__name__)

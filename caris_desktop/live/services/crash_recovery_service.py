@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar, get_args
 
+from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import ConfirmedAsBefore, Event, InitialPoseSet, TrialResumed
 from caris_desktop.domain.failure import UserFacingError, reported
@@ -27,13 +28,14 @@ T = TypeVar("T")
 
 
 class CrashRecoveryAdapters(Value):
-    """``folder``: where running programs save their trial; ``details`` reads a session's trial details in a background
-    thread, empty if unavailable.
+    """``folder``: where running programs save their trial; ``details`` and ``conversation`` read those of a session in
+    a background thread, empty if unavailable.
     """
 
     folder: Path
     study: Path
     details: Callable[[Path], TrialDetails]
+    conversation: Callable[[Path], tuple[Turn, ...]]
 
 
 class CrashRecoveryService(ContextService):
@@ -50,11 +52,13 @@ class CrashRecoveryService(ContextService):
         *,
         robot: RobotService,
         do: Callable[[intents.Intent], str],
+        show_conversation: Callable[[tuple[Turn, ...]], None],
     ) -> None:
         super().__init__(context)
         self._parts = parts
         self._robot = robot
         self._do = do
+        self._show_conversation = show_conversation
         self._scenario: Scenario | None = None
         self._offered: UnfinishedTrial | None = None
         self._resumed: TrialResumed | None = None
@@ -209,6 +213,9 @@ class CrashRecoveryService(ContextService):
         if trial.attended:
             self._do(intents.AttendPerson(trial.attended, actor=intent.actor))
         self._offered, self.step = None, trial.step
+        self._slow_work.do(
+            _reporting_errors(lambda: self._parts.conversation(trial.session)), self._on_conversation, _notify
+        )
         self._resumed = TrialResumed(clock.now_ns(), trial.session.name, intent.actor)
         self._bus.publish(self._resumed)
         self._state.going_on.set(
@@ -221,7 +228,13 @@ class CrashRecoveryService(ContextService):
             )
         )
 
+    def _on_conversation(self, turns: tuple[Turn, ...]) -> None:
+        if self._resumed is not None:
+            self._show_conversation(turns)
+
     def _leave(self, intent: intents.LeaveTrial) -> None:
+        if self._resumed is not None:
+            self._show_conversation(())
         self._offered, self._resumed, self._confirmed, self.step = None, None, [], ""
         self._state.going_on.set(CrashRecoveryStatus())
         _log.info("the trial is not gone on with, says %s", intent.actor)

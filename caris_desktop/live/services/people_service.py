@@ -12,7 +12,7 @@ from typing import Any, get_args
 
 from PySide6.QtCore import QObject, Qt, QThread, Signal, Slot
 
-from caris_desktop.conversation.conversation_transcript import ResponseTimes, Transcript, UtteranceReport
+from caris_desktop.conversation.conversation_transcript import ResponseTimes, Transcript, Turn, UtteranceReport
 from caris_desktop.conversation.listening.speaker_attribution import Here, PeopleHere, WizardsVoice, is_wizards
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.actor import CONSOLE
@@ -665,6 +665,8 @@ class TranscriptService(ContextService):
     def __init__(self, context: ServiceContext) -> None:
         super().__init__(context)
         self._transcript = Transcript()
+        self._earlier: tuple[Turn, ...] = ()
+        self._keeps_earlier = False
 
     def handlers(self) -> Handlers:
         return {intents.CorrectUtterance: self._correct}
@@ -672,13 +674,24 @@ class TranscriptService(ContextService):
     def follows(self) -> Follows:
         return {UtteranceChanged: self._take, UtteranceCorrected: self._take, SessionStarted: self._restart}
 
+    def show_earlier(self, turns: tuple[Turn, ...]) -> None:
+        """Show the turns of an interrupted session before those of the next one, which resumes it; () for none."""
+        self._earlier, self._keeps_earlier = turns, True
+        self._show()
+
+    def _show(self) -> None:
+        self._state.transcript.reset_value((*self._earlier, *self._transcript.turns))
+
     def _take(self, event: UtteranceReport) -> None:
         self._transcript.add(event)
-        self._state.transcript.reset_value(self._transcript.turns)
+        self._show()
 
     def _restart(self, event: SessionStarted) -> None:
+        if not self._keeps_earlier:
+            self._earlier = ()
+        self._keeps_earlier = False
         self._transcript.forget_before(event.stamp_ns)
-        self._state.transcript.reset_value(self._transcript.turns)
+        self._show()
 
     def _correct(self, intent: intents.CorrectUtterance) -> None:
         if self._transcript.turn(intent.utterance_id) is None:

@@ -10,6 +10,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
+from caris_desktop.conversation.conversation_transcript import Turn
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import ConfirmedAsBefore, InitialPoseSet, TrialResumed
 from caris_desktop.domain.failure import UserFacingError
@@ -33,6 +34,9 @@ def _connection(name: str, title: str) -> Any:
     return SimpleNamespace(name=title, profile=SimpleNamespace(name=name))
 
 
+EARLIER = (Turn("u", "robot", "Hello.", "typed", "finished", started_ns=1, ended_ns=2),)
+
+
 class Run:
     """One run of the program, reduced to this service."""
 
@@ -42,13 +46,14 @@ class Run:
         self.bus = Bus(self.state, self.state)
         self.told: list[Any] = []
         self.asked: list[intents.Intent] = []
+        self.conversation: list[tuple[Turn, ...]] = []
         self.bus.tap(lambda value, _raw: self.told.append(value), (TrialResumed, ConfirmedAsBefore))
         self.slow_work = BackgroundWorker(self.state)
         robot: Any = SimpleNamespace(connection=_connection("simulated", "Simulated robot"))
         self.service = CrashRecoveryService(
             context_of(self.state, self.bus, self.state, slow_work=self.slow_work),
-            CrashRecoveryAdapters(folder / "trials", folder / "sessions", lambda _session: P07),
-            robot=robot, do=self.do,
+            CrashRecoveryAdapters(folder / "trials", folder / "sessions", lambda _: P07, lambda _: EARLIER),
+            robot=robot, do=self.do, show_conversation=self.conversation.append,
         )  # fmt: skip
         self.scenario = load_scenario(find_scenario("tour-guide"))
         self.service.use_scenario(self.scenario)
@@ -138,6 +143,15 @@ def test_going_on_holds_the_robot_and_asks_everything_again(after_a_crash: Run) 
         (TrialResumed, ""), (ConfirmedAsBefore, "people"), (ConfirmedAsBefore, "map"),
         (ConfirmedAsBefore, "permissions"), (ConfirmedAsBefore, "consent"),
     ]  # fmt: skip
+
+
+def test_the_conversation_of_the_interrupted_session_is_shown_until_the_trial_is_left(after_a_crash: Run) -> None:
+    assert after_a_crash.conversation == []
+    after_a_crash.ask(intents.GoOnWithTrial())
+    after_a_crash.settle()
+    assert after_a_crash.conversation == [EARLIER]
+    after_a_crash.ask(intents.LeaveTrial())
+    assert after_a_crash.conversation == [EARLIER, ()]
 
 
 def test_each_of_those_who_were_there_is_confirmed_for_themselves(run: Run, runs: Callable[[], Run]) -> None:

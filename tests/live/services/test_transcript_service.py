@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from PySide6.QtCore import QObject
 
-from caris_desktop.conversation.conversation_transcript import in_order
+from caris_desktop.conversation.conversation_transcript import Turn, in_order
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.events import (
     ResponseTimed,
@@ -85,6 +85,17 @@ def test_turns_of_another_session_are_not_corrected(desk: Desk) -> None:
     assert desk.state.transcript.value == ()
     with pytest.raises(UserFacingError, match="belongs to another session"):
         desk.correct(text="Anything")
+
+
+def test_turns_of_an_interrupted_session_stay_while_the_next_one_resumes_it(desk: Desk) -> None:
+    earlier = Turn("u", "robot", "Hello.", "typed", "finished", started_ns=1, ended_ns=2)
+    desk.transcript.show_earlier((earlier,))
+    desk.say(SessionStarted(0, "resumed"), HEARD)
+    assert [turn.text for turn in desk.state.transcript.value] == ["Hello.", HEARD.text]
+    with pytest.raises(UserFacingError, match="belongs to another session"):
+        desk.correct("u", text="Anything")
+    desk.say(SessionStarted(clock.now_ns(), "another"))
+    assert desk.state.transcript.value == ()
 
 
 def test_a_turn_that_continues_as_a_session_begins_is_of_that_session(desk: Desk) -> None:
