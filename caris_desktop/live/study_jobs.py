@@ -243,7 +243,7 @@ def add_session_arguments(parser: argparse.ArgumentParser) -> None:
         "--threads",
         metavar="N",
         type=int,
-        help="threads per session (default: half of the processors, or with several sessions at a time their share)",
+        help="threads per session (default: its share of the processors)",
     )
     add_worker_arguments(parser)
 
@@ -262,8 +262,8 @@ def run_over_sessions(
         return 1
     workers = workers_of(arguments)
     at_a_time = workers.at_a_time(len(folders))
-    if arguments.threads is None and at_a_time > 1:
-        arguments.threads = max(1, (os.cpu_count() or 1) // at_a_time)
+    if arguments.threads is None:
+        arguments.threads = max(1, (os.cpu_count() or 1) // max(1, at_a_time))
     failed = 0
     try:
         with ProgressLine() as line:
