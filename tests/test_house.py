@@ -214,7 +214,7 @@ def test_threads_are_started_where_they_are_looked_after() -> None:
 def test_yaml_has_one_reader_and_one_place_that_writes_it() -> None:
     reads, writes = re.compile(r"\byaml\.(?:\w+_)?load\w*\("), re.compile(r"\byaml\.(?:\w+_)?dump\w*\(")
     one_text = {"scenario/text_editing.py"}  # edits a single text in a file and checks it as other editors do
-    of_the_map_server = {"simulator/map_files.py"}  # the format of that program
+    of_the_map_server = {"simulator/simulated_mapping.py"}  # the format of that program
     shipped = {"simulator/shipped_data.py"}  # only files of the program itself, which use references
     assert {name for name, text in files().items() if reads.search(text)} <= one_text | shipped
     assert {name for name, text in files().items() if writes.search(text)} <= (

