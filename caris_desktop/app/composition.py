@@ -78,6 +78,7 @@ from caris_desktop.robot.profile import (
     user_robots_dir,
     with_ros,
 )
+from caris_desktop.robot.profile_model import ProfileError
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.scenario.bundle import (
     Bundle,

@@ -62,7 +62,7 @@ saves a place or a panel layout, your comments, the order of your keys and all o
 
 """
 
-_RECORDING_PACKAGES = ("domain", "live", "robot", "perception", "people", "conversation", "recording", "study")
+_RECORDING_PACKAGES = ("domain", "live", "robot", "ros", "perception", "people", "conversation", "recording", "study")
 _LEAST_LETTERS = 4
 """A text with fewer letters besides its values would match any sentence."""
 

@@ -38,7 +38,8 @@ from caris_desktop.recording.session.manifest import DERIVED_FOLDER
 from caris_desktop.recording.session.session_header import SessionError
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.table_files import DELETED_BY_ERASURE
-from caris_desktop.robot.profile import ProfileError, parse_profile
+from caris_desktop.robot.profile import parse_profile
+from caris_desktop.robot.profile_model import ProfileError
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 _AHEAD_NS = 500_000_000

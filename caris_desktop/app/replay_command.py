@@ -39,7 +39,8 @@ from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.recovery import needs_repair
 from caris_desktop.recording.session.session_header import is_session
 from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
-from caris_desktop.robot.profile import RobotProfile, parse_profile
+from caris_desktop.robot.profile import parse_profile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_file import ScenarioError, parse_scenario
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario, checked_layout
 from caris_desktop.ui.language import ENGLISH, LANGUAGE_KEY, Language

@@ -29,14 +29,8 @@ from caris_desktop.domain.schema_fields import External, data_of, externals_in
 from caris_desktop.domain.shipped import layouts_dir, resources_dir
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.robot.profile import (
-    DEFAULT_ADDRESS,
-    ProfileError,
-    RobotProfile,
-    interface_names,
-    load_profile,
-    profile_file,
-)
+from caris_desktop.robot.profile import load_profile, profile_file
+from caris_desktop.robot.profile_model import DEFAULT_ADDRESS, ProfileError, RobotProfile, interface_names
 from caris_desktop.scenario.scenario_model import Scenario
 
 _log = logging.getLogger(__name__)

@@ -59,7 +59,7 @@ from caris_desktop.recording.photo_file import PREVIEW_PX, THUMBNAIL_PX, preview
 from caris_desktop.recording.session.session_marks import final_marks, notes_among
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import LayoutNode, Scenario
 
 _SAVED_WITHIN_S = 5.0

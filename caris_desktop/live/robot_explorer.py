@@ -15,16 +15,8 @@ from caris_desktop.domain.translation import tr
 from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.confirmed_files import accept_written_profile
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.robot.profile import (
-    ProfileError,
-    RobotProfile,
-    SecuritySettings,
-    list_profiles,
-    load_profile,
-    profile_file_name,
-    save_profile,
-    user_robots_dir,
-)
+from caris_desktop.robot.profile import list_profiles, load_profile, profile_file_name, save_profile, user_robots_dir
+from caris_desktop.robot.profile_model import ProfileError, RobotProfile, SecuritySettings
 
 if TYPE_CHECKING:  # imported at first use
     from caris_desktop.robot.discovery import Exploration, StreamCheck

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -30,11 +30,17 @@ from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S, ActionClient, make_action_client
-from caris_desktop.robot.message_check import MessageMismatchError, MessageTypes, TypeKind, coerce_to_definition
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
-from caris_desktop.ros.action_messages import Ending
-from caris_desktop.ros.dialect import Dialect, plain_name, service_type_name, type_name
+from caris_desktop.ros.action_messages import Ending, action_package_and_name
+from caris_desktop.ros.definitions import (
+    Definition,
+    MessageMismatchError,
+    coerce_to_definition,
+    definition_from_rosapi,
+    shipped_definition,
+)
+from caris_desktop.ros.dialect import Dialect, action_type_name, package_and_name, service_type_name, type_name
 from caris_desktop.ros.message_fields import Message, MessageError, message_of
 
 logger = logging.getLogger(__name__)
@@ -50,6 +56,7 @@ _STEP = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[[0-9]{1,6}\])*)")
 _INDEX = re.compile(r"\[([0-9]+)\]")
 
 Path = tuple[str | int, ...]
+TypeKind = Literal["message", "service", "goal"]
 
 
 def parse_path(text: str) -> Path:
@@ -102,6 +109,54 @@ def value_at(message: Any, path: Path, scale: float) -> ControlValue | None:
     except OverflowError:
         return None
     return number if math.isfinite(number) else None
+
+
+class MessageTypes:
+    """Type definitions of one robot: queried once per connection, else the known standard ones."""
+
+    def __init__(self, ros: RosbridgeClient, dialect: Dialect) -> None:
+        self._ros = ros
+        self._dialect = dialect
+        self._learnt: dict[tuple[TypeKind, str], asyncio.Task[Definition | None]] = {}
+
+    def forget(self) -> None:
+        """Clear all, since another robot may answer after a link loss."""
+        # Pending queries fail, and their callers continue then.
+        self._learnt.clear()
+
+    def known(self, kind: TypeKind, type_: str) -> bool:
+        """True if :meth:`definition` returns at once."""
+        task = self._learnt.get((kind, type_))
+        return task is not None and task.done() and not task.cancelled()
+
+    def definition_now(self, kind: TypeKind, type_: str) -> Definition | None:
+        """Known definition, or None."""
+        task = self._learnt.get((kind, type_))
+        return task.result() if task is not None and task.done() and not task.cancelled() else None
+
+    async def definition(self, kind: TypeKind, type_: str) -> Definition | None:
+        """Fields of a message, service request or action goal; None if unknown."""
+        task = self._learnt.get((kind, type_))
+        if task is None:
+            task = asyncio.get_running_loop().create_task(self._learn(kind, type_))
+            self._learnt[kind, type_] = task
+        return await asyncio.shield(task)
+
+    async def _learn(self, kind: TypeKind, type_: str) -> Definition | None:
+        package, name = action_package_and_name(type_) if kind == "goal" else package_and_name(type_)
+        service, spelled = "message_details", type_name(self._dialect, package, name)
+        if kind == "service":
+            service, spelled = "service_request_details", service_type_name(self._dialect, package, name)
+        elif kind == "goal" and self._dialect is Dialect.ROS1:
+            spelled = type_name(self._dialect, package, f"{name}Goal")
+        elif kind == "goal":
+            service, spelled = "action_goal_details", action_type_name(self._dialect, package, name)
+        try:
+            answer = await self._ros.ask(f"/rosapi/{service}", f"rosapi/{service}", {"type": spelled})
+            return definition_from_rosapi(answer.get("typedefs"))
+        except (ServiceCallError, ValueError, TypeError) as error:
+            logger.debug("%s: %s", spelled, error)
+        return shipped_definition(f"{package}/{name}Goal" if kind == "goal" else f"{package}/{name}")
 
 
 @dataclass(slots=True)
@@ -265,8 +320,7 @@ class RobotControls:
             server.client.cancel_all()
 
     def _spelled(self, type_: str) -> str:
-        package, _, name = plain_name(type_).partition("/")
-        return type_name(self._dialect, package, name)
+        return type_name(self._dialect, *package_and_name(type_))
 
     def _learn_types(self) -> None:
         if self._ros.is_connected:
@@ -350,8 +404,7 @@ class RobotControls:
             # The emergency stop came at the same time.
             self._notify(command, "failed", refusal)
             return
-        package, _, name = plain_name(effect.type).partition("/")
-        kind = service_type_name(self._dialect, package, name)
+        kind = service_type_name(self._dialect, *package_and_name(effect.type))
         try:
             answer = await self._ros.ask(effect.service, kind, request, timeout_s=SERVICE_WAIT_S)
         except ServiceCallError as error:

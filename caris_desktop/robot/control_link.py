@@ -36,7 +36,7 @@ from caris_desktop.robot.maps import RobotMaps
 from caris_desktop.robot.movement_check import MovementCheck
 from caris_desktop.robot.navigation_client import Navigator
 from caris_desktop.robot.navigation_speed import NavigationSpeed
-from caris_desktop.robot.profile import RobotProfile, interface_names
+from caris_desktop.robot.profile_model import RobotProfile, interface_names
 from caris_desktop.robot.robot_checks import list_inventory, missing_from, nothing_is_missing, problem_of_missing
 from caris_desktop.robot.robot_speech_choice import RobotSpeech
 from caris_desktop.robot.sensors import Sensors

@@ -25,14 +25,8 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.bridge_process import start_s
 from caris_desktop.robot.bridge_wire import MEDIA_TIMINGS
 from caris_desktop.robot.localization import TransformTree
-from caris_desktop.robot.profile import (
-    RobotProfile,
-    SecuritySettings,
-    leaves_ros_open,
-    list_profiles,
-    load_profile,
-    with_ros,
-)
+from caris_desktop.robot.profile import leaves_ros_open, list_profiles, load_profile, with_ros
+from caris_desktop.robot.profile_model import RobotProfile, SecuritySettings
 from caris_desktop.robot.profile_proposal import Proposal, RobotOffer, may_stop, propose
 from caris_desktop.robot.robot_checks import (
     LinkProbe,
@@ -48,10 +42,10 @@ from caris_desktop.robot.robot_checks import (
     services_of,
 )
 from caris_desktop.robot.transport import MEDIA_SIZES, RosbridgeClient, RosbridgeTopic, ServiceCallError
-from caris_desktop.ros import joint_messages, message_conversion, navigation_messages
+from caris_desktop.ros import message_conversion
 from caris_desktop.ros.dialect import Dialect, decode_time, same_type
+from caris_desktop.ros.message_conversion import decode_image, republish_advice
 from caris_desktop.ros.message_fields import MessageError
-from caris_desktop.ros.raw_image import decode_image, republish_advice
 
 logger = logging.getLogger(__name__)
 
@@ -415,7 +409,7 @@ async def _with_received_streams(ros: RosbridgeClient, offer: RobotOffer) -> Rob
             frames.update((transform.parent_frame.lstrip("/"), transform.child_frame.lstrip("/")))
 
     def on_joints(message: Any) -> None:
-        joints.update(dict.fromkeys(joint_messages.decode_joint_state(message).positions))
+        joints.update(dict.fromkeys(message_conversion.decode_joint_state(message).positions))
 
     readers: tuple[tuple[str, Callable[[Any], None]], ...] = (
         ("tf2_msgs/TFMessage", on_transforms),
@@ -673,7 +667,7 @@ def _description_of(named: NamedTopic, profile: RobotProfile, tree: TransformTre
 
 
 def _joints(message: Any, names: tuple[str, str]) -> str:
-    known = joint_messages.decode_joint_state(message).positions
+    known = message_conversion.decode_joint_state(message).positions
     lacking = [joint for joint in names if joint not in known]
     # Joints may be spread over several messages, so one without them proves nothing.
     if not lacking:
@@ -784,7 +778,7 @@ def _transforms(message: Any) -> str:
 
 
 def _path(message: Any) -> str:
-    return localized(QT_TR_NOOP("{number} points."), number=len(navigation_messages.decode_path(message).points_m))
+    return localized(QT_TR_NOOP("{number} points."), number=len(message_conversion.decode_path(message).points_m))
 
 
 _DESCRIPTIONS: dict[str, Callable[[Any], str]] = {

@@ -16,7 +16,7 @@ from caris_desktop.domain.sensing import LaserScan, Odometry
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.footprint import Array, Footprint, transformed
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 
 SIDE_MARGIN_M = 0.05
 """Margin all around for the LIDAR's noise and for what sticks out above its plane."""

@@ -11,11 +11,15 @@ from caris_desktop.domain.events import HeadMoved
 from caris_desktop.domain.link_commands import MoveHead
 from caris_desktop.domain.sensing import HeadState
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.robot.profile import HeadInterface
+from caris_desktop.robot.profile_model import HeadInterface
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
 from caris_desktop.ros.dialect import Dialect, type_name
-from caris_desktop.ros.joint_messages import decode_joint_state, encode_joint_angles_with_speed, encode_joint_trajectory
+from caris_desktop.ros.message_conversion import (
+    decode_joint_state,
+    encode_joint_angles_with_speed,
+    encode_joint_trajectory,
+)
 
 # A controller that gets a new goal before starting the last one never moves smoothly.
 SEND_EVERY_S = 0.05

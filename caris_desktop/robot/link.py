@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 
 from caris_desktop.domain.ports import FrameWriter
 from caris_desktop.domain.value_class import Value
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 
 MOST_PIXELS = 2**24
 _CHECKED_WITHIN_S = 5.0

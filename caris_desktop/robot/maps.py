@@ -13,15 +13,16 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.link_commands import RequestMap, SetInitialPose
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
-from caris_desktop.robot.profile import MapServices, RobotProfile
+from caris_desktop.robot.profile_model import MapServices, RobotProfile
 from caris_desktop.robot.robot_checks import RobotInventory
 from caris_desktop.robot.transport import AnswerTooLargeError, RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
-from caris_desktop.ros.map_services import (
+from caris_desktop.ros.message_conversion import (
     LOCALIZE_AT_POSE,
     START_AT_FIRST_NODE,
     encode_deserialize_map,
     encode_load_map,
+    encode_pose_with_covariance_stamped,
     encode_save_map,
     encode_serialize_map,
     load_failure,
@@ -29,7 +30,6 @@ from caris_desktop.ros.map_services import (
     serialize_failure,
 )
 from caris_desktop.ros.message_fields import MessageError
-from caris_desktop.ros.navigation_messages import encode_initial_pose
 
 logger = logging.getLogger(__name__)
 
@@ -127,7 +127,7 @@ class RobotMaps:
             return QT_TR_NOOP("this robot's profile does not define a topic for it")
         if not all(math.isfinite(value) for value in (pose.x_m, pose.y_m, pose.heading_rad)):
             return QT_TR_NOOP("the position on the map is invalid")
-        message = encode_initial_pose(
+        message = encode_pose_with_covariance_stamped(
             self._dialect,
             pose,
             spread_m=command.spread_m,

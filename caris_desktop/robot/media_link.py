@@ -25,23 +25,28 @@ from caris_desktop.robot.clock_offset import OffsetEstimate
 from caris_desktop.robot.console_sender import ConsoleSender, ProblemReporter
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
-from caris_desktop.robot.profile import AudioInterface, CameraTopic, RobotProfile
+from caris_desktop.robot.profile_model import AudioInterface, CameraTopic, RobotProfile
 from caris_desktop.robot.sensors import CLOCK
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import MEDIA_SIZES, RosbridgeClient, RosbridgeTopic
-from caris_desktop.ros.audio_messages import (
+from caris_desktop.ros.dialect import Dialect, type_name
+from caris_desktop.ros.message_conversion import (
     AudioForm,
+    GridUpdate,
     decode_audio_data,
     decode_audio_info,
+    decode_camera_info,
+    decode_clock,
+    decode_compressed_image,
+    decode_image,
+    decode_occupancy_grid,
+    decode_occupancy_grid_update,
     encode_audio_data,
+    republish_advice,
     samples_of,
 )
-from caris_desktop.ros.dialect import Dialect, type_name
-from caris_desktop.ros.message_conversion import decode_camera_info, decode_compressed_image, decode_occupancy_grid
 from caris_desktop.ros.message_fields import MessageError
-from caris_desktop.ros.navigation_messages import GridUpdate, decode_clock, decode_occupancy_grid_update
-from caris_desktop.ros.raw_image import decode_image, republish_advice
 
 # It hardly ever changes, and rosbridge requires a throttle for a topic sent with every image.
 LENS_EVERY_MS = 2000

@@ -14,7 +14,7 @@ from caris_desktop.domain.link_commands import GoTo
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S, ActionClient, make_action_client
-from caris_desktop.robot.profile import NavigationServer
+from caris_desktop.robot.profile_model import NavigationServer
 from caris_desktop.robot.transport import RosbridgeClient
 from caris_desktop.ros.action_messages import (
     Ending,

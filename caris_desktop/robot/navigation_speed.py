@@ -11,7 +11,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import NavigationSpeedChanged, Problem
 from caris_desktop.domain.link_commands import LimitGoals
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.robot.profile import NavigationServer
+from caris_desktop.robot.profile_model import NavigationServer
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
 from caris_desktop.ros.message_conversion import NO_LIMIT, decode_reconfigured, encode_reconfigure, encode_speed_limit

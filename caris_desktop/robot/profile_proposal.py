@@ -10,7 +10,8 @@ from typing import Any
 
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import Value
-from caris_desktop.robot.profile import (
+from caris_desktop.robot.profile_model import (
+    MOST_CAMERAS,
     AudioInterface,
     CameraTopic,
     EmergencyStopInterface,
@@ -27,9 +28,8 @@ from caris_desktop.robot.profile import (
     TransformFrames,
     VelocityTopic,
 )
-from caris_desktop.robot.profile_model import MOST_CAMERAS
 from caris_desktop.ros.dialect import Dialect, same_type
-from caris_desktop.ros.raw_image import republish_advice
+from caris_desktop.ros.message_conversion import republish_advice
 
 _RAW_THROTTLE_MS = 100
 # Unknown dynamics: slow enough for a first try.

@@ -13,10 +13,10 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.bridge_process import start_s
-from caris_desktop.robot.profile import MapServices, RobotProfile, TopicSource
+from caris_desktop.robot.profile_model import MapServices, RobotProfile, TopicSource
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect, same_type, type_name
-from caris_desktop.ros.raw_image import republish_advice
+from caris_desktop.ros.message_conversion import republish_advice
 
 logger = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from caris_desktop.domain.link_commands import Say
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S, make_action_client
-from caris_desktop.robot.profile import SpeechAction, SpeechInterface
+from caris_desktop.robot.profile_model import SpeechAction, SpeechInterface
 from caris_desktop.robot.speaking_time import LONGEST_UTTERANCE_S, estimated_duration_s
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
 from caris_desktop.ros.action_messages import Ending

@@ -16,7 +16,7 @@ from caris_desktop.domain.events import UtteranceChanged
 from caris_desktop.domain.link_commands import Say
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S
-from caris_desktop.robot.profile import SpeechInterface, SpeechService, SpeechWeb
+from caris_desktop.robot.profile_model import SpeechInterface, SpeechService, SpeechWeb
 from caris_desktop.robot.robot_speech import (
     STARTED_UNTOLD_S,
     STARTS_WITHIN_S,

@@ -17,18 +17,19 @@ from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.link_measurement import LinkMeasurement
 from caris_desktop.robot.link_process import LinkReporter
 from caris_desktop.robot.localization import PoseTracker
-from caris_desktop.robot.profile import RobotProfile, TopicSource
+from caris_desktop.robot.profile_model import RobotProfile, TopicSource
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.message_conversion import (
     decode_battery_state,
+    decode_clock,
     decode_laser_scan,
     decode_odometry,
+    decode_path,
     decode_pose_with_covariance_stamped,
     decode_tf_message,
 )
-from caris_desktop.ros.navigation_messages import decode_clock, decode_path
 
 logger = logging.getLogger(__name__)
 

@@ -72,7 +72,7 @@ from caris_desktop.robot.bridge_socket import (
     WaitingOperation,
 )
 from caris_desktop.robot.bridge_wire import CONTROL_TIMINGS, Timings, Wire, explain_failure
-from caris_desktop.robot.profile import SecuritySettings
+from caris_desktop.robot.profile_model import SecuritySettings
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.ros.definitions import cbor_carries
 from caris_desktop.ros.message_fields import MessageError

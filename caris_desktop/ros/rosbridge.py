@@ -24,41 +24,15 @@ MAX_DEPTH = 60
 _MAX_FRAGMENTS = 100_000
 _MAX_PENDING_MESSAGES = 16
 
+# RFC 8746, section 2.1: the bits of a tag are its kind, byte order and size. 76 and 83 are none of its types here.
 _DTYPE_OF_TAG = {
-    64: ">u1",
-    65: ">u2",
-    66: ">u4",
-    67: ">u8",
-    68: ">u1",
-    69: "<u2",
-    70: "<u4",
-    71: "<u8",
-    72: ">i1",
-    73: ">i2",
-    74: ">i4",
-    75: ">i8",
-    77: "<i2",
-    78: "<i4",
-    79: "<i8",
-    80: ">f2",
-    81: ">f4",
-    82: ">f8",
-    84: "<f2",
-    85: "<f4",
-    86: "<f8",
+    tag: f"{'<' if tag & 4 else '>'}{'f' if tag & 16 else 'i' if tag & 8 else 'u'}{(2 if tag & 16 else 1) << (tag & 3)}"
+    for tag in range(64, 87)
+    if tag not in (76, 83)
 }
+# Little-endian. 68 is uint8 as well, clamped.
 _TAG_OF_DTYPE = {
-    "uint8": 64,
-    "uint16": 69,
-    "uint32": 70,
-    "uint64": 71,
-    "int8": 72,
-    "int16": 77,
-    "int32": 78,
-    "int64": 79,
-    "float16": 84,
-    "float32": 85,
-    "float64": 86,
+    np.dtype(form).name: tag for tag, form in _DTYPE_OF_TAG.items() if tag != 68 and (form[0] == "<" or form[2] == "1")
 }
 # Text of each int8, padded, in the order of the bytes 0 to 255: a map is written by table lookup.
 _INT8_TEXTS = np.frombuffer(

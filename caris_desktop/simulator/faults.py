@@ -8,7 +8,7 @@ from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.value_class import Value
 
 MAX_LATENCY_MS = 10_000.0
-_AMOUNTS = {
+_AMOUNTS: dict[str, tuple[str, float, float, float]] = {
     # field, least, most, and how many of its units are one of the field's
     "latency": ("latency_s", 0.0, MAX_LATENCY_MS, 1000.0),
     "throttle_kbps": ("rate_kbps", 1.0, 1e9, 1.0),
@@ -84,7 +84,8 @@ def inject(faults: Faults, command: str) -> Injection:
     name, _, argument = command.strip().partition(":")
     if name in _AMOUNTS:
         key, least, most, units = _AMOUNTS[name]
-        return Injection(replace(faults, **{key: _amount(argument, name, most, least=least) / units}))
+        changed: dict[str, Any] = {key: _amount(argument, name, most, least=least) / units}
+        return Injection(replace(faults, **changed))
     if name == "malformed":
         return Injection(faults, malformed=int(_amount(argument, name, 10_000)))
     if name == "drop_link":

@@ -17,19 +17,26 @@ from caris_desktop.domain.geometry import Pose2D, Pose3D
 from caris_desktop.domain.sensing import BatteryState
 from caris_desktop.ros import action_messages, message_conversion
 from caris_desktop.ros.action_messages import GoalStatus
-from caris_desktop.ros.audio_messages import decode_audio_data, encode_audio_data, samples_of
 from caris_desktop.ros.dialect import Dialect
-from caris_desktop.ros.joint_messages import decode_joint_angles_with_speed, decode_joint_trajectory, encode_joint_state
-from caris_desktop.ros.map_services import LOCALIZE_AT_POSE, START_AT_GIVEN_POSE
 from caris_desktop.ros.message_conversion import (
+    LOCALIZE_AT_POSE,
     NO_LIMIT,
+    START_AT_GIVEN_POSE,
     Lens,
+    decode_audio_data,
+    decode_joint_angles_with_speed,
+    decode_joint_trajectory,
     decode_reconfigured,
     decode_speed_limit,
+    encode_audio_data,
+    encode_clock,
+    encode_joint_state,
+    encode_occupancy_grid_update,
+    encode_path,
     encode_reconfigure,
+    samples_of,
 )
 from caris_desktop.ros.message_fields import MessageError, count, message_of, number, part, text, text_or_empty, truth
-from caris_desktop.ros.navigation_messages import encode_clock, encode_occupancy_grid_update, encode_path
 from caris_desktop.simulator import faults as fault_commands
 from caris_desktop.simulator import typedefs
 from caris_desktop.simulator.faults import Faults

@@ -7,7 +7,7 @@ import numpy as np
 from caris_desktop.domain.sensing import FrameRef, HeadState, LaserScan
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 
 CLOSE_M = 0.6
 _AHEAD_RAD = math.radians(20.0)

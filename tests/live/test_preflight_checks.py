@@ -21,7 +21,8 @@ from caris_desktop.live.status import (
     VoiceStatus,
 )
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.robot.profile import RobotProfile, load_profile
+from caris_desktop.robot.profile import load_profile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import BlurSettings, ManualCheck, PanelLeaf, Permissions, Place, Scenario
 from caris_desktop.ui.preflight.preflight_words import state_words
 from tests.ui.samples import TOUR

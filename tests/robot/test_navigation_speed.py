@@ -8,7 +8,7 @@ from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import GoalChanged, NavigationSpeedChanged, Problem
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.link_commands import GoTo, LimitGoals
-from caris_desktop.robot.profile import NavigationServer, RobotProfile, SpeedLimitInterface
+from caris_desktop.robot.profile_model import NavigationServer, RobotProfile, SpeedLimitInterface
 from tests.robot.loop_bench import LoopBench, with_link
 
 PLANNER = "/move_base/DWAPlannerROS"

@@ -13,7 +13,7 @@ from caris_desktop.domain.events import Problem, UtteranceChanged
 from caris_desktop.domain.link_commands import Say, Silence
 from caris_desktop.robot import robot_speech, robot_speech_choice
 from caris_desktop.robot.action_client import FATE_UNKNOWN
-from caris_desktop.robot.profile import RobotProfile, SpeechInterface, SpeechService, SpeechWeb
+from caris_desktop.robot.profile_model import RobotProfile, SpeechInterface, SpeechService, SpeechWeb
 from caris_desktop.robot.speaking_time import estimated_duration_s
 from tests.robot.loop_bench import Bridge, LoopBench, with_link
 

@@ -30,7 +30,8 @@ from caris_desktop.robot import bridge_server, ros2_robot
 from caris_desktop.robot.bridge_process import BridgeProcess
 from caris_desktop.robot.bridge_security import LinkError
 from caris_desktop.robot.bridge_server import LAPSE_S, BridgeServer
-from caris_desktop.robot.profile import ProfileError, check_address, load_profile, parse_profile, profile_file
+from caris_desktop.robot.profile import load_profile, parse_profile, profile_file
+from caris_desktop.robot.profile_model import ProfileError, check_address
 from caris_desktop.ros.rosbridge import decode_cbor, decode_json
 from caris_desktop.ui.robot_dialog import names_plugin
 from tests.robot.link_bench import LinkProcess

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caris_desktop.ros.audio_messages import decode_audio_data, samples_of
+from caris_desktop.ros.message_conversion import decode_audio_data, samples_of
 from caris_desktop.simulator import simulated_speech
 from caris_desktop.simulator.faults import Faults
 from caris_desktop.simulator.robot_models import AudioTopics

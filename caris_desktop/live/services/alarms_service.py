@@ -14,7 +14,7 @@ from caris_desktop.live.service import Follows, Handlers, Service
 from caris_desktop.live.services.preflight_service import no_answer_advice
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import DriveStatus
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 
 BATTERY_LOW, BATTERY_WELL = 0.15, 0.20
 _SILENT_AFTER_S = 5.0

@@ -15,7 +15,7 @@ from caris_desktop.live.frame_ring import FrameRing, FrameRings
 from caris_desktop.live.service import ContextService, ServiceContext, SupervisedProcess
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.perception.cameras.camera_process import PlayVideo, StreamSound
-from caris_desktop.robot.profile import CameraTopic
+from caris_desktop.robot.profile_model import CameraTopic
 from caris_desktop.scenario.scenario_model import Scenario
 
 _log = logging.getLogger(__name__)

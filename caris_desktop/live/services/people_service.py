@@ -77,6 +77,7 @@ from caris_desktop.perception.inference_messages import (
     InferenceSettings,
 )
 from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import BlurWho, Scenario
 
 _TICK_S = 0.2

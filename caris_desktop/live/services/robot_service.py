@@ -58,7 +58,8 @@ from caris_desktop.live.services.people_service import PeopleService
 from caris_desktop.live.services.recording_service import RecordingService
 from caris_desktop.live.status import ControlStatus, LinkStatus, MapStatus
 from caris_desktop.robot.link import LinkSettings
-from caris_desktop.robot.profile import CameraTopic, RobotProfile, interface_names, profile_text
+from caris_desktop.robot.profile import profile_text
+from caris_desktop.robot.profile_model import CameraTopic, RobotProfile, interface_names
 from caris_desktop.scenario.scenario_model import Place, Scenario
 
 _log = logging.getLogger(__name__)

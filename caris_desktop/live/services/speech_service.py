@@ -38,7 +38,7 @@ from caris_desktop.live.service import (
 from caris_desktop.live.speech_queue import NO_VOICE, SpeechQueue, Voice, VoiceKind
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import VoiceStatus
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.phrases import sentences
 from caris_desktop.scenario.scenario_model import Scenario
 

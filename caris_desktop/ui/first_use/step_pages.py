@@ -14,7 +14,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.live.services.microphone_service import participant_microphone
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.preflight.preflight_list import PreflightRow
 from caris_desktop.ui.robot_choice import RobotChooser

@@ -21,7 +21,7 @@ from caris_desktop.live.services.cameras_service import CameraSelection, Cameras
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import PerceptionStatus
 from caris_desktop.perception.cameras.camera_process import PlayVideo
-from caris_desktop.robot.profile import CameraTopic
+from caris_desktop.robot.profile_model import CameraTopic
 from caris_desktop.scenario.scenario_model import PanelLeaf, Scenario
 from tests.support.service_context import context_of
 

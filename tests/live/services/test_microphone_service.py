@@ -27,7 +27,7 @@ from caris_desktop.live.services import microphone_service
 from caris_desktop.live.services.microphone_service import MicrophoneAdapters, MicrophoneChoice, MicrophoneService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus, MicrophoneStatus, RecordingStatus
-from caris_desktop.robot.profile import AudioInterface, RobotProfile
+from caris_desktop.robot.profile_model import AudioInterface, RobotProfile
 from caris_desktop.scenario.scenario_model import PanelLeaf, Permissions, Scenario, SoundSettings
 from tests.live.bodies import echo
 from tests.support.service_context import context_of

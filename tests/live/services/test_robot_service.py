@@ -34,7 +34,7 @@ from caris_desktop.live.services.cameras_service import CameraSelection, OwnCame
 from caris_desktop.live.services.robot_service import RobotConnection, RobotService
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.link import LinkSettings
-from caris_desktop.robot.profile import CameraTopic, RobotProfile, VelocityTopic
+from caris_desktop.robot.profile_model import CameraTopic, RobotProfile, VelocityTopic
 from caris_desktop.scenario.scenario_model import PanelLeaf, Place, Scenario
 from tests.support.service_context import context_of
 

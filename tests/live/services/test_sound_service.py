@@ -32,7 +32,7 @@ from caris_desktop.live.services import sound_service
 from caris_desktop.live.services.sound_service import SoundAdapters, SoundService
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import MicrophoneStatus, SpeechStatus
-from caris_desktop.robot.profile import AudioInterface, RobotProfile
+from caris_desktop.robot.profile_model import AudioInterface, RobotProfile
 from caris_desktop.scenario.scenario_model import PanelLeaf, Permissions, Scenario, SoundSettings
 from tests.live.bodies import echo
 from tests.support.service_context import context_of

@@ -37,7 +37,7 @@ from caris_desktop.live.services.speech_service import SpeechService
 from caris_desktop.live.speech_queue import VoiceKind
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import LinkStatus
-from caris_desktop.robot.profile import RobotProfile, SpeechInterface
+from caris_desktop.robot.profile_model import RobotProfile, SpeechInterface
 from caris_desktop.scenario.scenario_file import load_scenario
 from tests.live.bodies import voice
 from tests.support.service_context import context_of
