@@ -38,11 +38,11 @@ from caris_desktop.robot.navigation_client import Navigator
 from caris_desktop.robot.navigation_speed import NavigationSpeed
 from caris_desktop.robot.profile_model import RobotProfile, interface_names
 from caris_desktop.robot.robot_checks import list_inventory, missing_from, nothing_is_missing, problem_of_missing
-from caris_desktop.robot.robot_speech_choice import RobotSpeech
+from caris_desktop.robot.robot_speech import robot_voice
 from caris_desktop.robot.sensors import Sensors
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.traffic import TrafficMeter
-from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
+from caris_desktop.robot.transport import LinkObserver, RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.robot.unread import UnreadCommands
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.message_conversion import decode_twist, decode_twist_stamped, encode_twist, encode_twist_stamped
@@ -69,7 +69,7 @@ INVENTORY_AGAIN_S = (3.0, 5.0, 10.0, 20.0, 30.0)
 """Pauses before a robot that lacks something is asked again: nodes start one after another."""
 
 
-class ControlLink:
+class ControlLink(LinkObserver):
     """Everything that must not wait for images. Lives on one asyncio loop; a ``link_process.Link``."""
 
     def __init__(
@@ -140,7 +140,7 @@ class ControlLink:
         self._goal_speed = NavigationSpeed(
             self._ros, self._dialect, profile.navigation, emit=self._put, in_background=self._in_background
         )
-        self._voice = RobotSpeech(self._ros, self._dialect, profile.speech, emit=self._put)
+        self._voice = robot_voice(self._ros, self._dialect, profile.speech, emit=self._put)
         self._watched = SubscriptionWatchdog(self._ros, self._dialect, report=self._put)
         self._head = RobotHead(self._ros, self._dialect, profile.head, self._watched, emit=self._put)
         self._controls = RobotControls(

@@ -14,7 +14,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.profile_model import HeadInterface
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
-from caris_desktop.ros.dialect import Dialect, type_name
+from caris_desktop.ros.dialect import Dialect, package_and_name, type_name
 from caris_desktop.ros.message_conversion import (
     decode_joint_state,
     encode_joint_angles_with_speed,
@@ -59,12 +59,8 @@ class RobotHead:
         self._held = False
         if head is None:
             return
-        package, message = (
-            ("trajectory_msgs", "JointTrajectory")
-            if head.kind == "joint_trajectory"
-            else ("naoqi_bridge_msgs", "JointAnglesWithSpeed")
-        )
-        self._command = RosbridgeTopic(ros, head.topic, type_name(dialect, package, message), queue_size=1)
+        command_type = type_name(dialect, *package_and_name(head.command_type))
+        self._command = RosbridgeTopic(ros, head.topic, command_type, queue_size=1)
         self._command.advertise()
         states = RosbridgeTopic(
             ros, head.joint_states, type_name(dialect, "sensor_msgs", "JointState"), queue_length=5, every_message=True

@@ -29,7 +29,7 @@ from caris_desktop.robot.profile_model import AudioInterface, CameraTopic, Robot
 from caris_desktop.robot.sensors import CLOCK
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.traffic import TrafficMeter
-from caris_desktop.robot.transport import MEDIA_SIZES, RosbridgeClient, RosbridgeTopic
+from caris_desktop.robot.transport import MEDIA_SIZES, LinkObserver, RosbridgeClient, RosbridgeTopic
 from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.message_conversion import (
     AudioForm,
@@ -206,7 +206,7 @@ class Mp3Stream:
 logger = logging.getLogger(__name__)
 
 
-class MediaLink:
+class MediaLink(LinkObserver):
     """Bulk data on a separate socket and process, where decoding delays nothing else."""
 
     def __init__(self, profile: RobotProfile, address: str, outbox: ConsoleSender, frames: FrameWriter) -> None:

@@ -319,6 +319,12 @@ class EmergencyStopInterface(Value):
         return bool(self.service or self.set_service or self.command_topic)
 
 
+HEAD_TYPES = {
+    "joint_trajectory": "trajectory_msgs/JointTrajectory",
+    "joint_angles": "naoqi_bridge_msgs/JointAnglesWithSpeed",
+}
+
+
 class HeadInterface(Value):
     """A head that pans (left positive) and tilts (down positive)."""
 
@@ -341,6 +347,11 @@ class HeadInterface(Value):
     )
     pan_sign: Annotated[_Sign, FieldSpec("-1 if the joint turns right for a positive angle.")] = 1
     tilt_sign: Annotated[_Sign, FieldSpec("-1 if the joint tilts up for a positive angle.")] = 1
+
+    @property
+    def command_type(self) -> str:
+        """Message type of its topic."""
+        return HEAD_TYPES[self.kind]
 
 
 class MapServices(Value):

@@ -11,6 +11,7 @@ from typing import Any
 from caris_desktop.domain.translation import QT_TR_NOOP, joined, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.profile_model import (
+    HEAD_TYPES,
     MOST_CAMERAS,
     AudioInterface,
     CameraTopic,
@@ -321,10 +322,6 @@ _STOP_SERVICES = (("std_srvs/SetBool", "data"), ("irobot_create_msgs/EStop", "e_
 # Switching off the motors stops the robot.
 _SWITCH_WORDS = re.compile(r"motors?_?(power|enabled?)|enable_motors?", re.IGNORECASE)
 _PAIRED_SERVICES = ("std_srvs/Trigger", "std_srvs/Empty")
-_HEAD_TYPES = {
-    "trajectory_msgs/JointTrajectory": "joint_trajectory",
-    "naoqi_bridge_msgs/JointAnglesWithSpeed": "joint_angles",
-}
 _PAN_JOINTS = ("head_1_joint", "headyaw", "head_pan_joint", "head_pan", "head_yaw", "pan_joint", "neck_pan")
 _TILT_JOINTS = ("head_2_joint", "headpitch", "head_tilt_joint", "head_tilt", "head_pitch", "tilt_joint", "neck_tilt")
 
@@ -415,7 +412,7 @@ class _Ranking:
         joints = _head_joints(self._offer)
         found = []
         for topic, found_type in self._offer.topics.items():
-            kind = next((kind for known, kind in _HEAD_TYPES.items() if same_type(found_type, known)), None)
+            kind = next((kind for kind, known in HEAD_TYPES.items() if same_type(found_type, known)), None)
             if kind is None or (kind == "joint_trajectory" and "head" not in topic.lower() and "neck" not in topic):
                 continue
             if joints is None:

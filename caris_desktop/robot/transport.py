@@ -49,7 +49,7 @@ import ssl
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import roslibpy
 from roslibpy.core import GoalStatus
@@ -112,8 +112,8 @@ CONTROL_SIZES = SizeLimits(message_bytes=4 * 2**20, frame_bytes=64 * 2**20)
 MEDIA_SIZES = SizeLimits(message_bytes=64 * 2**20, frame_bytes=256 * 2**20)
 
 
-class LinkObserver(Protocol):
-    """Receiver of connection events. All calls come on the loop."""
+class LinkObserver:
+    """Receiver of connection events, of which it overrides what it needs. All calls come on the loop."""
 
     def link_connected(self) -> None:
         """Connected, and all subscriptions and advertisements are re-established."""
