@@ -160,20 +160,13 @@ class MessageTypes:
 
 
 @dataclass(slots=True)
-class _Goal:
-    """Goal sent by a control."""
-
-    command: UseControl
-    answered: bool = False
-
-
-@dataclass(slots=True)
 class _Server:
     """Action server used by controls, with our goals. A ``GoalListener``."""
 
     emit: Callable[[UseControl, RequestState, str], None]
     client: ActionClient | None = None
-    goals: dict[str, _Goal] = field(default_factory=dict)
+    goals: dict[str, UseControl] = field(default_factory=dict)
+    answered: set[str] = field(default_factory=set)
     lost: tuple[str, ...] = ()
 
     def cancel(self, wire_id: str) -> None:
@@ -185,16 +178,16 @@ class _Server:
 
     def goal_active(self, wire_id: str) -> None:
         if wire_id in self.goals:
-            self.goals[wire_id].answered = True
+            self.answered.add(wire_id)
 
     def goal_feedback(self, wire_id: str, _: Message) -> None:
         self.goal_active(wire_id)
 
     def goal_ended(self, wire_id: str, ending: Ending, detail: str) -> None:
-        goal = self.goals.pop(wire_id, None)
-        if goal is not None:
+        command = self.goals.pop(wire_id, None)
+        if command is not None:
             state: RequestState = "succeeded" if ending == "reached" else "failed"
-            self.emit(goal.command, state, detail or (QT_TR_NOOP("it was cancelled") if ending == "cancelled" else ""))
+            self.emit(command, state, detail or (QT_TR_NOOP("it was cancelled") if ending == "cancelled" else ""))
 
 
 class RobotControls:
@@ -266,7 +259,7 @@ class RobotControls:
         actions = {(effect.action, effect.type) for effect in effects if isinstance(effect, SendActionGoal)}
         for key in [key for key in self._servers if key not in actions]:
             server = self._servers.pop(key)
-            self._fail_goals(server, QT_TR_NOOP("the scenario has changed"), cancel=True)
+            self._fail_goals(server, QT_TR_NOOP("the scenario has changed"))
             if server.client is not None:
                 server.client.close()
         for action, type_ in actions - self._servers.keys():
@@ -306,7 +299,7 @@ class RobotControls:
     def cancel_goals(self, reason: str) -> None:
         """Cancel the goals of controls."""
         for server in self._servers.values():
-            self._fail_goals(server, reason, cancel=True)
+            self._fail_goals(server, reason)
 
     def cancel_left_goals(self) -> None:
         """Cancel goals left by a process that crashed."""
@@ -426,35 +419,33 @@ class RobotControls:
         if wire_id is None:
             self._notify(command, "failed", QT_TR_NOOP("the robot is not connected"))
             return
-        server.goals[wire_id] = _Goal(command)
+        server.goals[wire_id] = command
         # A goal without a server gets no answer; through rosbridge neither does a refused goal of ROS 2.
         self._loop.call_later(NO_ANSWER_S, lambda: self._give_up(server, wire_id))
 
     def _give_up(self, server: _Server, wire_id: str) -> None:
-        goal = server.goals.get(wire_id)
-        if goal is not None and not goal.answered and wire_id not in server.lost:
-            del server.goals[wire_id]
+        if wire_id in server.goals.keys() - server.answered - set(server.lost):
+            command = server.goals.pop(wire_id)
             server.cancel(wire_id)
             late = translation.localized(
                 QT_TR_NOOP("the robot did not respond within {time} s"), time=f"{NO_ANSWER_S:g}"
             )
-            self._notify(goal.command, "failed", late)
+            self._notify(command, "failed", late)
 
     def _give_up_lost(self, server: _Server, wire_id: str) -> None:
         if not self._ros.is_connected:
             self._give_up_fate(server, wire_id)
 
     def _give_up_fate(self, server: _Server, wire_id: str) -> None:
-        goal = server.goals.pop(wire_id, None)
-        if goal is not None:
-            self._notify(goal.command, "failed", FATE_UNKNOWN)
+        command = server.goals.pop(wire_id, None)
+        if command is not None:
+            self._notify(command, "failed", FATE_UNKNOWN)
 
-    def _fail_goals(self, server: _Server, detail: str, *, cancel: bool) -> None:
+    def _fail_goals(self, server: _Server, detail: str) -> None:
         goals, server.goals = server.goals, {}
-        for wire_id, goal in goals.items():
-            if cancel:
-                server.cancel(wire_id)
-            self._notify(goal.command, "failed", detail)
+        for wire_id, command in goals.items():
+            server.cancel(wire_id)
+            self._notify(command, "failed", detail)
 
     def _notify(self, command: UseControl, state: RequestState, detail: str) -> None:
         self._emit(

@@ -23,7 +23,6 @@ from caris_desktop.domain.events import (
 from caris_desktop.domain.geometry import ZERO_TWIST, Twist2D
 from caris_desktop.domain.sensing import LaserScan, Odometry, RobotPose
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.robot.console_sender import ConsoleSender
 from caris_desktop.robot.control_interfaces import RobotControls
 from caris_desktop.robot.emergency_stop import EmergencyStop
 from caris_desktop.robot.guard import GuardChangeDetector, GuardLimit, ObstacleGuard
@@ -31,11 +30,10 @@ from caris_desktop.robot.handled_operations import HANDLED_TOPIC, HandledOperati
 from caris_desktop.robot.head_control import RobotHead
 from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, LeasedTwist, MotionLease
 from caris_desktop.robot.link_measurement import LinkMeasurement
-from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
+from caris_desktop.robot.link_process import GOODBYE_S, ConsoleSender, LinkReporter
 from caris_desktop.robot.maps import RobotMaps
 from caris_desktop.robot.movement_check import MovementCheck
-from caris_desktop.robot.navigation_client import Navigator
-from caris_desktop.robot.navigation_speed import NavigationSpeed
+from caris_desktop.robot.navigation_client import NavigationSpeed, Navigator
 from caris_desktop.robot.profile_model import RobotProfile, interface_names
 from caris_desktop.robot.robot_checks import list_inventory, missing_from, nothing_is_missing, problem_of_missing
 from caris_desktop.robot.robot_speech import robot_voice
@@ -568,14 +566,11 @@ class ControlLink(LinkObserver):
 
     async def _find_publishers(self) -> None:
         try:
-            answer = await self._ros.ask(
-                "/rosapi/publishers", "rosapi/Publishers", {"topic": self._profile.velocity.topic}
-            )
+            names = await self._ros.nodes("publishers", self._profile.velocity.topic)
         except ServiceCallError as error:
             logger.info("Who publishes velocities is not known: %s", error)
             return
-        names = answer.get("publishers")
-        found = tuple(sorted(name for name in names if isinstance(name, str))) if isinstance(names, list) else ()
+        found = tuple(sorted(names))
         if self._connected and found != self._reported_movement.publishers:
             self._report_movement(replace(self._reported_movement, stamp_ns=now_ns(), publishers=found[:10]))
 

@@ -182,18 +182,18 @@ async def list_offer(ros: RosbridgeClient) -> RobotOffer:
     # Most informative types first: a large robot has hundreds of topics, with two queries each.
     ranked = sorted((_interest(kind), topic) for topic, kind in inventory.topics.items() if _interest(kind) is not None)
     topics = [topic for _rank, topic in ranked[:_MAX_REQUESTS]]
-    publishers = await _count_nodes(ros, topics, "publishers")
-    subscribers = await _count_nodes(ros, topics, "subscribers")
+    publishers = await asyncio.gather(*(_nodes(ros, "publishers", topic) for topic in topics))
+    subscribers = await asyncio.gather(*(_nodes(ros, "subscribers", topic) for topic in topics))
     # A topic with neither has nodes unknown to rosapi.
-    used = [topic for topic in topics if publishers[topic] or subscribers[topic]]
+    used = [found for found in zip(topics, publishers, subscribers, strict=True) if found[1] or found[2]]
     return RobotOffer(
         inventory.topics,
         services,
         actions,
         dialect,
         distribution,
-        publishers={topic: publishers[topic] for topic in used},
-        subscribers={topic: subscribers[topic] for topic in used},
+        publishers={topic: len(names) for topic, names, _ in used},
+        subscribers={topic: len(names) for topic, _, names in used},
     )
 
 
@@ -343,26 +343,11 @@ async def _ros_version(ros: RosbridgeClient) -> tuple[Dialect | None, str]:
     return dialect, distribution if isinstance(distribution, str) else ""
 
 
-async def _ask(ros: RosbridgeClient, service: str, key: str, /, **arguments: str) -> Any:
-    """Field ``key`` of rosapi's answer; None if it does not know the query."""
-    try:
-        return (await ros.ask(f"/rosapi/{service}", f"rosapi/{service}", arguments)).get(key)
-    except ServiceCallError as error:
-        logger.debug("rosapi: %s", error)
-        return None
-
-
-async def _nodes(ros: RosbridgeClient, service: Literal["publishers", "subscribers"], topic: str) -> list[str]:
+async def _nodes(ros: RosbridgeClient, kind: Literal["publishers", "subscribers"], topic: str) -> list[str]:
     """Nodes at a topic; empty if unknown."""
-    names = await _ask(ros, service, service, topic=topic)
-    return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
-
-
-async def _count_nodes(
-    ros: RosbridgeClient, topics: list[str], service: Literal["publishers", "subscribers"]
-) -> dict[str, int]:
-    node_lists = await asyncio.gather(*(_nodes(ros, service, topic) for topic in topics))
-    return {topic: len(nodes) for topic, nodes in zip(topics, node_lists, strict=True)}
+    with contextlib.suppress(ServiceCallError):
+        return await ros.nodes(kind, topic)
+    return []
 
 
 def _actionlib_servers(topics: Mapping[str, str]) -> dict[str, str]:
@@ -377,7 +362,11 @@ def _actionlib_servers(topics: Mapping[str, str]) -> dict[str, str]:
 
 async def _type_of(ros: RosbridgeClient, kind: Literal["service", "action"], name: str) -> str:
     """Type of a service or action from rosapi; empty if unknown."""
-    found = await _ask(ros, f"{kind}_type", "type", **{kind: name})
+    try:
+        found = (await ros.ask(f"/rosapi/{kind}_type", f"rosapi/{kind.capitalize()}Type", {kind: name})).get("type")
+    except ServiceCallError as error:
+        logger.debug("rosapi: %s", error)
+        return ""
     return found if isinstance(found, str) else ""
 
 

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
+from caris_desktop.domain import clock
 from caris_desktop.domain.clock import now_ns
 from caris_desktop.domain.events import LOST_ON_THE_WAY, OVERTAKEN, Gap, LinkQuality
 from caris_desktop.robot.clock_offset import ClockOffset, OffsetEstimate
@@ -100,6 +101,16 @@ class LinkMeasurement:
     def offset_at(self, session_ns: int) -> OffsetEstimate | None:
         """Robot clock minus session clock at a time not before the last sample."""
         return self._clock.at(session_ns)
+
+    def measured_ns(self, robot_stamp_ns: int | None, arrival_ns: int) -> tuple[int | None, int]:
+        """Session time of a robot's stamp, None if unusable, and its uncertainty in ns."""
+        offset = self._clock.at(arrival_ns)
+        if offset is None:
+            return None, 0
+        measured_ns = clock.measured_ns(
+            robot_stamp_ns, arrival_ns=arrival_ns, offset_ns=offset.offset_ns, uncertainty_ns=offset.uncertainty_ns
+        )
+        return measured_ns, offset.uncertainty_ns
 
     def add_round_trip(self, round_trip_s: float) -> None:
         """Add a ping's round trip."""

@@ -16,15 +16,13 @@ from caris_desktop.domain.events import Problem
 from caris_desktop.domain.link_commands import PlayOnRobot
 from caris_desktop.domain.picture_checks import PictureError, decode_compressed, fitted
 from caris_desktop.domain.ports import FrameWriter
-from caris_desktop.domain.sensing import AudioChunk, CameraLens, FrameRef, OccupancyGrid
+from caris_desktop.domain.sensing import AudioChunk, CameraLens, OccupancyGrid
 from caris_desktop.domain.sound_clock import SoundClock
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.bridge_wire import MEDIA_TIMINGS
-from caris_desktop.robot.clock_offset import OffsetEstimate
-from caris_desktop.robot.console_sender import ConsoleSender, ProblemReporter
 from caris_desktop.robot.link_measurement import LinkMeasurement
-from caris_desktop.robot.link_process import GOODBYE_S, LinkReporter
+from caris_desktop.robot.link_process import GOODBYE_S, ConsoleSender, LinkReporter, ProblemReporter
 from caris_desktop.robot.profile_model import AudioInterface, CameraTopic, RobotProfile
 from caris_desktop.robot.sensors import CLOCK
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
@@ -69,13 +67,13 @@ class RobotSound:
         *,
         put: Callable[[AudioChunk], None],
         problems: ProblemReporter,
-        offset_at: Callable[[int], OffsetEstimate | None],
+        measurement: LinkMeasurement,
     ) -> None:
         self._ros = ros
         self._interface = interface
         self._put = put
         self._problems = problems
-        self._offset_at = offset_at
+        self._measurement = measurement
         self._form = AudioForm(interface.format, interface.rate_hz, interface.channels)
         self._clock = SoundClock()
         self._mp3: Mp3Stream | None = None
@@ -140,7 +138,7 @@ class RobotSound:
             return
         length_ns = len(samples) * 1_000_000_000 // rate_hz
         stamp_ns, missing_ns = self._clock.stamp(arrival_ns=arrival_ns, length_ns=length_ns)
-        stamp_ns = self._by_robot(packet.robot_stamp_ns, arrival_ns) or stamp_ns
+        stamp_ns = self._measurement.measured_ns(packet.robot_stamp_ns, arrival_ns)[0] or stamp_ns
         if missing_ns:
             self._problems.count(
                 "missing sound",
@@ -153,14 +151,6 @@ class RobotSound:
                 advice=QT_TR_NOOP("If this happens often, check the robot's network."),
             )
         self._put(AudioChunk(stamp_ns, ROBOT_MICROPHONE, rate_hz, samples))
-
-    def _by_robot(self, robot_stamp_ns: int | None, arrival_ns: int) -> int | None:
-        offset = self._offset_at(arrival_ns)
-        if offset is None:
-            return None
-        return clock.measured_ns(
-            robot_stamp_ns, arrival_ns=arrival_ns, offset_ns=offset.offset_ns, uncertainty_ns=offset.uncertainty_ns
-        )
 
     def _samples(self, content: bytes) -> tuple[NDArray[np.int16], int]:
         if self._form.coding == "wave":
@@ -247,7 +237,7 @@ class MediaLink(LinkObserver):
         if profile.audio is not None:
             self._sound = RobotSound(
                 self._ros, dialect, profile.audio,
-                put=self._put, problems=self._report.problems, offset_at=self._measurement.offset_at,
+                put=self._put, problems=self._report.problems, measurement=self._measurement,
             )  # fmt: skip
         self._merger = MapMerger()
         self._map_due: asyncio.TimerHandle | None = None
@@ -335,7 +325,10 @@ class MediaLink(LinkObserver):
         except PictureError as error:
             problem = localized(QT_TR_NOOP("the last one {why}"), why=error)
         else:
-            self._put(self._with_its_moment(ref))
+            taken_ns, uncertainty_ns = self._measurement.measured_ns(ref.robot_stamp_ns, ref.stamp_ns)
+            if taken_ns is not None:
+                ref = replace(ref, taken_ns=taken_ns, taken_uncertainty_ns=uncertainty_ns)
+            self._put(ref)
             if camera.type == "Image":
                 self._advise(camera, image_bgr)
             return
@@ -350,18 +343,6 @@ class MediaLink(LinkObserver):
             meaning=QT_TR_NOOP("The video freezes or stutters."),
             advice=localized(QT_TR_NOOP("Check what the robot publishes on {topic}."), topic=camera.topic),
         )
-
-    def _with_its_moment(self, ref: FrameRef) -> FrameRef:
-        offset = self._measurement.offset_at(ref.stamp_ns)
-        if offset is None:
-            return ref
-        taken_ns = clock.measured_ns(
-            ref.robot_stamp_ns,
-            arrival_ns=ref.stamp_ns,
-            offset_ns=offset.offset_ns,
-            uncertainty_ns=offset.uncertainty_ns,
-        )
-        return ref if taken_ns is None else replace(ref, taken_ns=taken_ns, taken_uncertainty_ns=offset.uncertainty_ns)
 
     def _advise(self, camera: CameraTopic, image_bgr: NDArray[np.uint8]) -> None:
         """Recommend compression once the load is known: uncompressed images are avoidable."""

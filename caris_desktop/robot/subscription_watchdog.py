@@ -115,11 +115,10 @@ class SubscriptionWatchdog:
 
     async def _is_published(self, topic: str) -> bool:
         try:
-            answer = await self._ros.ask("/rosapi/publishers", "rosapi/Publishers", {"topic": topic})
+            return bool(await self._ros.nodes("publishers", topic))
         except ServiceCallError as error:
             logger.debug("Who publishes %s is not known: %s", topic, error)
             return False
-        return bool(answer.get("publishers"))
 
     def _change_subscription(self, listener: _Listener) -> None:
         if listener.encoding == "back":

@@ -49,7 +49,7 @@ import ssl
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 import roslibpy
 from roslibpy.core import GoalStatus
@@ -930,6 +930,11 @@ class RosbridgeClient(roslibpy.Ros):  # type: ignore[misc]  # roslibpy has no ty
             operation["timeout"] = timeout_s
         self.call_async_service(operation, succeed, fail, timeout_s)
         return answer
+
+    async def nodes(self, kind: Literal["publishers", "subscribers"], topic: str) -> list[str]:
+        """Nodes at a topic, as rosapi reports them. Raises ServiceCallError."""
+        names = (await self.ask(f"/rosapi/{kind}", f"rosapi/{kind.capitalize()}", {"topic": topic})).get(kind)
+        return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
 
     @property
     def arrival_ns(self) -> int:

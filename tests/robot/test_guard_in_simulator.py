@@ -14,8 +14,7 @@ from caris_desktop.domain.events import GuardChanged
 from caris_desktop.domain.geometry import ZERO_TWIST, Pose2D, Twist2D, wrap_angle
 from caris_desktop.domain.link_commands import Release
 from caris_desktop.domain.sensing import LaserScan, Odometry, lidar_mounting
-from caris_desktop.robot.footprint import Footprint, transformed
-from caris_desktop.robot.guard import GuardLimit, ObstacleGuard
+from caris_desktop.robot.guard import Footprint, GuardLimit, ObstacleGuard, transformed
 from caris_desktop.robot.lease import MotionLease
 from caris_desktop.robot.profile import load_profile
 from caris_desktop.robot.profile_model import FloorOutline, MotionLimits, RobotProfile
