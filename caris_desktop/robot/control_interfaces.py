@@ -114,9 +114,8 @@ def value_at(message: Any, path: Path, scale: float) -> ControlValue | None:
 class MessageTypes:
     """Type definitions of one robot: queried once per connection, else the known standard ones."""
 
-    def __init__(self, ros: RosbridgeClient, dialect: Dialect) -> None:
+    def __init__(self, ros: RosbridgeClient) -> None:
         self._ros = ros
-        self._dialect = dialect
         self._learnt: dict[tuple[TypeKind, str], asyncio.Task[Definition | None]] = {}
 
     def forget(self) -> None:
@@ -144,13 +143,13 @@ class MessageTypes:
 
     async def _learn(self, kind: TypeKind, type_: str) -> Definition | None:
         package, name = action_package_and_name(type_) if kind == "goal" else package_and_name(type_)
-        service, spelled = "message_details", type_name(self._dialect, package, name)
+        service, spelled = "message_details", type_name(self._ros.dialect, package, name)
         if kind == "service":
-            service, spelled = "service_request_details", service_type_name(self._dialect, package, name)
-        elif kind == "goal" and self._dialect is Dialect.ROS1:
-            spelled = type_name(self._dialect, package, f"{name}Goal")
+            service, spelled = "service_request_details", service_type_name(self._ros.dialect, package, name)
+        elif kind == "goal" and self._ros.dialect is Dialect.ROS1:
+            spelled = type_name(self._ros.dialect, package, f"{name}Goal")
         elif kind == "goal":
-            service, spelled = "action_goal_details", action_type_name(self._dialect, package, name)
+            service, spelled = "action_goal_details", action_type_name(self._ros.dialect, package, name)
         try:
             answer = await self._ros.ask(f"/rosapi/{service}", f"rosapi/{service}", {"type": spelled})
             return definition_from_rosapi(answer.get("typedefs"))
@@ -200,7 +199,6 @@ class RobotControls:
     def __init__(
         self,
         ros: RosbridgeClient,
-        dialect: Dialect,
         profile_controls: tuple[RobotControl, ...],
         watched: SubscriptionWatchdog,
         *,
@@ -212,14 +210,13 @@ class RobotControls:
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._ros = ros
-        self._dialect = dialect
         self._profile_controls = profile_controls
         self._robot = robot
         self._velocity_topic = velocity_topic
         self._emit = emit
         self._unusable = unusable
         self._in_background = in_background
-        self._types = MessageTypes(ros, dialect)
+        self._types = MessageTypes(ros)
         self._watched = watched
         self._controls: dict[str, RobotControl] = {}
         self._publishers: dict[tuple[str, str], RosbridgeTopic] = {}
@@ -253,7 +250,7 @@ class RobotControls:
             self._publishers.pop(key).unadvertise()
         for topic, type_ in topics - self._publishers.keys():
             # In advance: a publisher reaches its subscribers with a delay.
-            publisher = RosbridgeTopic(self._ros, topic, self._spelled(type_))
+            publisher = RosbridgeTopic(self._ros, topic, type_)
             publisher.advertise()
             self._publishers[topic, type_] = publisher
         actions = {(effect.action, effect.type) for effect in effects if isinstance(effect, SendActionGoal)}
@@ -264,7 +261,7 @@ class RobotControls:
                 server.client.close()
         for action, type_ in actions - self._servers.keys():
             server = self._servers[action, type_] = _Server(self._notify)
-            server.client = make_action_client(self._ros, self._dialect, action, type_, server)
+            server.client = make_action_client(self._ros, action, type_, server)
         self._learn_types()
 
     def link_connected(self) -> None:
@@ -311,9 +308,6 @@ class RobotControls:
     def _cancel_left_goal(self, server: _Server) -> None:
         if server.client is not None and not server.goals and self._ros.is_connected:
             server.client.cancel_all()
-
-    def _spelled(self, type_: str) -> str:
-        return type_name(self._dialect, *package_and_name(type_))
 
     def _learn_types(self) -> None:
         if self._ros.is_connected:
@@ -397,9 +391,8 @@ class RobotControls:
             # The emergency stop came at the same time.
             self._notify(command, "failed", refusal)
             return
-        kind = service_type_name(self._dialect, *package_and_name(effect.type))
         try:
-            answer = await self._ros.ask(effect.service, kind, request, timeout_s=SERVICE_WAIT_S)
+            answer = await self._ros.ask(effect.service, effect.type, request, timeout_s=SERVICE_WAIT_S)
         except ServiceCallError as error:
             self._notify(command, "failed", str(error))
             return
@@ -465,7 +458,7 @@ class RobotControls:
                 by_topic.setdefault((control.reading.topic, control.reading.type), []).append(control)
         for (name, type_), controls in by_topic.items():
             throttle_ms = min(control.reading.throttle_ms for control in controls if control.reading is not None)
-            topic = RosbridgeTopic(self._ros, name, self._spelled(type_), throttle_rate=throttle_ms)
+            topic = RosbridgeTopic(self._ros, name, type_, throttle_rate=throttle_ms)
             self._readings.append(topic)
             self._watched.subscribe(topic, _reader(controls, self._on_value, self._unusable))
 

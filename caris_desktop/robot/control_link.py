@@ -42,7 +42,7 @@ from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import LinkObserver, RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.robot.unread import UnreadCommands
-from caris_desktop.ros.dialect import Dialect, type_name
+from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.message_conversion import decode_twist, decode_twist_stamped, encode_twist, encode_twist_stamped
 from caris_desktop.ros.message_fields import MessageError
 
@@ -76,12 +76,13 @@ class ControlLink(LinkObserver):
         self._profile = profile
         # Goals of the previous process, of navigation and of controls.
         self._goals_left = self._control_goals_left = follows_crash
-        self._dialect = Dialect(profile.ros)
         self._loop = asyncio.get_running_loop()
         self._put = outbox.put
         self._report = LinkReporter("control", address, outbox)
         traffic = TrafficMeter("control")
-        self._ros = RosbridgeClient(address, self, security=profile.security, traffic=traffic)
+        self._ros = RosbridgeClient(
+            address, self, security=profile.security, traffic=traffic, dialect=Dialect(profile.ros)
+        )
         sources = {"scan": profile.scan, "odometry": profile.odometry}
         self._measurement = LinkMeasurement(
             self._ros, traffic, self._put,
@@ -117,7 +118,7 @@ class ControlLink(LinkObserver):
         self._looking_around: asyncio.Task[None] | None = None
         self._closing = False
         self._tasks: set[asyncio.Task[None]] = set()
-        velocity_type = type_name(self._dialect, "geometry_msgs", profile.velocity.type)
+        velocity_type = f"geometry_msgs/{profile.velocity.type}"
         self._velocity = RosbridgeTopic(self._ros, profile.velocity.topic, velocity_type, queue_size=1, motion=True)
         self._velocity.advertise()
         # Receives other publishers' velocities, and our own echoes.
@@ -127,7 +128,7 @@ class ControlLink(LinkObserver):
         self._velocities.subscribe(self._on_velocity)
         self._ros.factory.on_connect_send(profile.velocity.topic, self._send_on_connect)
         self._ros.factory.motion_round_trip = self._motion_round_trip
-        self._handled = HandledOperations(self._ros, self._dialect, handled=self._commands_answered)
+        self._handled = HandledOperations(self._ros, handled=self._commands_answered)
         self._navigator = Navigator(
             self._ros,
             profile.navigation,
@@ -136,14 +137,13 @@ class ControlLink(LinkObserver):
             unconfirmed=self._report_unconfirmed_cancel,
         )
         self._goal_speed = NavigationSpeed(
-            self._ros, self._dialect, profile.navigation, emit=self._put, in_background=self._in_background
+            self._ros, profile.navigation, emit=self._put, in_background=self._in_background
         )
-        self._voice = robot_voice(self._ros, self._dialect, profile.speech, emit=self._put)
-        self._watched = SubscriptionWatchdog(self._ros, self._dialect, report=self._put)
-        self._head = RobotHead(self._ros, self._dialect, profile.head, self._watched, emit=self._put)
+        self._voice = robot_voice(self._ros, profile.speech, emit=self._put)
+        self._watched = SubscriptionWatchdog(self._ros, report=self._put)
+        self._head = RobotHead(self._ros, profile.head, self._watched, emit=self._put)
         self._controls = RobotControls(
             self._ros,
-            self._dialect,
             profile.controls,
             self._watched,
             robot=interface_names(profile),
@@ -154,7 +154,6 @@ class ControlLink(LinkObserver):
         )
         self._maps = RobotMaps(
             self._ros,
-            self._dialect,
             profile,
             emit=self._put,
             pose=lambda: self._sensors.pose_in_map,
@@ -162,7 +161,7 @@ class ControlLink(LinkObserver):
         )
         self._emergency_stop = EmergencyStop(
             self._ros,
-            self._dialect,
+            self._ros.dialect,
             profile.emergency_stop,
             self,
             self._watched,
@@ -441,7 +440,7 @@ class ControlLink(LinkObserver):
             at_ns = now_ns()
             offset = self._measurement.offset_at(at_ns)
             stamp_ns = 0 if offset is None else at_ns + offset.offset_ns
-            message = encode_twist_stamped(self._dialect, twist, stamp_ns=stamp_ns, frame_id=velocity.frame_id)
+            message = encode_twist_stamped(self._ros.dialect, twist, stamp_ns=stamp_ns, frame_id=velocity.frame_id)
         else:
             message = encode_twist(twist)
         self._commanded = twist

@@ -14,7 +14,6 @@ from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.robot.profile_model import HeadInterface
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
-from caris_desktop.ros.dialect import Dialect, package_and_name, type_name
 from caris_desktop.ros.message_conversion import (
     decode_joint_state,
     encode_joint_angles_with_speed,
@@ -39,7 +38,6 @@ class RobotHead:
     def __init__(
         self,
         ros: RosbridgeClient,
-        dialect: Dialect,
         head: HeadInterface | None,
         watched: SubscriptionWatchdog,
         *,
@@ -47,7 +45,6 @@ class RobotHead:
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._ros = ros
-        self._dialect = dialect
         self._head = head
         self._emit = emit
         self._at: tuple[float, float] | None = None
@@ -59,12 +56,9 @@ class RobotHead:
         self._held = False
         if head is None:
             return
-        command_type = type_name(dialect, *package_and_name(head.command_type))
-        self._command = RosbridgeTopic(ros, head.topic, command_type, queue_size=1)
+        self._command = RosbridgeTopic(ros, head.topic, head.command_type, queue_size=1)
         self._command.advertise()
-        states = RosbridgeTopic(
-            ros, head.joint_states, type_name(dialect, "sensor_msgs", "JointState"), queue_length=5, every_message=True
-        )
+        states = RosbridgeTopic(ros, head.joint_states, "sensor_msgs/JointState", queue_length=5, every_message=True)
         watched.subscribe(states, self._on_joints)
 
     def move(self, command: MoveHead) -> str:
@@ -132,9 +126,9 @@ class RobotHead:
         self._target = target
         joints = {head.pan_joint: head.pan_sign * target[0], head.tilt_joint: head.tilt_sign * target[1]}
         if head.kind == "joint_trajectory":
-            return self._command.publish(encode_joint_trajectory(self._dialect, joints, duration_s=duration_s))
+            return self._command.publish(encode_joint_trajectory(self._ros.dialect, joints, duration_s=duration_s))
         fraction = min(1.0, max(0.01, head.speed_radps / NAOQI_FASTEST_RADPS))
-        return self._command.publish(encode_joint_angles_with_speed(self._dialect, joints, speed_fraction=fraction))
+        return self._command.publish(encode_joint_angles_with_speed(self._ros.dialect, joints, speed_fraction=fraction))
 
     def _on_joints(self, message: Any) -> None:
         head = self._head

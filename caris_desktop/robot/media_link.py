@@ -28,7 +28,7 @@ from caris_desktop.robot.sensors import CLOCK
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.traffic import TrafficMeter
 from caris_desktop.robot.transport import MEDIA_SIZES, LinkObserver, RosbridgeClient, RosbridgeTopic
-from caris_desktop.ros.dialect import Dialect, type_name
+from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.message_conversion import (
     AudioForm,
     GridUpdate,
@@ -62,7 +62,6 @@ class RobotSound:
     def __init__(
         self,
         ros: RosbridgeClient,
-        dialect: Dialect,
         interface: AudioInterface,
         *,
         put: Callable[[AudioChunk], None],
@@ -79,15 +78,15 @@ class RobotSound:
         self._mp3: Mp3Stream | None = None
         self._ears: list[tuple[RosbridgeTopic, Callable[[Any], None]]] = []
         if interface.topic is not None:
-            data_type = type_name(dialect, _PACKAGE, interface.type)
+            data_type = f"{_PACKAGE}/{interface.type}"
             topic = RosbridgeTopic(ros, interface.topic, data_type, queue_length=_QUEUED, every_message=True)
             self._ears.append((topic, self._on_sound))
             if interface.info is not None:
-                info = RosbridgeTopic(ros, interface.info, type_name(dialect, _PACKAGE, "AudioInfo"))
+                info = RosbridgeTopic(ros, interface.info, f"{_PACKAGE}/AudioInfo")
                 self._ears.append((info, self._on_info))
         self._speaker: RosbridgeTopic | None = None
         if interface.speaker is not None:
-            self._speaker = RosbridgeTopic(ros, interface.speaker, type_name(dialect, _PACKAGE, "AudioData"))
+            self._speaker = RosbridgeTopic(ros, interface.speaker, f"{_PACKAGE}/AudioData")
 
     def listen(self, on: bool) -> None:
         """Start or stop the robot's microphone stream."""
@@ -200,14 +199,19 @@ class MediaLink(LinkObserver):
     """Bulk data on a separate socket and process, where decoding delays nothing else."""
 
     def __init__(self, profile: RobotProfile, address: str, outbox: ConsoleSender, frames: FrameWriter) -> None:
-        dialect = Dialect(profile.ros)
         self._put = outbox.put
         self._frames = frames
         self._closing = False
         self._report = LinkReporter("media", address, outbox)
         traffic = TrafficMeter("media")
         self._ros = RosbridgeClient(
-            address, self, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES, security=profile.security, traffic=traffic
+            address,
+            self,
+            timings=MEDIA_TIMINGS,
+            sizes=MEDIA_SIZES,
+            security=profile.security,
+            traffic=traffic,
+            dialect=Dialect(profile.ros),
         )
         self._measurement = LinkMeasurement(
             self._ros, traffic, self._put,
@@ -218,46 +222,44 @@ class MediaLink(LinkObserver):
         self._takes_updates = profile.map_updates is not None
         self._measuring: asyncio.Task[None] | None = None
         self._lenses: dict[str, CameraModel] = {}
-        self._watched = SubscriptionWatchdog(self._ros, dialect, report=self._put)
+        self._watched = SubscriptionWatchdog(self._ros, report=self._put)
         self._raw_bytes: dict[str, tuple[int, int]] = {}
         self._advised: set[str] = set()
         for camera in profile.cameras:
             images = RosbridgeTopic(
                 self._ros,
                 camera.topic,
-                type_name(dialect, "sensor_msgs", camera.type),
+                f"sensor_msgs/{camera.type}",
                 throttle_rate=camera.throttle_ms,
             )
             self._watched.subscribe(images, partial(self._on_image, camera=camera))
             if camera.info is not None:
-                info_type = type_name(dialect, "sensor_msgs", "CameraInfo")
+                info_type = "sensor_msgs/CameraInfo"
                 info = RosbridgeTopic(self._ros, camera.info, info_type, throttle_rate=LENS_EVERY_MS)
                 self._watched.subscribe(info, partial(self._on_lens, camera=camera))
         self._sound: RobotSound | None = None
         if profile.audio is not None:
             self._sound = RobotSound(
-                self._ros, dialect, profile.audio,
+                self._ros, profile.audio,
                 put=self._put, problems=self._report.problems, measurement=self._measurement,
             )  # fmt: skip
         self._merger = MapMerger()
         self._map_due: asyncio.TimerHandle | None = None
         if profile.map is not None:
-            grid_type = type_name(dialect, "nav_msgs", "OccupancyGrid")
+            grid_type = "nav_msgs/OccupancyGrid"
             topic = RosbridgeTopic(self._ros, profile.map.topic, grid_type, throttle_rate=profile.map.throttle_ms)
             self._watched.subscribe(topic, self._on_map)
         if profile.map_updates is not None:
             RosbridgeTopic(
                 self._ros,
                 profile.map_updates.topic,
-                type_name(dialect, "map_msgs", "OccupancyGridUpdate"),
+                "map_msgs/OccupancyGridUpdate",
                 throttle_rate=profile.map_updates.throttle_ms,
                 queue_length=50,
                 every_message=True,
             ).subscribe(self._on_map_update)
         if profile.simulation_time:
-            clock = RosbridgeTopic(
-                self._ros, CLOCK.topic, type_name(dialect, "rosgraph_msgs", "Clock"), throttle_rate=CLOCK.throttle_ms
-            )
+            clock = RosbridgeTopic(self._ros, CLOCK.topic, "rosgraph_msgs/Clock", throttle_rate=CLOCK.throttle_ms)
             clock.subscribe(lambda message: self._measurement.add_simulation_time(decode_clock(message)))
 
     def start(self) -> None:

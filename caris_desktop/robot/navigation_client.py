@@ -25,7 +25,6 @@ from caris_desktop.ros.action_messages import (
     encode_move_base_target,
     encode_navigate_to_pose_goal,
 )
-from caris_desktop.ros.dialect import Dialect, service_type_name, type_name
 from caris_desktop.ros.message_conversion import NO_LIMIT, decode_reconfigured, encode_reconfigure, encode_speed_limit
 from caris_desktop.ros.message_fields import Message, MessageError
 
@@ -82,9 +81,8 @@ class Navigator:
         self._server: ActionClient | None = None
         self._moves_base = server is not None and server.kind == "move_base"
         if server is not None:
-            dialect = Dialect.ROS1 if self._moves_base else Dialect.ROS2
             action_type = "move_base_msgs/MoveBase" if self._moves_base else "nav2_msgs/NavigateToPose"
-            self._server = make_action_client(ros, dialect, server.name, action_type, self, motion=True)
+            self._server = make_action_client(ros, server.name, action_type, self, motion=True)
 
     @property
     def has_goal(self) -> bool:
@@ -306,14 +304,12 @@ class NavigationSpeed:
     def __init__(
         self,
         ros: RosbridgeClient,
-        dialect: Dialect,
         server: NavigationServer | None,
         *,
         emit: Callable[[NavigationSpeedChanged | Problem], None],
         in_background: Callable[[Coroutine[Any, Any, None]], None],
     ) -> None:
         self._ros = ros
-        self._dialect = dialect
         self._server = server
         self._emit = emit
         self._in_background = in_background
@@ -327,9 +323,7 @@ class NavigationSpeed:
         self._reconfigure = interface.reconfigure if interface is not None else None
         self._parameters = interface.parameters if interface is not None else ()
         if interface is not None and interface.topic is not None:
-            self._topic = RosbridgeTopic(
-                ros, interface.topic, type_name(dialect, "nav2_msgs", "SpeedLimit"), queue_size=1
-            )
+            self._topic = RosbridgeTopic(ros, interface.topic, "nav2_msgs/SpeedLimit", queue_size=1)
             self._topic.advertise()
 
     def limit(self, command: LimitGoals) -> None:
@@ -397,9 +391,8 @@ class NavigationSpeed:
         self._settle(limit_mps, reason, attempt=attempt)
 
     def _ask_for(self, limit_mps: float, node: str) -> Awaitable[Any]:
-        kind = service_type_name(self._dialect, "dynamic_reconfigure", "Reconfigure")
         request = encode_reconfigure(dict.fromkeys(self._parameters, limit_mps))
-        return self._ros.ask(f"{node}/set_parameters", kind, request)
+        return self._ros.ask(f"{node}/set_parameters", "dynamic_reconfigure/Reconfigure", request)
 
     def _settle(self, limit_mps: float, reason: str, *, attempt: int) -> None:
         if attempt != self._attempt:

@@ -393,7 +393,9 @@ async def check(profile: RobotProfile, address: str, timeout_s: float) -> list[s
 
     Without rosapi, continuous streams are checked by listening.
     """
-    async with probed(address, service_timeout_s=timeout_s, security=profile.security) as (ros, probe):
+    async with probed(
+        address, service_timeout_s=timeout_s, security=profile.security, dialect=Dialect(profile.ros)
+    ) as (ros, probe):
         try:
             async with asyncio.timeout(timeout_s + start_s(address)):
                 what, advice = await probe.outcome
@@ -426,7 +428,7 @@ async def _silent_streams(ros: RosbridgeClient, profile: RobotProfile) -> list[s
             all_received.set()
 
     for named in streams:
-        topic = RosbridgeTopic(ros, named.topic, type_name(Dialect(profile.ros), *package_and_name(named.types[0])))
+        topic = RosbridgeTopic(ros, named.topic, named.types[0])
         topic.subscribe(lambda _message, name=named.topic: on_message(name))
     if silent:
         with contextlib.suppress(TimeoutError):

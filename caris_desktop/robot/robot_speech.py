@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import quote
 
 from caris_desktop.domain.actor import Actor
@@ -21,7 +21,7 @@ from caris_desktop.robot.profile_model import SpeechAction, SpeechInterface, Spe
 from caris_desktop.robot.speaking_time import LONGEST_UTTERANCE_S, estimated_duration_s
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.action_messages import Ending
-from caris_desktop.ros.dialect import Dialect, package_and_name, service_type_name, type_name
+from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.message_conversion import decode_bool, decode_string, encode_string
 from caris_desktop.ros.message_fields import Message
 
@@ -41,17 +41,17 @@ _NOT_FINISHED = QT_TR_NOOP("the robot did not report that it finished speaking")
 Emit = Callable[[UtteranceChanged], None]
 
 
-def robot_voice(ros: RosbridgeClient, dialect: Dialect, speech: SpeechInterface | None, *, emit: Emit) -> "RobotVoice":
+def robot_voice(ros: RosbridgeClient, speech: SpeechInterface | None, *, emit: Emit) -> "RobotVoice":
     """Speech by the profile's interface."""
     if speech is not None and speech.action is not None:
-        return ActionVoice(ros, dialect, speech, speech.action, emit=emit)
+        return ActionVoice(ros, speech, speech.action, emit=emit)
     if speech is not None and speech.service is not None:
-        backend: SpeechBackend = ServiceSpeaker(ros, dialect, speech.service)
-        return RequestSpeech(ros, dialect, speech, backend, answers_at_end=speech.service.answers_at_end, emit=emit)
+        backend: ServiceSpeaker | WebSpeaker = ServiceSpeaker(ros, speech.service)
+        return RequestSpeech(ros, speech, backend, answers_at_end=speech.service.answers_at_end, emit=emit)
     if speech is not None and speech.web is not None:
         backend = WebSpeaker(speech.web)
-        return RequestSpeech(ros, dialect, speech, backend, answers_at_end=speech.web.answers_at_end, emit=emit)
-    return TopicVoice(ros, dialect, speech, emit=emit)
+        return RequestSpeech(ros, speech, backend, answers_at_end=speech.web.answers_at_end, emit=emit)
+    return TopicVoice(ros, speech, emit=emit)
 
 
 class RobotVoice(ABC):
@@ -60,7 +60,7 @@ class RobotVoice(ABC):
     ``emit`` gets an UtteranceChanged for each utterance at its start and end. Its request is reported by the requester.
     """
 
-    def __init__(self, ros: RosbridgeClient, dialect: Dialect, speech: SpeechInterface | None, *, emit: Emit) -> None:
+    def __init__(self, ros: RosbridgeClient, speech: SpeechInterface | None, *, emit: Emit) -> None:
         self._loop = asyncio.get_running_loop()
         self._ros = ros
         self._emit = emit
@@ -70,7 +70,7 @@ class RobotVoice(ABC):
         self._adrift = False
         self._silence_due: Actor | None = None
         self._timer: asyncio.TimerHandle | None = None
-        self._unprompted = UnpromptedSpeech(ros, dialect, speech.says if speech is not None else None, emit=emit)
+        self._unprompted = UnpromptedSpeech(ros, speech.says if speech is not None else None, emit=emit)
 
     def say(self, command: Say) -> None:
         """Request speech now, or after the present utterance."""
@@ -162,14 +162,11 @@ class ActionVoice(RobotVoice):
     One goal at a time: typical action servers drop the present goal for a new one.
     """
 
-    def __init__(
-        self, ros: RosbridgeClient, dialect: Dialect, speech: SpeechInterface, action: SpeechAction, *, emit: Emit
-    ) -> None:
-        super().__init__(ros, dialect, speech, emit=emit)
-        self._dialect = dialect
+    def __init__(self, ros: RosbridgeClient, speech: SpeechInterface, action: SpeechAction, *, emit: Emit) -> None:
+        super().__init__(ros, speech, emit=emit)
         self._goal = action.goal
         self._wire_id: str | None = None
-        self._client = make_action_client(ros, dialect, action.name, action.type, self)
+        self._client = make_action_client(ros, action.name, action.type, self)
 
     def _request(self, command: Say) -> None:
         if not self._ros.is_connected:
@@ -239,7 +236,7 @@ class ActionVoice(RobotVoice):
         self._wire_id = self._client.send(command.utterance_id, fill_template(self._goal, command.text))
         if self._wire_id is None:
             self._end_all("failed", _NOT_CONNECTED)
-        elif self._dialect is Dialect.ROS1:
+        elif self._ros.dialect is Dialect.ROS1:
             self._await_start(STARTS_WITHIN_S)
         else:
             # rosbridge does not report acceptance of a goal, and answers when it was refused.
@@ -261,21 +258,21 @@ class ActionVoice(RobotVoice):
 class TopicVoice(RobotVoice):
     """Speech through a topic, tracked by the robot's ``speaking`` topic, or else by an estimate."""
 
-    def __init__(self, ros: RosbridgeClient, dialect: Dialect, speech: SpeechInterface | None, *, emit: Emit) -> None:
-        super().__init__(ros, dialect, speech, emit=emit)
+    def __init__(self, ros: RosbridgeClient, speech: SpeechInterface | None, *, emit: Emit) -> None:
+        super().__init__(ros, speech, emit=emit)
         self._say: RosbridgeTopic | None = None
         self._stop: RosbridgeTopic | None = None
         self._follows_topic = self._robot_speaks = self._in_one_breath = False
         if speech is None or speech.topic is None:
             return
-        self._say = RosbridgeTopic(ros, speech.topic, type_name(dialect, "std_msgs", "String"))
+        self._say = RosbridgeTopic(ros, speech.topic, "std_msgs/String")
         self._say.advertise()
         if speech.stop:
-            self._stop = RosbridgeTopic(ros, speech.stop, type_name(dialect, "std_msgs", "Empty"))
+            self._stop = RosbridgeTopic(ros, speech.stop, "std_msgs/Empty")
             self._stop.advertise()
         if speech.speaking:
             self._follows_topic = True
-            _follow(ros, dialect, speech.speaking, self._on_speaking)
+            _follow(ros, speech.speaking, self._on_speaking)
 
     def _request(self, command: Say) -> None:
         if self._say is None:
@@ -366,30 +363,13 @@ class TopicVoice(RobotVoice):
             self._expect_start()
 
 
-def _follow(ros: RosbridgeClient, dialect: Dialect, speaking: str, on_speaking: Callable[[Any], None]) -> None:
+def _follow(ros: RosbridgeClient, speaking: str, on_speaking: Callable[[Any], None]) -> None:
     """Subscribe to the topic on which the robot reports that it speaks."""
-    bool_type = type_name(dialect, "std_msgs", "Bool")
-    RosbridgeTopic(ros, speaking, bool_type, queue_length=10, every_message=True).subscribe(on_speaking)
+    RosbridgeTopic(ros, speaking, "std_msgs/Bool", queue_length=10, every_message=True).subscribe(on_speaking)
 
 
 class SpeechRefusedError(Exception):
     """The robot refuses or fails to speak; the reason is for the wizard."""
-
-
-class SpeechBackend(Protocol):
-    """Speech backend of the robot."""
-
-    can_stop: bool
-    needs_link: bool
-
-    async def say(self, text: str, *, within_s: float) -> None:
-        """Speak; returns when the robot answers. Raises SpeechRefusedError."""
-
-    async def stop(self) -> None:
-        """Stop speaking. Raises SpeechRefusedError."""
-
-    async def close(self) -> None:
-        """Close the backend."""
 
 
 class RequestSpeech(RobotVoice):
@@ -401,14 +381,13 @@ class RequestSpeech(RobotVoice):
     def __init__(
         self,
         ros: RosbridgeClient,
-        dialect: Dialect,
         speech: SpeechInterface,
-        speaker: SpeechBackend,
+        speaker: "ServiceSpeaker | WebSpeaker",
         *,
         answers_at_end: bool,
         emit: Emit,
     ) -> None:
-        super().__init__(ros, dialect, speech, emit=emit)
+        super().__init__(ros, speech, emit=emit)
         self._speaker = speaker
         self._answers_at_end = answers_at_end
         self._worker: asyncio.Task[None] | None = None
@@ -420,7 +399,7 @@ class RequestSpeech(RobotVoice):
         self._linked = self._stop_due = False
         self._follows = speech.speaking is not None
         if speech.speaking is not None:
-            _follow(ros, dialect, speech.speaking, self._on_speaking)
+            _follow(ros, speech.speaking, self._on_speaking)
 
     def _request(self, command: Say) -> None:
         self._waiting.append(command)
@@ -581,21 +560,23 @@ class ServiceSpeaker:
 
     needs_link = True
 
-    def __init__(self, ros: RosbridgeClient, dialect: Dialect, service: SpeechService) -> None:
+    def __init__(self, ros: RosbridgeClient, service: SpeechService) -> None:
         self._ros = ros
         self._service_settings = service
-        self._kind = service_type_name(dialect, *package_and_name(service.type))
-        self._stop_kind = service_type_name(dialect, "std_srvs", "Trigger")
         self.can_stop = service.stop is not None
 
     async def say(self, text: str, *, within_s: float) -> None:
         await self._ask(
-            self._service_settings.name, self._kind, fill_template(self._service_settings.request, text), within_s
+            self._service_settings.name,
+            self._service_settings.type,
+            fill_template(self._service_settings.request, text),
+            within_s,
         )
 
     async def stop(self) -> None:
+        """Stop speaking. Raises SpeechRefusedError."""
         if self._service_settings.stop is not None:
-            await self._ask(self._service_settings.stop, self._stop_kind, {}, SPEECH_ANSWERS_WITHIN_S)
+            await self._ask(self._service_settings.stop, "std_srvs/Trigger", {}, SPEECH_ANSWERS_WITHIN_S)
 
     async def close(self) -> None:
         """The link closes."""
@@ -666,15 +647,13 @@ class UnpromptedSpeech:
     The robot does not report their end, so both times are estimated.
     """
 
-    def __init__(self, ros: RosbridgeClient, dialect: Dialect, topic: str | None, *, emit: Emit) -> None:
+    def __init__(self, ros: RosbridgeClient, topic: str | None, *, emit: Emit) -> None:
         self._emit = emit
         self._requested: deque[tuple[int, str]] = deque(maxlen=_MAX_REQUESTS)
         self._now: UtteranceChanged | None = None
         self._timer: asyncio.TimerHandle | None = None
         if topic is not None:
-            listening = RosbridgeTopic(
-                ros, topic, type_name(dialect, "std_msgs", "String"), queue_length=10, every_message=True
-            )
+            listening = RosbridgeTopic(ros, topic, "std_msgs/String", queue_length=10, every_message=True)
             listening.subscribe(self._on_message)
 
     def note_requested(self, text: str) -> None:

@@ -20,7 +20,6 @@ from caris_desktop.robot.localization import PoseTracker
 from caris_desktop.robot.profile_model import RobotProfile, TopicSource
 from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
-from caris_desktop.ros.dialect import Dialect, type_name
 from caris_desktop.ros.message_conversion import (
     decode_battery_state,
     decode_clock,
@@ -62,7 +61,6 @@ class Sensors:
     ) -> None:
         self._ros = ros
         self._profile = profile
-        self._dialect = Dialect(profile.ros)
         self._report = report
         self._measurement = measurement
         self._put = put
@@ -98,26 +96,21 @@ class Sensors:
 
     def _subscribe(self) -> None:
         profile = self._profile
-        self._listen(profile.scan, "sensor_msgs", "LaserScan", self._on_scan)
-        self._listen(profile.odometry, "nav_msgs", "Odometry", self._on_odometry)
-        self._listen(profile.pose, "geometry_msgs", "PoseWithCovarianceStamped", self._on_pose)
-        self._listen(
-            profile.tf_static, "tf2_msgs", "TFMessage", lambda m: self._on_transforms(m, static=True), every=True
-        )
+        self._listen(profile.scan, "sensor_msgs/LaserScan", self._on_scan)
+        self._listen(profile.odometry, "nav_msgs/Odometry", self._on_odometry)
+        self._listen(profile.pose, "geometry_msgs/PoseWithCovarianceStamped", self._on_pose)
+        self._listen(profile.tf_static, "tf2_msgs/TFMessage", lambda m: self._on_transforms(m, static=True), every=True)
         # Several nodes publish transforms here: none may replace another.
-        self._listen(profile.tf, "tf2_msgs", "TFMessage", self._on_transforms, every=True)
-        self._listen(profile.path, "nav_msgs", "Path", self._on_path, watched=False)
-        self._listen(profile.battery, "sensor_msgs", "BatteryState", self._on_battery)
+        self._listen(profile.tf, "tf2_msgs/TFMessage", self._on_transforms, every=True)
+        self._listen(profile.path, "nav_msgs/Path", self._on_path, watched=False)
+        self._listen(profile.battery, "sensor_msgs/BatteryState", self._on_battery)
         if profile.simulation_time:
-            self._listen(
-                CLOCK, "rosgraph_msgs", "Clock", lambda m: self._measurement.add_simulation_time(decode_clock(m))
-            )
+            self._listen(CLOCK, "rosgraph_msgs/Clock", lambda m: self._measurement.add_simulation_time(decode_clock(m)))
 
     def _listen(
         self,
         source: TopicSource | None,
-        package: str,
-        message: str,
+        message_type: str,
         take: Callable[[Any], None],
         *,
         every: bool = False,
@@ -129,7 +122,7 @@ class Sensors:
         topic = RosbridgeTopic(
             self._ros,
             source.topic,
-            type_name(self._dialect, package, message),
+            message_type,
             throttle_rate=source.throttle_ms,
             queue_length=20 if every else 1,
             every_message=every,

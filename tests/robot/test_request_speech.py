@@ -236,7 +236,6 @@ def with_web(
         no_link: Any = None
         one = robot_speech.RequestSpeech(
             no_link,
-            no_link,
             speech,
             robot_speech.WebSpeaker(spoken),
             answers_at_end=spoken.answers_at_end,
