@@ -4,8 +4,9 @@ import asyncio
 import logging
 import math
 import re
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import field
+from functools import cache, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -23,14 +24,14 @@ from caris_desktop.domain.control_definitions import (
     fill_template,
     is_velocity,
 )
-from caris_desktop.domain.control_effects import RobotInterfaceNames
 from caris_desktop.domain.events import ControlUsed, RequestState
 from caris_desktop.domain.link_commands import UseControl
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.domain.translation import QT_TR_NOOP
 from caris_desktop.domain.value_class import dataclass
 from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S, ActionClient, make_action_client
-from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
+from caris_desktop.robot.link_context import LinkContext
+from caris_desktop.robot.profile_model import interface_names
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.action_messages import Ending, action_package_and_name
 from caris_desktop.ros.definitions import (
@@ -59,6 +60,7 @@ Path = tuple[str | int, ...]
 TypeKind = Literal["message", "service", "goal"]
 
 
+@cache
 def parse_path(text: str) -> Path:
     """Parse ``status[0].level`` to ("status", 0, "level").
 
@@ -192,32 +194,20 @@ class _Server:
 class RobotControls:
     """Executes UseControl for the profile's controls and the scenario's.
 
-    ``emit`` gets a ControlUsed for each step of a use, and ControlReadings at most five times per second. ``unusable``
-    is called with a control's title and a reason if a message lacks its value.
+    It sends a ControlUsed for each step of a use, ControlReadings at most five times per second, and a Problem if a
+    message lacks the value of a control.
     """
 
-    def __init__(
-        self,
-        ros: RosbridgeClient,
-        profile_controls: tuple[RobotControl, ...],
-        watched: SubscriptionWatchdog,
-        *,
-        robot: RobotInterfaceNames,
-        velocity_topic: str,
-        emit: Callable[[Any], None],
-        unusable: Callable[[str, str], None],
-        in_background: Callable[[Coroutine[Any, Any, None]], None],
-    ) -> None:
+    def __init__(self, link: LinkContext) -> None:
         self._loop = asyncio.get_running_loop()
-        self._ros = ros
-        self._profile_controls = profile_controls
-        self._robot = robot
-        self._velocity_topic = velocity_topic
-        self._emit = emit
-        self._unusable = unusable
-        self._in_background = in_background
-        self._types = MessageTypes(ros)
-        self._watched = watched
+        self._ros = link.ros
+        self._profile = link.profile
+        self._robot = interface_names(link.profile)
+        self._emit = link.put
+        self._problems = link.report.problems
+        self._in_background = link.in_background
+        self._types = MessageTypes(link.ros)
+        self._watched = link.watched
         self._controls: dict[str, RobotControl] = {}
         self._publishers: dict[tuple[str, str], RosbridgeTopic] = {}
         self._servers: dict[tuple[str, str], _Server] = {}
@@ -236,7 +226,7 @@ class RobotControls:
         self._driving_permitted = driving_permitted
         if not driving_permitted:
             self.cancel_goals(QT_TR_NOOP("the scenario does not permit driving"))
-        offered = {control.id: decided(control, self._robot) for control in (*self._profile_controls, *controls)}
+        offered = {control.id: decided(control, self._robot) for control in (*self._profile.controls, *controls)}
         if offered == self._controls:
             # A repeated offer comes from a receiver that lost the values.
             self._report_values_soon()
@@ -363,7 +353,8 @@ class RobotControls:
 
     def _sends_velocity(self, control: RobotControl) -> bool:
         effect = control.effect
-        return isinstance(effect, PublishMessage) and is_velocity(effect.topic, effect.type, self._velocity_topic)
+        velocity = self._profile.velocity.topic
+        return isinstance(effect, PublishMessage) and is_velocity(effect.topic, effect.type, velocity)
 
     def _check_and_do(self, command: UseControl, control: RobotControl, effect: ControlEffect) -> None:
         try:
@@ -460,7 +451,26 @@ class RobotControls:
             throttle_ms = min(control.reading.throttle_ms for control in controls if control.reading is not None)
             topic = RosbridgeTopic(self._ros, name, type_, throttle_rate=throttle_ms)
             self._readings.append(topic)
-            self._watched.subscribe(topic, _reader(controls, self._on_value, self._unusable))
+            self._watched.subscribe(topic, partial(self._read, controls))
+
+    def _read(self, controls: list[RobotControl], message: Any) -> None:
+        """Process a message of one topic for all controls with readings from it."""
+        for control in controls:
+            if control.reading is None:
+                continue
+            try:
+                value = value_at(message, parse_path(control.reading.field), control.reading.scale)
+            except MessageError as error:
+                unusable = QT_TR_NOOP("{count} message(s) from the robot cannot be shown as {title}: {reason}.")
+                self._problems.count(
+                    f"reading {control.title}",
+                    severity="warning",
+                    what=translation.localized(unusable, title=control.title, reason=str(error)),
+                    meaning=QT_TR_NOOP("The Robot panel continues to show the last value."),
+                    advice=QT_TR_NOOP("Check the control's topic and field in the robot profile or the scenario."),
+                )
+            else:
+                self._on_value(control.id, value)
 
     def _on_value(self, control: str, value: ControlValue | None) -> None:
         if value is None or (control in self._values and self._values[control] == value):
@@ -479,26 +489,6 @@ class RobotControls:
         if self._values:
             self._reported_s = self._loop.time()
             self._emit(ControlReadings(now_ns(), dict(self._values)))
-
-
-def _reader(
-    controls: list[RobotControl], take: Callable[[str, ControlValue | None], None], unusable: Callable[[str, str], None]
-) -> Callable[[Any], None]:
-    """Message handler of one topic for all controls with readings from it."""
-    paths = [
-        (control, parse_path(control.reading.field), control.reading.scale)
-        for control in controls
-        if control.reading is not None
-    ]
-
-    def read(message: Any) -> None:
-        for control, path, scale in paths:
-            try:
-                take(control.id, value_at(message, path, scale))
-            except MessageError as error:
-                unusable(control.title, str(error))
-
-    return read
 
 
 def _kind_and_type(effect: ControlEffect) -> tuple[TypeKind, str]:

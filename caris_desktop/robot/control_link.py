@@ -4,7 +4,6 @@ import asyncio
 import itertools
 import logging
 import math
-from collections.abc import Coroutine
 from dataclasses import replace
 from typing import Any
 
@@ -29,20 +28,17 @@ from caris_desktop.robot.guard import GuardChangeDetector, GuardLimit, ObstacleG
 from caris_desktop.robot.handled_operations import HANDLED_TOPIC, HandledOperations
 from caris_desktop.robot.head_control import RobotHead
 from caris_desktop.robot.lease import EXPIRY_S, ZERO_REPEAT_S, LeasedTwist, MotionLease
-from caris_desktop.robot.link_measurement import LinkMeasurement
-from caris_desktop.robot.link_process import GOODBYE_S, ConsoleSender, LinkReporter
+from caris_desktop.robot.link_context import LinkContext
+from caris_desktop.robot.link_process import GOODBYE_S, ConsoleSender
 from caris_desktop.robot.maps import RobotMaps
 from caris_desktop.robot.movement_check import MovementCheck
 from caris_desktop.robot.navigation_client import NavigationSpeed, Navigator
-from caris_desktop.robot.profile_model import RobotProfile, interface_names
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.robot.robot_checks import list_inventory, missing_from, nothing_is_missing, problem_of_missing
 from caris_desktop.robot.robot_speech import robot_voice
 from caris_desktop.robot.sensors import Sensors
-from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
-from caris_desktop.robot.traffic import TrafficMeter
-from caris_desktop.robot.transport import LinkObserver, RosbridgeClient, RosbridgeTopic, ServiceCallError
+from caris_desktop.robot.transport import LinkObserver, RosbridgeTopic, ServiceCallError
 from caris_desktop.robot.unread import UnreadCommands
-from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.message_conversion import decode_twist, decode_twist_stamped, encode_twist, encode_twist_stamped
 from caris_desktop.ros.message_fields import MessageError
 
@@ -78,18 +74,10 @@ class ControlLink(LinkObserver):
         self._goals_left = self._control_goals_left = follows_crash
         self._loop = asyncio.get_running_loop()
         self._put = outbox.put
-        self._report = LinkReporter("control", address, outbox)
-        traffic = TrafficMeter("control")
-        self._ros = RosbridgeClient(
-            address, self, security=profile.security, traffic=traffic, dialect=Dialect(profile.ros)
-        )
         sources = {"scan": profile.scan, "odometry": profile.odometry}
-        self._measurement = LinkMeasurement(
-            self._ros, traffic, self._put,
-            link="control",
-            streams={source.topic: stream for stream, source in sources.items() if source is not None},
-            simulation_time=profile.simulation_time,
-        )  # fmt: skip
+        streams = {source.topic: stream for stream, source in sources.items() if source is not None}
+        self._link = LinkContext("control", profile, address, outbox, self, streams=streams)
+        self._report, self._ros, self._measurement = self._link.report, self._link.ros, self._link.measurement
         self._guard = ObstacleGuard(profile)
         self._guard_news = GuardChangeDetector()
         self._movement = MovementCheck(profile)
@@ -117,7 +105,6 @@ class ControlLink(LinkObserver):
         self._reported_unproven = False
         self._looking_around: asyncio.Task[None] | None = None
         self._closing = False
-        self._tasks: set[asyncio.Task[None]] = set()
         velocity_type = f"geometry_msgs/{profile.velocity.type}"
         self._velocity = RosbridgeTopic(self._ros, profile.velocity.topic, velocity_type, queue_size=1, motion=True)
         self._velocity.advertise()
@@ -129,63 +116,29 @@ class ControlLink(LinkObserver):
         self._ros.factory.on_connect_send(profile.velocity.topic, self._send_on_connect)
         self._ros.factory.motion_round_trip = self._motion_round_trip
         self._handled = HandledOperations(self._ros, handled=self._commands_answered)
-        self._navigator = Navigator(
-            self._ros,
-            profile.navigation,
-            map_frame=profile.frames.map,
-            emit=self._goal_changed,
-            unconfirmed=self._report_unconfirmed_cancel,
-        )
-        self._goal_speed = NavigationSpeed(
-            self._ros, profile.navigation, emit=self._put, in_background=self._in_background
-        )
+        self._navigator = Navigator(self._link, emit=self._goal_changed, unconfirmed=self._report_unconfirmed_cancel)
+        self._goal_speed = NavigationSpeed(self._link)
         self._voice = robot_voice(self._ros, profile.speech, emit=self._put)
-        self._watched = SubscriptionWatchdog(self._ros, report=self._put)
-        self._head = RobotHead(self._ros, profile.head, self._watched, emit=self._put)
-        self._controls = RobotControls(
-            self._ros,
-            profile.controls,
-            self._watched,
-            robot=interface_names(profile),
-            velocity_topic=profile.velocity.topic,
-            emit=self._put,
-            unusable=self._report_unusable_reading,
-            in_background=self._in_background,
-        )
-        self._maps = RobotMaps(
-            self._ros,
-            profile,
-            emit=self._put,
-            pose=lambda: self._sensors.pose_in_map,
-            in_background=self._in_background,
-        )
+        self._head = RobotHead(self._link)
+        self._controls = RobotControls(self._link)
+        self._maps = RobotMaps(self._link, pose=lambda: self._sensors.pose_in_map)
         self._emergency_stop = EmergencyStop(
             self._ros,
             self._ros.dialect,
             profile.emergency_stop,
             self,
-            self._watched,
+            self._link.watched,
             emit=self._put,
-            in_background=self._in_background,
+            in_background=self._link.in_background,
         )
         self._sensors = Sensors(
-            self._ros,
-            profile,
-            self._report,
-            self._measurement,
-            self._watched,
-            put=self._put,
-            on_scan=self._process_scan,
-            on_odometry=self._process_odometry,
-            on_pose=self._process_pose,
+            self._link, on_scan=self._process_scan, on_odometry=self._process_odometry, on_pose=self._process_pose
         )
 
     def start(self) -> None:
-        self._report.changed("connecting")
-        self._ros.connect()
-        self._in_background(self._measurement.run())
-        self._in_background(self._watch_guard())
-        self._in_background(self._watch_handling())
+        self._link.start()
+        self._link.in_background(self._watch_guard())
+        self._link.in_background(self._watch_handling())
 
     def process_commands(self, received: list[link_commands.RobotCommand]) -> None:
         """Execute commands in order, then send what is due: one Twist per batch, within this call."""
@@ -213,12 +166,11 @@ class ControlLink(LinkObserver):
         await self._goal_speed.restore()
         self._closing = True
         self._forget_zeros()
-        self._watched.link_lost()
+        self._link.watched.link_lost()
         self._controls.close()
         self._emergency_stop.close()
         await self._voice.close()
-        for task in self._tasks:
-            task.cancel()
+        self._link.cancel()
         await self._ros.aclose(GOODBYE_S)
         self._report.changed("closed")
 
@@ -553,7 +505,7 @@ class ControlLink(LinkObserver):
         if (state, stopped) != (reported.state, reported.stopped):
             self._report_movement(MovementChanged(now_ns(), state, stopped, reported.publishers))
             if state in ("uncommanded", "commanded_elsewhere") and reported.state != state:
-                self._in_background(self._find_publishers())
+                self._link.in_background(self._find_publishers())
         if stopped and state in ("uncommanded", "commanded_elsewhere") and self._lease.due_s() == math.inf:
             # Against another publisher: zero while it lasts.
             self._lease.stop(now_s, "stop")
@@ -619,9 +571,9 @@ class ControlLink(LinkObserver):
             self._navigator.cancel_left_goal()
         self._voice.link_connected()
         self._emergency_stop.link_connected()
-        self._watched.link_connected()
+        self._link.watched.link_connected()
         self._controls.link_connected()
-        self._looking_around = self._begin(self._explore_robot())
+        self._looking_around = self._link.begin(self._explore_robot())
 
     def link_silent(self) -> None:
         self._silent = True
@@ -658,7 +610,7 @@ class ControlLink(LinkObserver):
         self._head.link_lost()
         self._controls.link_lost()
         self._maps.link_lost()
-        self._watched.link_lost()
+        self._link.watched.link_lost()
         self._sensors.link_lost()
         self._measurement.link_lost()
         if not self._closing:
@@ -723,19 +675,6 @@ class ControlLink(LinkObserver):
                     return
             await asyncio.sleep(pause_s)
 
-    def _report_unusable_reading(self, title: str, reason: str) -> None:
-        self._report.problems.count(
-            f"reading {title}",
-            severity="warning",
-            what=localized(
-                QT_TR_NOOP("{count} message(s) from the robot cannot be shown as {title}: {reason}."),
-                title=title,
-                reason=reason,
-            ),
-            meaning=QT_TR_NOOP("The Robot panel continues to show the last value."),
-            advice=QT_TR_NOOP("Check the control's topic and field in the robot profile or the scenario."),
-        )
-
     def _report_unconfirmed_cancel(self) -> None:
         self._put(
             Problem(
@@ -746,17 +685,3 @@ class ControlLink(LinkObserver):
                 QT_TR_NOOP("Watch the robot; use its emergency stop if it moves."),
             )
         )
-
-    def _in_background(self, work: Coroutine[Any, Any, None]) -> None:
-        self._begin(work)
-
-    def _begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        task = self._loop.create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._finished)
-        return task
-
-    def _finished(self, task: asyncio.Task[None]) -> None:
-        self._tasks.discard(task)
-        if not task.cancelled() and task.exception() is not None:
-            logger.error("Something in the background failed", exc_info=task.exception())

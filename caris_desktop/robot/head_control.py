@@ -2,7 +2,6 @@
 
 import asyncio
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -11,9 +10,9 @@ from caris_desktop.domain.events import HeadMoved
 from caris_desktop.domain.link_commands import MoveHead
 from caris_desktop.domain.sensing import HeadState
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.robot.profile_model import HeadInterface
-from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
-from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic
+from caris_desktop.robot.link_context import LinkContext
+from caris_desktop.robot.profile_model import TopicSource
+from caris_desktop.robot.transport import RosbridgeTopic
 from caris_desktop.ros.message_conversion import (
     decode_joint_state,
     encode_joint_angles_with_speed,
@@ -32,21 +31,14 @@ NAOQI_FASTEST_RADPS = 8.0
 class RobotHead:
     """Turns the head within its range and speed limit; newer targets replace older ones.
 
-    ``emit`` gets a HeadState from the robot's joint states, and a HeadMoved for each command sent.
+    It sends a HeadState from the robot's joint states, and a HeadMoved for each command sent.
     """
 
-    def __init__(
-        self,
-        ros: RosbridgeClient,
-        head: HeadInterface | None,
-        watched: SubscriptionWatchdog,
-        *,
-        emit: Callable[[Any], None],
-    ) -> None:
+    def __init__(self, link: LinkContext) -> None:
         self._loop = asyncio.get_running_loop()
-        self._ros = ros
-        self._head = head
-        self._emit = emit
+        self._ros = link.ros
+        self._head = head = link.profile.head
+        self._emit = link.put
         self._at: tuple[float, float] | None = None
         self._target: tuple[float, float] | None = None
         self._reported_ns = 0
@@ -56,10 +48,9 @@ class RobotHead:
         self._held = False
         if head is None:
             return
-        self._command = RosbridgeTopic(ros, head.topic, head.command_type, queue_size=1)
+        self._command = RosbridgeTopic(self._ros, head.topic, head.command_type, queue_size=1)
         self._command.advertise()
-        states = RosbridgeTopic(ros, head.joint_states, "sensor_msgs/JointState", queue_length=5, every_message=True)
-        watched.subscribe(states, self._on_joints)
+        link.listen(TopicSource(head.joint_states), "sensor_msgs/JointState", self._on_joints, queue_length=5)
 
     def move(self, command: MoveHead) -> str:
         """Turn the head; return the reason for a refusal, or an empty text."""

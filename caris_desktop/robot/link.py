@@ -28,8 +28,8 @@ class LinkSettings(Value):
 def run_control_link(connection: Connection, settings: LinkSettings) -> None:
     """Entry point of the control link process.
 
-    Receives ``domain.commands`` values from ``connection`` and sends ``domain`` values. Returns after CloseLink or when
-    ``connection`` closes; in both cases the robot is stopped first.
+    Receives ``domain.link_commands`` values from ``connection`` and sends ``domain`` values. Returns after CloseLink or
+    when ``connection`` closes; in both cases the robot is stopped first.
     """
     from caris_desktop.robot.control_link import ControlLink
     from caris_desktop.robot.link_process import run_link

@@ -3,7 +3,7 @@
 import logging
 import math
 import re
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from typing import Any
 
 from caris_desktop.domain.clock import now_ns
@@ -12,9 +12,10 @@ from caris_desktop.domain.foreign_json import parse_json
 from caris_desktop.domain.geometry import Pose2D
 from caris_desktop.domain.link_commands import RequestMap, SetInitialPose
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
-from caris_desktop.robot.profile_model import MapServices, RobotProfile
+from caris_desktop.robot.link_context import LinkContext
+from caris_desktop.robot.profile_model import MapServices
 from caris_desktop.robot.robot_checks import RobotInventory
-from caris_desktop.robot.transport import AnswerTooLargeError, RosbridgeClient, RosbridgeTopic, ServiceCallError
+from caris_desktop.robot.transport import AnswerTooLargeError, RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ros.message_conversion import (
     LOCALIZE_AT_POSE,
@@ -55,34 +56,26 @@ def map_name_refusal(name: str) -> str:
 class RobotMaps:
     """Executes RequestMap and SetInitialPose with slam_toolbox's services, or else the map server's.
 
-    ``emit`` gets a MapRequestChanged for each step of a request, InitialPoseSet, and a MappingChanged with each
+    It sends a MapRequestChanged for each step of a request, InitialPoseSet, and a MappingChanged with each
     connection and each switch. ``pose`` returns the robot's present pose.
     """
 
-    def __init__(
-        self,
-        ros: RosbridgeClient,
-        profile: RobotProfile,
-        *,
-        emit: Callable[[Any], None],
-        pose: Callable[[], Pose2D | None],
-        in_background: Callable[[Coroutine[Any, Any, None]], None],
-    ) -> None:
-        self._ros = ros
+    def __init__(self, link: LinkContext, *, pose: Callable[[], Pose2D | None]) -> None:
+        self._ros, profile = link.ros, link.profile
         self._frame = profile.frames.map
         self._map_topic = profile.map.topic if profile.map is not None else "map"
         self._services = profile.maps or MapServices()
-        self._emit = emit
+        self._emit = link.put
         self._pose = pose
-        self._in_background = in_background
-        self._offer = _offer(self._services, ros.dialect)
+        self._in_background = link.in_background
+        self._offer = _offer(self._services, self._ros.dialect)
         self._mapping: bool | None = None
         self._reported = False
         self._busy = ""
         self._initial_pose: RosbridgeTopic | None = None
         if profile.initial_pose is not None:
             kind = "geometry_msgs/PoseWithCovarianceStamped"
-            self._initial_pose = RosbridgeTopic(ros, profile.initial_pose, kind, queue_size=1)
+            self._initial_pose = RosbridgeTopic(self._ros, profile.initial_pose, kind, queue_size=1)
             self._initial_pose.advertise()
 
     def on_inventory(self, inventory: RobotInventory | None) -> None:

@@ -21,14 +21,11 @@ from caris_desktop.domain.sound_clock import SoundClock
 from caris_desktop.domain.sound_values import ROBOT_MICROPHONE
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.robot.bridge_wire import MEDIA_TIMINGS
-from caris_desktop.robot.link_measurement import LinkMeasurement
-from caris_desktop.robot.link_process import GOODBYE_S, ConsoleSender, LinkReporter, ProblemReporter
-from caris_desktop.robot.profile_model import AudioInterface, CameraTopic, RobotProfile
+from caris_desktop.robot.link_context import LinkContext
+from caris_desktop.robot.link_process import GOODBYE_S, ConsoleSender
+from caris_desktop.robot.profile_model import AudioInterface, CameraTopic, RobotProfile, TopicSource
 from caris_desktop.robot.sensors import CLOCK
-from caris_desktop.robot.subscription_watchdog import SubscriptionWatchdog
-from caris_desktop.robot.traffic import TrafficMeter
-from caris_desktop.robot.transport import MEDIA_SIZES, LinkObserver, RosbridgeClient, RosbridgeTopic
-from caris_desktop.ros.dialect import Dialect
+from caris_desktop.robot.transport import MEDIA_SIZES, LinkObserver, RosbridgeTopic
 from caris_desktop.ros.message_conversion import (
     AudioForm,
     GridUpdate,
@@ -59,20 +56,12 @@ _PACKAGE = "audio_common_msgs"
 class RobotSound:
     """Forwards the microphone while requested, and plays audio. On the link's loop."""
 
-    def __init__(
-        self,
-        ros: RosbridgeClient,
-        interface: AudioInterface,
-        *,
-        put: Callable[[AudioChunk], None],
-        problems: ProblemReporter,
-        measurement: LinkMeasurement,
-    ) -> None:
-        self._ros = ros
+    def __init__(self, link: LinkContext, interface: AudioInterface) -> None:
+        self._ros = ros = link.ros
         self._interface = interface
-        self._put = put
-        self._problems = problems
-        self._measurement = measurement
+        self._put = link.put
+        self._problems = link.report.problems
+        self._measurement = link.measurement
         self._form = AudioForm(interface.format, interface.rate_hz, interface.channels)
         self._clock = SoundClock()
         self._mp3: Mp3Stream | None = None
@@ -202,70 +191,38 @@ class MediaLink(LinkObserver):
         self._put = outbox.put
         self._frames = frames
         self._closing = False
-        self._report = LinkReporter("media", address, outbox)
-        traffic = TrafficMeter("media")
-        self._ros = RosbridgeClient(
-            address,
-            self,
-            timings=MEDIA_TIMINGS,
-            sizes=MEDIA_SIZES,
-            security=profile.security,
-            traffic=traffic,
-            dialect=Dialect(profile.ros),
+        streams = {camera.topic: "frame" for camera in profile.cameras}
+        self._link = LinkContext(
+            "media", profile, address, outbox, self, streams=streams, timings=MEDIA_TIMINGS, sizes=MEDIA_SIZES
         )
-        self._measurement = LinkMeasurement(
-            self._ros, traffic, self._put,
-            link="media",
-            streams={camera.topic: "frame" for camera in profile.cameras},
-            simulation_time=profile.simulation_time,
-        )  # fmt: skip
+        self._report, self._ros, self._measurement = self._link.report, self._link.ros, self._link.measurement
+        self._watched = self._link.watched
         self._takes_updates = profile.map_updates is not None
-        self._measuring: asyncio.Task[None] | None = None
         self._lenses: dict[str, CameraModel] = {}
-        self._watched = SubscriptionWatchdog(self._ros, report=self._put)
         self._raw_bytes: dict[str, tuple[int, int]] = {}
         self._advised: set[str] = set()
+        listen = self._link.listen
         for camera in profile.cameras:
-            images = RosbridgeTopic(
-                self._ros,
-                camera.topic,
-                f"sensor_msgs/{camera.type}",
-                throttle_rate=camera.throttle_ms,
-            )
-            self._watched.subscribe(images, partial(self._on_image, camera=camera))
+            images = TopicSource(camera.topic, camera.throttle_ms)
+            listen(images, f"sensor_msgs/{camera.type}", partial(self._on_image, camera=camera))
             if camera.info is not None:
-                info_type = "sensor_msgs/CameraInfo"
-                info = RosbridgeTopic(self._ros, camera.info, info_type, throttle_rate=LENS_EVERY_MS)
-                self._watched.subscribe(info, partial(self._on_lens, camera=camera))
+                info = TopicSource(camera.info, LENS_EVERY_MS)
+                listen(info, "sensor_msgs/CameraInfo", partial(self._on_lens, camera=camera))
         self._sound: RobotSound | None = None
         if profile.audio is not None:
-            self._sound = RobotSound(
-                self._ros, profile.audio,
-                put=self._put, problems=self._report.problems, measurement=self._measurement,
-            )  # fmt: skip
+            self._sound = RobotSound(self._link, profile.audio)
         self._merger = MapMerger()
         self._map_due: asyncio.TimerHandle | None = None
-        if profile.map is not None:
-            grid_type = "nav_msgs/OccupancyGrid"
-            topic = RosbridgeTopic(self._ros, profile.map.topic, grid_type, throttle_rate=profile.map.throttle_ms)
-            self._watched.subscribe(topic, self._on_map)
-        if profile.map_updates is not None:
-            RosbridgeTopic(
-                self._ros,
-                profile.map_updates.topic,
-                "map_msgs/OccupancyGridUpdate",
-                throttle_rate=profile.map_updates.throttle_ms,
-                queue_length=50,
-                every_message=True,
-            ).subscribe(self._on_map_update)
+        listen(profile.map, "nav_msgs/OccupancyGrid", self._on_map)
+        # Even if it is latched, resubscribing would lose messages.
+        updates = None if profile.map_updates is None else replace(profile.map_updates, latched=False)
+        listen(updates, "map_msgs/OccupancyGridUpdate", self._on_map_update, queue_length=50, watched=False)
         if profile.simulation_time:
-            clock = RosbridgeTopic(self._ros, CLOCK.topic, "rosgraph_msgs/Clock", throttle_rate=CLOCK.throttle_ms)
-            clock.subscribe(lambda message: self._measurement.add_simulation_time(decode_clock(message)))
+            add_time = self._measurement.add_simulation_time
+            listen(CLOCK, "rosgraph_msgs/Clock", lambda message: add_time(decode_clock(message)), watched=False)
 
     def start(self) -> None:
-        self._report.changed("connecting")
-        self._ros.connect()
-        self._measuring = asyncio.get_running_loop().create_task(self._measurement.run())
+        self._link.start()
 
     def process_commands(self, received: list[link_commands.RobotCommand]) -> None:
         for command in received:
@@ -282,8 +239,7 @@ class MediaLink(LinkObserver):
     async def finish(self) -> None:
         self._closing = True
         self._watched.link_lost()
-        if self._measuring is not None:
-            self._measuring.cancel()
+        self._link.cancel()
         await self._ros.aclose(GOODBYE_S)
         self._report.changed("closed")
 

@@ -4,7 +4,7 @@ import asyncio
 import itertools
 import logging
 import math
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from typing import Any
 
@@ -16,8 +16,8 @@ from caris_desktop.domain.link_commands import GoTo, LimitGoals
 from caris_desktop.domain.translation import QT_TR_NOOP, localized
 from caris_desktop.domain.value_class import Value
 from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S, ActionClient, make_action_client
-from caris_desktop.robot.profile_model import NavigationServer
-from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
+from caris_desktop.robot.link_context import LinkContext
+from caris_desktop.robot.transport import RosbridgeTopic, ServiceCallError
 from caris_desktop.ros.action_messages import (
     Ending,
     decode_move_base_feedback,
@@ -52,22 +52,20 @@ class _Goal(Value):
 class Navigator:
     """The console's single navigation goal, from request to end.
 
-    ``map_frame`` is the robot's name for the frame of targets. ``emit`` gets a GoalChanged for each change of state
-    and, while active, for its progress twice per second. ``unconfirmed`` is called if a cancellation is not confirmed
-    in time.
+    ``emit`` gets a GoalChanged for each change of state and, while active, for its progress twice per second.
+    ``unconfirmed`` is called if a cancellation is not confirmed in time.
     """
 
     def __init__(
         self,
-        ros: RosbridgeClient,
-        server: NavigationServer | None,
+        link: LinkContext,
         *,
-        map_frame: str,
         emit: Callable[[GoalChanged], None],
         unconfirmed: Callable[[], None],
     ) -> None:
         self._loop = asyncio.get_running_loop()
-        self._ros = ros
+        self._ros = link.ros
+        server = link.profile.navigation
         self._emit = emit
         self._unconfirmed = unconfirmed
         self._goal: _Goal | None = None
@@ -75,14 +73,14 @@ class Navigator:
         self._fate: asyncio.TimerHandle | None = None
         self._epochs = itertools.count(1)
         self._epoch = 0
-        self._map_frame = map_frame
+        self._map_frame = link.profile.frames.map
         self._pose_in_map: Pose2D | None = None
         self._robot_reports_distance = False
         self._server: ActionClient | None = None
         self._moves_base = server is not None and server.kind == "move_base"
         if server is not None:
             action_type = "move_base_msgs/MoveBase" if self._moves_base else "nav2_msgs/NavigateToPose"
-            self._server = make_action_client(ros, server.name, action_type, self, motion=True)
+            self._server = make_action_client(self._ros, server.name, action_type, self, motion=True)
 
     @property
     def has_goal(self) -> bool:
@@ -296,23 +294,16 @@ _SAME_MPS = 0.005
 class NavigationSpeed:
     """Sends the wizard's limit to navigation: on connection, before each goal and at each change.
 
-    ``emit`` gets a NavigationSpeedChanged when the effective limit is known, and one Problem per connection if it
+    It sends a NavigationSpeedChanged when the effective limit is known, and one Problem per connection if it
     cannot be set. A goal does not wait for the answer: the limit is sent first and arrives sooner than the robot can
     exceed it from standstill.
     """
 
-    def __init__(
-        self,
-        ros: RosbridgeClient,
-        server: NavigationServer | None,
-        *,
-        emit: Callable[[NavigationSpeedChanged | Problem], None],
-        in_background: Callable[[Coroutine[Any, Any, None]], None],
-    ) -> None:
-        self._ros = ros
-        self._server = server
-        self._emit = emit
-        self._in_background = in_background
+    def __init__(self, link: LinkContext) -> None:
+        self._ros = link.ros
+        self._emit = link.put
+        self._in_background = link.in_background
+        self._server = server = link.profile.navigation
         self._requested_mps: float | None = None
         self._requested_by: Actor = CONSOLE
         self._limit_mps: float | None = None
@@ -323,7 +314,7 @@ class NavigationSpeed:
         self._reconfigure = interface.reconfigure if interface is not None else None
         self._parameters = interface.parameters if interface is not None else ()
         if interface is not None and interface.topic is not None:
-            self._topic = RosbridgeTopic(ros, interface.topic, "nav2_msgs/SpeedLimit", queue_size=1)
+            self._topic = RosbridgeTopic(self._ros, interface.topic, "nav2_msgs/SpeedLimit", queue_size=1)
             self._topic.advertise()
 
     def limit(self, command: LimitGoals) -> None:

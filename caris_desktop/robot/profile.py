@@ -77,7 +77,7 @@ def load_profile(name_or_path_or_url: str, *, user_dir: Path | None = None) -> R
 
     By the name of an own or shipped profile (``simulated``), a YAML file, or an address ``ws://HOST:PORT``, which means
     a robot with the usual ROS names. An address without ``?ros=1`` or ``?ros=2`` leaves the ROS version open: see
-    :func:`leaves_ros_open`; ``explore.detect_dialect`` asks the robot, and until then it is ROS 1.
+    :func:`leaves_ros_open`; ``discovery.detect_dialect`` asks the robot, and until then it is ROS 1.
 
     Raises
     ------
