@@ -5,7 +5,6 @@ import logging
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import field
 from functools import cache, partial
 from typing import Any, Literal
 
@@ -28,8 +27,7 @@ from caris_desktop.domain.events import ControlUsed, RequestState
 from caris_desktop.domain.link_commands import UseControl
 from caris_desktop.domain.sensing import ControlReadings
 from caris_desktop.domain.translation import QT_TR_NOOP
-from caris_desktop.domain.value_class import dataclass
-from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S, ActionClient, make_action_client
+from caris_desktop.robot.action_client import FATE_UNKNOWN, FATE_WITHIN_S, make_action_client
 from caris_desktop.robot.link_context import LinkContext
 from caris_desktop.robot.profile_model import interface_names
 from caris_desktop.robot.transport import RosbridgeClient, RosbridgeTopic, ServiceCallError
@@ -53,6 +51,7 @@ NO_ANSWER_S = 4.0
 CANCEL_AGAIN_S = (0.0, 0.3, 1.0)
 SERVICE_WAIT_S = 20.0
 LONGEST_TEXT_SHOWN = 500
+_NOT_CONNECTED = QT_TR_NOOP("the robot is not connected")
 _STEP = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[[0-9]{1,6}\])*)")
 _INDEX = re.compile(r"\[([0-9]+)\]")
 
@@ -126,22 +125,21 @@ class MessageTypes:
         self._learnt.clear()
 
     def known(self, kind: TypeKind, type_: str) -> bool:
-        """True if :meth:`definition` returns at once."""
+        """True if :meth:`learn` returns at once."""
         task = self._learnt.get((kind, type_))
         return task is not None and task.done() and not task.cancelled()
 
     def definition_now(self, kind: TypeKind, type_: str) -> Definition | None:
-        """Known definition, or None."""
-        task = self._learnt.get((kind, type_))
-        return task.result() if task is not None and task.done() and not task.cancelled() else None
+        """Fields of a message, service request or action goal; None if not known, or not yet."""
+        return self._learnt[kind, type_].result() if self.known(kind, type_) else None
 
-    async def definition(self, kind: TypeKind, type_: str) -> Definition | None:
-        """Fields of a message, service request or action goal; None if unknown."""
+    async def learn(self, kind: TypeKind, type_: str) -> None:
+        """Query the definition, once."""
         task = self._learnt.get((kind, type_))
         if task is None:
             task = asyncio.get_running_loop().create_task(self._learn(kind, type_))
             self._learnt[kind, type_] = task
-        return await asyncio.shield(task)
+        await asyncio.shield(task)
 
     async def _learn(self, kind: TypeKind, type_: str) -> Definition | None:
         package, name = action_package_and_name(type_) if kind == "goal" else package_and_name(type_)
@@ -160,19 +158,17 @@ class MessageTypes:
         return shipped_definition(f"{package}/{name}Goal" if kind == "goal" else f"{package}/{name}")
 
 
-@dataclass(slots=True)
 class _Server:
     """Action server used by controls, with our goals. A ``GoalListener``."""
 
-    emit: Callable[[UseControl, RequestState, str], None]
-    client: ActionClient | None = None
-    goals: dict[str, UseControl] = field(default_factory=dict)
-    answered: set[str] = field(default_factory=set)
-    lost: tuple[str, ...] = ()
-
-    def cancel(self, wire_id: str) -> None:
-        if self.client is not None:
-            self.client.cancel(wire_id)
+    def __init__(
+        self, ros: RosbridgeClient, action: str, type_: str, emit: Callable[[UseControl, RequestState, str], None]
+    ) -> None:
+        self.goals: dict[str, UseControl] = {}
+        self.answered: set[str] = set()
+        self.lost: tuple[str, ...] = ()
+        self._emit = emit
+        self.client = make_action_client(ros, action, type_, self)
 
     def goal_pending(self, wire_id: str) -> None:
         """Reported when it begins."""
@@ -188,7 +184,7 @@ class _Server:
         command = self.goals.pop(wire_id, None)
         if command is not None:
             state: RequestState = "succeeded" if ending == "reached" else "failed"
-            self.emit(command, state, detail or (QT_TR_NOOP("it was cancelled") if ending == "cancelled" else ""))
+            self._emit(command, state, detail or (QT_TR_NOOP("it was cancelled") if ending == "cancelled" else ""))
 
 
 class RobotControls:
@@ -247,11 +243,9 @@ class RobotControls:
         for key in [key for key in self._servers if key not in actions]:
             server = self._servers.pop(key)
             self._fail_goals(server, QT_TR_NOOP("the scenario has changed"))
-            if server.client is not None:
-                server.client.close()
+            server.client.close()
         for action, type_ in actions - self._servers.keys():
-            server = self._servers[action, type_] = _Server(self._notify)
-            server.client = make_action_client(self._ros, action, type_, server)
+            self._servers[action, type_] = _Server(self._ros, action, type_, self._notify)
         self._learn_types()
 
     def link_connected(self) -> None:
@@ -261,7 +255,7 @@ class RobotControls:
             lost, server.lost = server.lost, ()
             for wire_id in lost:
                 for delay_s in CANCEL_AGAIN_S:
-                    self._loop.call_later(delay_s, server.cancel, wire_id)
+                    self._loop.call_later(delay_s, server.client.cancel, wire_id)
                 self._loop.call_later(FATE_WITHIN_S, self._give_up_fate, server, wire_id)
 
     def link_lost(self) -> None:
@@ -291,22 +285,18 @@ class RobotControls:
     def cancel_left_goals(self) -> None:
         """Cancel goals left by a process that crashed."""
         for server in self._servers.values():
-            if server.client is not None:
-                for delay_s in CANCEL_AGAIN_S:
-                    self._loop.call_later(delay_s, self._cancel_left_goal, server)
+            for delay_s in CANCEL_AGAIN_S:
+                self._loop.call_later(delay_s, self._cancel_left_goal, server)
 
     def _cancel_left_goal(self, server: _Server) -> None:
-        if server.client is not None and not server.goals and self._ros.is_connected:
+        if not server.goals and self._ros.is_connected:
             server.client.cancel_all()
 
     def _learn_types(self) -> None:
         if self._ros.is_connected:
             interfaces = {_kind_and_type(control.effect) for control in self._controls.values() if control.effect}
             for kind, type_ in sorted(interfaces):
-                self._in_background(self._learn(kind, type_))
-
-    async def _learn(self, kind: TypeKind, type_: str) -> None:
-        await self._types.definition(kind, type_)
+                self._in_background(self._types.learn(kind, type_))
 
     # Uses
 
@@ -330,7 +320,7 @@ class RobotControls:
         return control is not None and control.is_motion and not self._refusal(control)
 
     async def _learn_and_do(self, command: UseControl, control: RobotControl, effect: ControlEffect) -> None:
-        await self._types.definition(*_kind_and_type(effect))
+        await self._types.learn(*_kind_and_type(effect))
         # Meanwhile the link may have been lost or the emergency stop set.
         if refusal := self._refusal(control):
             self._notify(command, "failed", refusal)
@@ -348,7 +338,7 @@ class RobotControls:
         if control.is_motion and not self._driving_permitted:
             return QT_TR_NOOP("the scenario does not permit driving, and this control may move the robot")
         if not self._ros.is_connected:
-            return QT_TR_NOOP("the robot is not connected")
+            return _NOT_CONNECTED
         return ""
 
     def _sends_velocity(self, control: RobotControl) -> bool:
@@ -369,9 +359,7 @@ class RobotControls:
         match effect:
             case PublishMessage(topic=topic, type=type_):
                 sent = self._publishers[topic, type_].publish(message)
-                self._notify(
-                    command, "succeeded" if sent else "failed", "" if sent else QT_TR_NOOP("the robot is not connected")
-                )
+                self._notify(command, "succeeded" if sent else "failed", "" if sent else _NOT_CONNECTED)
             case CallService():
                 self._in_background(self._call(command, control, effect, message))
             case SendActionGoal():
@@ -391,17 +379,14 @@ class RobotControls:
         succeeded = answer.get("success", True) is not False
         message = answer.get("message")
         detail = message[:LONGEST_TEXT_SHOWN] if isinstance(message, str) else ""
-        self._notify(
-            command,
-            "succeeded" if succeeded else "failed",
-            detail or ("" if succeeded else QT_TR_NOOP("the robot refused")),
-        )
+        refused = "" if succeeded else QT_TR_NOOP("the robot refused")
+        self._notify(command, "succeeded" if succeeded else "failed", detail or refused)
 
     def _send_goal(self, command: UseControl, effect: SendActionGoal, goal: Message) -> None:
         server = self._servers[effect.action, effect.type]
-        wire_id = server.client.send(command.control, goal) if server.client is not None else None
+        wire_id = server.client.send(command.control, goal)
         if wire_id is None:
-            self._notify(command, "failed", QT_TR_NOOP("the robot is not connected"))
+            self._notify(command, "failed", _NOT_CONNECTED)
             return
         server.goals[wire_id] = command
         # A goal without a server gets no answer; through rosbridge neither does a refused goal of ROS 2.
@@ -410,7 +395,7 @@ class RobotControls:
     def _give_up(self, server: _Server, wire_id: str) -> None:
         if wire_id in server.goals.keys() - server.answered - set(server.lost):
             command = server.goals.pop(wire_id)
-            server.cancel(wire_id)
+            server.client.cancel(wire_id)
             late = translation.localized(
                 QT_TR_NOOP("the robot did not respond within {time} s"), time=f"{NO_ANSWER_S:g}"
             )
@@ -428,7 +413,7 @@ class RobotControls:
     def _fail_goals(self, server: _Server, detail: str) -> None:
         goals, server.goals = server.goals, {}
         for wire_id, command in goals.items():
-            server.cancel(wire_id)
+            server.client.cancel(wire_id)
             self._notify(command, "failed", detail)
 
     def _notify(self, command: UseControl, state: RequestState, detail: str) -> None:

@@ -44,7 +44,7 @@ from caris_desktop.robot.transport import MEDIA_SIZES, RosbridgeClient, Rosbridg
 from caris_desktop.ros import message_conversion
 from caris_desktop.ros.dialect import Dialect, decode_time, package_and_name, same_type, type_name
 from caris_desktop.ros.message_conversion import decode_image, republish_advice
-from caris_desktop.ros.message_fields import MessageError
+from caris_desktop.ros.message_fields import MessageError, stamp_or_none
 
 logger = logging.getLogger(__name__)
 
@@ -499,14 +499,8 @@ class _StreamListener:
 
     def _late_s(self, offset_ns: int | None) -> float | None:
         """Age of the last message on arrival, by the robot's clock."""
-        header = self._message.get("header") if isinstance(self._message, dict) else None
-        if offset_ns is None or not isinstance(header, dict):
-            return None
-        try:
-            stamp_ns = decode_time(header.get("stamp"))
-        except ValueError:
-            return None
-        return None if stamp_ns is None else (self._received_ns + offset_ns - stamp_ns) / 1e9
+        stamp_ns = stamp_or_none(self._message)
+        return None if offset_ns is None or stamp_ns is None else (self._received_ns + offset_ns - stamp_ns) / 1e9
 
 
 async def _clock_offset_ns(ros: RosbridgeClient) -> int | None:

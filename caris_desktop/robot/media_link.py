@@ -274,10 +274,14 @@ class MediaLink(LinkObserver):
 
     def _on_image(self, message: Any, camera: CameraTopic) -> None:
         try:
-            image_bgr, robot_stamp_ns = _unfolded(message) if camera.type == "CompressedImage" else _raw(message)
-            ref = self._frames.write(
-                image_bgr, stamp_ns=self._ros.arrival_ns, robot_stamp_ns=robot_stamp_ns, camera=camera.name
-            )
+            if camera.type == "CompressedImage":
+                compressed = decode_compressed_image(message)
+                image_bgr, robot_stamp_ns = decode_compressed(compressed.content), compressed.robot_stamp_ns
+            else:
+                raw = decode_image(message)
+                image_bgr, robot_stamp_ns = fitted(raw.image_bgr), raw.robot_stamp_ns
+            arrival_ns = self._ros.arrival_ns
+            ref = self._frames.write(image_bgr, stamp_ns=arrival_ns, robot_stamp_ns=robot_stamp_ns, camera=camera.name)
         except MessageError as error:
             problem = localized(QT_TR_NOOP("the data cannot be read as an image: {why}"), why=error)
         except PictureError as error:
@@ -378,19 +382,6 @@ class MediaLink(LinkObserver):
         grid = self._merger.snapshot()
         if grid is not None:
             self._put(grid)
-
-
-def _unfolded(message: Any) -> tuple[NDArray[np.uint8], int | None]:
-    """Compressed image as uint8 BGR within the size limit, and the robot's stamp. Raises
-    MessageError and PictureError.
-    """
-    image = decode_compressed_image(message)
-    return decode_compressed(image.content), image.robot_stamp_ns
-
-
-def _raw(message: Any) -> tuple[NDArray[np.uint8], int | None]:
-    image = decode_image(message)
-    return fitted(image.image_bgr), image.robot_stamp_ns
 
 
 # A map of 4000 x 4000 cells goes to the window at most a few times a minute, a small one five times a second.

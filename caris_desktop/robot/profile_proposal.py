@@ -521,15 +521,12 @@ def _notes(offer: RobotOffer, fields: Iterable[FieldProposal]) -> Iterator[str]:
         if same_type(offer.topics.get(topic, ""), "sensor_msgs/Image"):
             heavy = QT_TR_NOOP("{topic} is not compressed, which is too much for a wireless link. Better: {advice}.")
             yield localized(heavy, topic=topic, advice=republish_advice(topic))
-    if values.get("velocity") and _has_multiplexer(offer):
+    multiplexer = re.compile(r"twist_mux|vel_mux|joy_priority$")
+    if values.get("velocity") and any(multiplexer.search(topic) for topic in offer.topics):
         yield QT_TR_NOOP(
             "There is a velocity multiplexer: drive through an input for manual control, so that driving "
             "overrides navigation."
         )
-
-
-def _has_multiplexer(offer: RobotOffer) -> bool:
-    return any("twist_mux" in topic or "vel_mux" in topic or topic.endswith("joy_priority") for topic in offer.topics)
 
 
 def _runs_on_simulation_time(offer: RobotOffer) -> bool:

@@ -31,8 +31,8 @@ from websockets.protocol import State
 
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.ros import rosbridge
-from caris_desktop.ros.dialect import Dialect, decode_time, same_type
-from caris_desktop.ros.message_fields import MessageError, count, message_of, number, text
+from caris_desktop.ros.dialect import Dialect, same_type
+from caris_desktop.ros.message_fields import MessageError, count, message_of, number, stamp_or_none, text
 from caris_desktop.ros.message_fields import field as field_of
 from caris_desktop.ros.rosbridge import FragmentAssembler, ProtocolError, decode_json
 from caris_desktop.simulator import typedefs
@@ -260,14 +260,6 @@ class LineLog:
     def write(self, **line: Any) -> None:
         # CBOR includes bytes and undefined values, too.
         self._file.write(json.dumps(line, separators=(",", ":"), default=str) + "\n")
-
-
-def _stamp_ns(message: dict[str, Any]) -> int | None:
-    header = message.get("header")
-    try:
-        return decode_time(header["stamp"]) if isinstance(header, dict) and "stamp" in header else None
-    except ValueError:
-        return None
 
 
 # Access control: rosauth's signed authentication, and TLS certificates.
@@ -614,7 +606,7 @@ class BridgeServer:
                     client=client.name,
                     topic=published.topic,
                     sequence=published.sequence,
-                    stamp_ns=_stamp_ns(published.message),
+                    stamp_ns=stamp_or_none(published.message),
                     bytes=size_bytes,
                 )
 
