@@ -27,7 +27,6 @@ from caris_desktop.perception.detector import DetectorAwayError
 from caris_desktop.perception.weights import DetectorChoice, WeightsError, find_weights
 from caris_desktop.robot.discovery import load_profile_blocking
 from caris_desktop.robot.link import check_robot, robot_queue_advice
-from caris_desktop.robot.profile import ProfileError
 from caris_desktop.robot.profile_model import ProfileError
 from caris_desktop.scenario.scenario_model import Scenario, plugin_panels
 

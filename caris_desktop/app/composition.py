@@ -68,7 +68,6 @@ from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS
 from caris_desktop.robot.link import LinkSettings
 from caris_desktop.robot.profile import (
-    ProfileError,
     leaves_ros_open,
     list_profiles,
     load_profile,

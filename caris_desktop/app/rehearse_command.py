@@ -29,7 +29,8 @@ from caris_desktop.live.background_worker import AsyncioThread, new_timer
 from caris_desktop.live.console import Console
 from caris_desktop.live.logs import configure_logging
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session_export import FORMATS, ExportContext, ExportError, export_session
 from caris_desktop.scenario.scenario_model import Place
 from caris_desktop.ui.action_rows import phrases_on_keys

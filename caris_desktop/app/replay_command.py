@@ -37,8 +37,8 @@ from caris_desktop.recording.foreign.bag_import import import_bag
 from caris_desktop.recording.replay.session_timeline import SessionTimeline
 from caris_desktop.recording.replay.video_reader import VideoReader
 from caris_desktop.recording.session.recovery import needs_repair
-from caris_desktop.recording.session.session_header import is_session
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.session_header import SessionError, is_session
+from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.robot.profile import parse_profile
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_file import ScenarioError, parse_scenario

@@ -31,7 +31,8 @@ from caris_desktop.people.people_store import PeopleStore
 from caris_desktop.perception.backends import runtime_selection
 from caris_desktop.perception.cameras.camera_source import parse_camera
 from caris_desktop.perception.inference_messages import DetectionRequest, InferenceReady, InferenceSettings
-from caris_desktop.recording.annotation.timeline_builder import SessionOverview, run_overview
+from caris_desktop.recording.annotation.timeline_builder import run_overview
+from caris_desktop.recording.annotation.timeline_overview import SessionOverview
 from caris_desktop.recording.recorder.recorder_messages import StopRecording, TakePhoto
 from caris_desktop.recording.session.session_reader import open_session
 from caris_desktop.recording.session_export import FORMATS, ExportFinished, ExportRequest, run_exports

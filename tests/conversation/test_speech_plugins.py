@@ -11,8 +11,8 @@ from caris_desktop.app.plugin_contracts import check_speech
 from caris_desktop.conversation import speech_plugins
 from caris_desktop.conversation.listening import recogniser
 from caris_desktop.conversation.listening.engines import PluginEngine
-from caris_desktop.conversation.listening.recogniser import RecogniserReady, Recognition, WordsThread
-from caris_desktop.conversation.listening.recogniser_messages import RecogniserSettings
+from caris_desktop.conversation.listening.recogniser import Recognition, WordsThread
+from caris_desktop.conversation.listening.recogniser_messages import RecogniserReady, RecogniserSettings
 from caris_desktop.conversation.listening.speech_segmenter import TurnInterval
 from caris_desktop.conversation.voices.utterance_sound import Stop
 from caris_desktop.conversation.voices.voice_selection import PluginVoice

@@ -4,7 +4,6 @@ import dataclasses
 import sys
 
 import pytest
-from caris_desktop.live.teleop_command import merged
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtTest import QTest

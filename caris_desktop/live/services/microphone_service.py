@@ -41,7 +41,7 @@ from caris_desktop.live.service import (
 )
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import MicrophoneStatus
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import Scenario
 
 _OPENS_WITHIN_MS = 4000

@@ -76,7 +76,6 @@ from caris_desktop.perception.inference_messages import (
     InferenceReady,
     InferenceSettings,
 )
-from caris_desktop.robot.profile import RobotProfile
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import BlurWho, Scenario
 

@@ -28,7 +28,7 @@ from caris_desktop.live.status import (
     VoiceStatus,
 )
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import ManualCheck, Scenario, manual_checks
 
 _POLL_EVERY_MS = 500

@@ -8,7 +8,6 @@ import pytest
 from numpy.typing import NDArray
 
 from caris_desktop.perception.backends.network import (
-    Detections,
     ModelFacts,
     NetworkDetector,
     UnknownFormError,
@@ -22,6 +21,7 @@ from caris_desktop.perception.backends.network import (
     planes_rgb,
     suppress,
 )
+from caris_desktop.perception.detector import Detections
 from caris_desktop.perception.weights import Weights
 
 _SIZE = (64, 96)
