@@ -37,7 +37,7 @@ NOT_GUI_THREAD = {
     "live/robot_explorer.py": "its functions run in threads of the asyncio thread",
 }
 READ_ASIDE = {
-    "live/annotation_session.py: AnnotationSession.start": "as a replay begins, from which nothing is driven",
+    "live/replay_console.py: AnnotationSession.start": "as a replay begins, from which nothing is driven",
     "live/robot_connections.py: _meeting_place": "slow work",
     "live/robot_connections.py: _own_place": "slow work",
     "live/robot_connections.py: _found_consoles": "slow work",
@@ -175,7 +175,7 @@ class Dialog:
         ("Dialog.show.later", "load_profile"),
     ]  # fmt: skip
     assert excused("live/speech_history.py", "_read.inner") == {"live/speech_history.py: _read"}
-    assert excused("live/services/speaking_service.py", "_read_more") == set()
+    assert excused("live/speech_history.py", "_read_more") == set()
 
 
 def test_no_file_is_too_long() -> None:
@@ -215,7 +215,7 @@ def test_threads_are_started_where_they_are_looked_after() -> None:
 def test_yaml_has_one_reader_and_one_place_that_writes_it() -> None:
     reads, writes = re.compile(r"\byaml\.(?:\w+_)?load\w*\("), re.compile(r"\byaml\.(?:\w+_)?dump\w*\(")
     one_text = {"scenario/text_editing.py"}  # edits a single text in a file and checks it as other editors do
-    of_the_map_server = {"simulator/map_files.py"}  # the format of that program
+    of_the_map_server = {"simulator/simulated_mapping.py"}  # the format of that program
     shipped = {"simulator/shipped_data.py"}  # only files of the program itself, which use references
     assert {name for name, text in files().items() if reads.search(text)} <= one_text | shipped
     assert {name for name, text in files().items() if writes.search(text)} <= (

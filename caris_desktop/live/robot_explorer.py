@@ -10,21 +10,13 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from caris_desktop.domain.address import without_credentials
-from caris_desktop.domain.failure import UserFacingError
+from caris_desktop.domain.failure import UserFacingError, reported
 from caris_desktop.domain.translation import tr
-from caris_desktop.live.asyncio_thread import AsyncioThread
+from caris_desktop.live.background_worker import AsyncioThread
 from caris_desktop.live.confirmed_files import accept_written_profile
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.robot.profile import (
-    ProfileError,
-    RobotProfile,
-    SecuritySettings,
-    list_profiles,
-    load_profile,
-    profile_file_name,
-    save_profile,
-    user_robots_dir,
-)
+from caris_desktop.robot.profile import list_profiles, load_profile, profile_file_name, save_profile, user_robots_dir
+from caris_desktop.robot.profile_model import ProfileError, RobotProfile, SecuritySettings
 
 if TYPE_CHECKING:  # imported at first use
     from caris_desktop.robot.discovery import Exploration, StreamCheck
@@ -136,12 +128,9 @@ class LiveRobotExplorer(QObject):
 
 
 def _read(name: str) -> RobotProfile:
-    try:
+    advice = tr("Choose another profile, or the interfaces found here.")
+    with reported(ProfileError, tr("The profile cannot be used."), advice):
         return load_profile(name)
-    except ProfileError as error:
-        raise UserFacingError(
-            tr("The profile cannot be used."), f"{error}", tr("Choose another profile, or the interfaces found here.")
-        ) from error
 
 
 def _save(profile: RobotProfile, title: str) -> RobotChoice:
@@ -153,12 +142,9 @@ def _save(profile: RobotProfile, title: str) -> RobotChoice:
             tr("It was not overwritten."),
             tr("Choose another name."),
         )
-    try:
+    advice = tr("Choose another name, or free some disk space.")
+    with reported((OSError, ProfileError), tr("The robot was not saved."), advice):
         path.parent.mkdir(parents=True, exist_ok=True)
         save_profile(replace(profile, name=path.stem, title=title), path)
         accept_written_profile(profile, path)
-    except (OSError, ProfileError) as error:
-        raise UserFacingError(
-            tr("The robot was not saved."), f"{error}", tr("Choose another name, or free some disk space.")
-        ) from error
     return RobotChoice(path.stem, title, without_credentials(profile.address))

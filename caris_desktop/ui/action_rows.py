@@ -15,7 +15,7 @@ from caris_desktop.domain.events import AssistedFunction, Marked
 from caris_desktop.domain.intents import INTENTS, Intent, Permission
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.addressee import addressee
+from caris_desktop.live.speech_queue import addressee
 from caris_desktop.live.state import LiveState
 from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.phrases import (

@@ -9,12 +9,11 @@ from PySide6.QtCore import QRect, QSize
 
 from caris_desktop.domain.intents import SizeClass
 from caris_desktop.domain.value_class import Value
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, SplitNode, TabNode, panels_in
 from caris_desktop.ui.dock_layout import (
     Side,
     front_of,
     groups_in,
-    panels_in,
     path_of,
     shares,
     split_at,

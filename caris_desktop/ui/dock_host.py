@@ -15,12 +15,12 @@ from PySide6.QtGui import QCloseEvent, QGuiApplication, QMoveEvent, QResizeEvent
 from PySide6.QtWidgets import QApplication, QFrame, QLabel, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, PanelName, panels_in
 from caris_desktop.ui import dock_layout as edits
 from caris_desktop.ui import layouts
 from caris_desktop.ui.dock_area import Dock, DockArea, DockRequests
 from caris_desktop.ui.dock_geometry import COMFORT, Drop, drop_at, grown
-from caris_desktop.ui.dock_layout import DockLayout, Side, on_a_screen, panels_in
+from caris_desktop.ui.dock_layout import DockLayout, Side, on_a_screen
 from caris_desktop.ui.focus_widget import PanelWindow, focus_widget, focused_widget
 from caris_desktop.ui.panel import Panel
 from caris_desktop.ui.window_place import WindowAbove

@@ -19,19 +19,12 @@ from caris_desktop.scenario.scenario_model import (
     checked_layout,
     layout_data,
     layout_problems,
+    panels_in,
 )
 
 Side = Literal["tab", "left", "right", "above", "below"]
 """Position of a panel relative to another: in its tab group, or at a side."""
 _DIGITS = 4  # of a share: a tenth of a pixel on the widest screen
-
-
-def panels_in(node: LayoutNode) -> tuple[PanelName, ...]:
-    if isinstance(node, PanelLeaf):
-        return (node.panel,)
-    if isinstance(node, TabNode):
-        return node.tabs
-    return tuple(panel for child in node.children for panel in panels_in(child))
 
 
 def groups_in(node: LayoutNode) -> Iterator[PanelLeaf | TabNode]:

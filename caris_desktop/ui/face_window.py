@@ -22,7 +22,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QFormLayout, QLineEdit, QSlider, QWidget
 
-from caris_desktop.conversation.face.drawing import Box, Drawing, Lips, Words, drawing_of
+from caris_desktop.conversation.face.drawing import Box, Drawing, FaceMotion, Lips, SpokenLoudness, Words, drawing_of
 from caris_desktop.conversation.face.face_file import (
     DEFAULT_FACE,
     Expression,
@@ -34,7 +34,6 @@ from caris_desktop.conversation.face.face_file import (
     face_text,
     load_face,
 )
-from caris_desktop.conversation.face.face_motion import FaceMotion, SpokenLoudness
 from caris_desktop.domain import clock, intents
 from caris_desktop.domain.schema_fields import Key, keys_of
 from caris_desktop.domain.translation import QT_TR_NOOP, tr

@@ -19,7 +19,7 @@ from caris_desktop.domain.sensing import FrameRef
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.scenario.scenario_model import LayoutNode, Scenario, layout_data, layout_text, own_layout
+from caris_desktop.scenario.scenario_model import LayoutNode, Scenario, layout_data, layout_text, own_layout, panels_in
 from caris_desktop.ui import dock_layout as edits
 from caris_desktop.ui.dock_geometry import fitted, size_class
 from caris_desktop.ui.dock_host import LOCKED, DockHost
@@ -29,7 +29,6 @@ from caris_desktop.ui.dock_layout import (
     arrangement_from,
     arrangement_of,
     differs,
-    panels_in,
     permitted,
     tidy,
     with_the_panels_of,

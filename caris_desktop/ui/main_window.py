@@ -18,7 +18,7 @@ from caris_desktop.live.status import IN_SESSION, DriveStatus
 from caris_desktop.live.wizard_console import ReplayControls, SessionLibrary, WizardConsole
 from caris_desktop.scenario.scenario_file import ScenarioError, load_scenario
 from caris_desktop.scenario.scenario_library import ScenarioChoice, list_scenarios
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, Scenario
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, Scenario, panels_in
 from caris_desktop.ui import layouts, text_formatting
 from caris_desktop.ui.accessibility import Announcements, install_accessible_roles
 from caris_desktop.ui.action_bindings import Actions
@@ -26,7 +26,6 @@ from caris_desktop.ui.action_rows import SAFETY_GROUP, SPEAKING_GROUP, WINDOW_GR
 from caris_desktop.ui.background_reading import Remembered, read_for
 from caris_desktop.ui.banners import EmergencyBanner, GuardBanner, Hints, NoticeStrip, QuestionBanner
 from caris_desktop.ui.dock_host import DockHost
-from caris_desktop.ui.dock_layout import panels_in
 from caris_desktop.ui.first_use import FirstUse, PracticeStrip
 from caris_desktop.ui.focus_widget import PanelWindow
 from caris_desktop.ui.help_window import HelpWindows

@@ -12,7 +12,7 @@ from caris_desktop.domain import intents
 from caris_desktop.domain.sound_values import Role
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.live.remote_microphone import participant_microphone
+from caris_desktop.live.services.microphone_service import participant_microphone
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui import text_formatting
 

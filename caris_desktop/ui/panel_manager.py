@@ -17,9 +17,9 @@ from PySide6.QtCore import QObject, QSize, Qt, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, PanelSettings, Scenario
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelName, PanelSettings, Scenario, panels_in
 from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
-from caris_desktop.ui.dock_layout import DockLayout, arrangement_of, panels_in, permitted
+from caris_desktop.ui.dock_layout import DockLayout, arrangement_of, permitted
 from caris_desktop.ui.focus_widget import existing, focus_widget
 from caris_desktop.ui.panel import PAUSE_MS, Panel, PanelContext
 from caris_desktop.ui.panel_table import PANELS, possible_panels
@@ -90,7 +90,10 @@ class PanelManager(QObject):
 
     def possible(self) -> tuple[PanelName, ...]:
         """All panels that this scenario offers, in its layout or not."""
-        return possible_panels(self._context.console.scenario)
+        console = self._context.console
+        possible = possible_panels(console.scenario)
+        # Nobody has confirmed what a recorded scenario names.
+        return possible if console.state.present.live else tuple(name for name in possible if name in PANELS)
 
     def is_open(self, name: PanelName) -> bool:
         return self._docks.is_open(name)

@@ -15,7 +15,7 @@ from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveValue
 from caris_desktop.live.status import VoiceStatus
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.phrases import phrase_groups
 from caris_desktop.scenario.scenario_model import Scenario, levels_up_to
 from caris_desktop.ui.panel import Panel

@@ -15,14 +15,8 @@ from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.domain.plugins import BUILT_IN
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.wizard_console import RobotChoice
-from caris_desktop.robot.profile import (
-    ProfileError,
-    RobotProfile,
-    SecuritySettings,
-    check_address,
-    profile_file_name,
-    user_robots_dir,
-)
+from caris_desktop.robot.profile import profile_file_name, user_robots_dir
+from caris_desktop.robot.profile_model import ProfileError, RobotProfile, SecuritySettings, check_address
 from caris_desktop.robot.profile_proposal import FieldProposal, Proposal, RobotOffer, profile_of, propose
 from caris_desktop.ui import layouts, text_formatting
 from caris_desktop.ui.form_dialog import FormDialog, lay_out_form, resize_to

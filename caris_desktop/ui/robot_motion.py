@@ -16,7 +16,7 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.live.state import LiveState
 from caris_desktop.live.status import DriveStatus
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.ui.text_formatting import UNDER_WAY, drive_line
 
 Lit = Literal["on", "half", "off"]

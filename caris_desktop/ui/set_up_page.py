@@ -21,10 +21,10 @@ from PySide6.QtWidgets import (
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import PreflightState
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.remote_microphone import participant_microphone
+from caris_desktop.live.services.microphone_service import participant_microphone
 from caris_desktop.live.status import AssistantSetup, AssistantStatus, MicrophoneStatus, PreflightCheck
 from caris_desktop.live.wizard_console import WizardConsole
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.event_messages import CHECK_ICONS, CHECK_ROLES, CHECK_STATES, worst_check
 from caris_desktop.ui.overlay import Overlay

@@ -8,7 +8,7 @@ import pytest
 from caris_desktop.domain.actor import WIZARD
 from caris_desktop.domain.clock import ClockAnchor
 from caris_desktop.domain.translation import LocalizedText, tr, use_translator
-from caris_desktop.live.preflight_checks import ChecklistItem, Facts, automatic_checks, ticked_checks
+from caris_desktop.live.services.preflight_service import ChecklistItem, Facts, automatic_checks, ticked_checks
 from caris_desktop.live.status import (
     AssistantStatus,
     DriveStatus,
@@ -21,7 +21,8 @@ from caris_desktop.live.status import (
     VoiceStatus,
 )
 from caris_desktop.people.presence import PersonRow
-from caris_desktop.robot.profile import RobotProfile, load_profile
+from caris_desktop.robot.profile import load_profile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import BlurSettings, ManualCheck, PanelLeaf, Permissions, Place, Scenario
 from caris_desktop.ui.event_messages import check_state
 from tests.ui.samples import TOUR

@@ -11,7 +11,8 @@ from PySide6.QtCore import QPoint, QRect, Qt, QTimer
 from PySide6.QtWidgets import QApplication, QComboBox, QCompleter, QDialog, QLineEdit, QWidget
 
 from caris_desktop.live.gamepad import Gamepads
-from caris_desktop.ui.dock_layout import groups_in, panels_in, without
+from caris_desktop.scenario.scenario_model import panels_in
+from caris_desktop.ui.dock_layout import groups_in, without
 from caris_desktop.ui.input import drive_input_filter, physical_keys
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.speak.speak_field import SpeakField

@@ -12,7 +12,8 @@ from pytestqt.qtbot import QtBot
 from caris_desktop.domain.failure import UserFacingError
 from caris_desktop.live.wizard_console import RobotChoice
 from caris_desktop.robot.discovery import Exploration, Resemblance, StreamCheck
-from caris_desktop.robot.profile import RobotProfile, SecuritySettings, load_profile, user_robots_dir
+from caris_desktop.robot.profile import load_profile, user_robots_dir
+from caris_desktop.robot.profile_model import RobotProfile, SecuritySettings
 from caris_desktop.robot.profile_proposal import RobotOffer, propose
 from caris_desktop.ros.dialect import Dialect
 from caris_desktop.ui.main_window import MainWindow

@@ -23,9 +23,15 @@ from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.session.repair_messages import read_loss
 from caris_desktop.recording.session_export import FORMATS
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
-from caris_desktop.robot.profile import AudioInterface, RobotProfile
-from caris_desktop.scenario.scenario_model import BlurSettings, PanelLeaf, Permissions, RecordingSettings, SplitNode
-from caris_desktop.ui.dock_layout import panels_in
+from caris_desktop.robot.profile_model import AudioInterface, RobotProfile
+from caris_desktop.scenario.scenario_model import (
+    BlurSettings,
+    PanelLeaf,
+    Permissions,
+    RecordingSettings,
+    SplitNode,
+    panels_in,
+)
 from caris_desktop.ui.export_dialog import ExportDialog
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panels.session_panel import SessionPanel

@@ -16,7 +16,7 @@ from caris_desktop.live.status import AssistantSetup, ContextPartStatus
 from caris_desktop.people.presence import is_unnamed_label
 from caris_desktop.robot.profile import load_profile, shipped_profiles
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_model import PanelName, Permissions, TabNode
+from caris_desktop.scenario.scenario_model import BuiltInPanel, Permissions, TabNode
 from caris_desktop.ui import text_formatting
 from caris_desktop.ui.dock_area import Dock, PanelTabs
 from caris_desktop.ui.main_window import MainWindow
@@ -142,7 +142,7 @@ class Spoken:
         everything = Permissions(**dict.fromkeys((each.name for each in dataclasses.fields(Permissions)), True))
         tour = next(one for one in self.scenarios if one.path is not None and one.path.stem == "tour-guide")
         # More panels in one tab bar than fit.
-        crowded = dataclasses.replace(tour, permissions=everything, layout=TabNode(get_args(PanelName)))
+        crowded = dataclasses.replace(tour, permissions=everything, layout=TabNode(get_args(BuiltInPanel)))
         self.console.scenario = crowded
         self.console.state.scenario.reset_value(crowded)
         self.console.state.places.set(crowded.places)

@@ -11,9 +11,9 @@ from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
 from caris_desktop.domain import clock
-from caris_desktop.domain.events import GoalChanged, GoalState, Severity
+from caris_desktop.domain.events import GoalChanged, GoalState, PreflightState, Severity
 from caris_desktop.domain.geometry import Pose2D
-from caris_desktop.live.status import Alarm, PreflightCheck, PreflightState, RecordingStatus
+from caris_desktop.live.status import Alarm, PreflightCheck, RecordingStatus
 from caris_desktop.people.presence import PersonRow, Suggestion
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow, who_spoke
 from caris_desktop.ui.conversation.transcript_view import RowHighlight, RowPainter

@@ -21,8 +21,9 @@ from caris_desktop.recording.annotation.annotation_store import load_documents
 from caris_desktop.recording.session.folder_lock import is_held
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.repair_messages import read_loss
+from caris_desktop.recording.session.session_header import SessionError
 from caris_desktop.recording.session.session_marks import final_marks_of
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session.utterances import UTTERANCE_STREAMS, UtteranceEvent, spoken_utterances
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
 

@@ -11,8 +11,8 @@ from PySide6.QtGui import QKeyEvent, QKeySequence
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import CommandSource
 from caris_desktop.domain.value_class import Value
+from caris_desktop.live.gamepad import AT_REST, TeleopCommand, merged
 from caris_desktop.live.status import DriveStatus
-from caris_desktop.live.teleop_command import AT_REST, TeleopCommand, merged
 from caris_desktop.live.wizard_console import WizardConsole
 from caris_desktop.ui.action_bindings import Actions
 from caris_desktop.ui.action_rows import ActionSpec

@@ -16,7 +16,7 @@ from caris_desktop.domain.sensing import LaserScan, OccupancyGrid, Odometry, Peo
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.state import LiveStream
 from caris_desktop.live.status import DriveStatus, MapStatus
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 from caris_desktop.scenario.scenario_model import PanelSettings, Place
 from caris_desktop.ui import event_messages, layouts, text_formatting, tokens
 from caris_desktop.ui.map.map_state import Layer, legend

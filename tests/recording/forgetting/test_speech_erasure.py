@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.app.forget_command import receipt_words
 from caris_desktop.recording.forgetting.own_files import OwnFiles
 from caris_desktop.recording.forgetting.person_tracks import messages_of
 from caris_desktop.recording.forgetting.review import read_review
 from caris_desktop.recording.forgetting.search_terms import FORGOTTEN
 from caris_desktop.recording.forgetting.speech_erasure import Sentences
-from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, Forgotten, forget_person
+from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, Forgotten, forget_person, receipt_words
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session.utterances import spoken

@@ -12,17 +12,10 @@ from PySide6.QtGui import QUndoStack
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario, save_layout
-from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode, layout_data
+from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, SplitNode, TabNode, layout_data, panels_in
 from caris_desktop.ui import dock_layout as edits
 from caris_desktop.ui.dock_geometry import place
-from caris_desktop.ui.dock_layout import (
-    DockLayout,
-    arrangement_data,
-    arrangement_from,
-    arrangement_of,
-    panels_in,
-    tidy,
-)
+from caris_desktop.ui.dock_layout import DockLayout, arrangement_data, arrangement_from, arrangement_of, tidy
 from caris_desktop.ui.layout_store import LayoutEdit
 from caris_desktop.ui.panel_table import PANELS
 from tests.ui.layout.edits import EDIT, WINDOW, edited, room

@@ -7,7 +7,7 @@ from PySide6.QtCore import QRect
 
 from caris_desktop.domain.shipped import layouts_dir
 from caris_desktop.scenario.scenario_file import load_scenario
-from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, SplitNode, TabNode
+from caris_desktop.scenario.scenario_model import LayoutNode, PanelLeaf, SplitNode, TabNode, panels_in
 from caris_desktop.ui.dock_geometry import (
     COMFORT,
     GAP_PX,
@@ -20,7 +20,7 @@ from caris_desktop.ui.dock_geometry import (
     place,
     size_class,
 )
-from caris_desktop.ui.dock_layout import groups_in, panels_in, tidy
+from caris_desktop.ui.dock_layout import groups_in, tidy
 from caris_desktop.ui.panel_table import PANELS
 from tests.ui.samples import TOUR_LAYOUT
 

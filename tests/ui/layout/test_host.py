@@ -10,18 +10,11 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QPlainTextEdit, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
-from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, TabNode
+from caris_desktop.scenario.scenario_model import PanelLeaf, PanelName, TabNode, panels_in
 from caris_desktop.ui.dock_area import Dock
 from caris_desktop.ui.dock_geometry import GroupPlace, place
 from caris_desktop.ui.dock_host import RESIZE_PX, DockHost
-from caris_desktop.ui.dock_layout import (
-    DockLayout,
-    arrangement_data,
-    arrangement_from,
-    arrangement_of,
-    float_panel,
-    panels_in,
-)
+from caris_desktop.ui.dock_layout import DockLayout, arrangement_data, arrangement_from, arrangement_of, float_panel
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.widgets.buttons import ActionButton

@@ -24,8 +24,9 @@ from caris_desktop.scenario.scenario_model import (
     layout_data,
     layout_from_data,
     layout_text,
+    panels_in,
 )
-from caris_desktop.ui.dock_layout import DockLayout, arrangement_of, panels_in, tidy
+from caris_desktop.ui.dock_layout import DockLayout, arrangement_of, tidy
 from caris_desktop.ui.main_window import MainWindow
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.window_menus import TitleDialog
