@@ -27,8 +27,8 @@ from caris_desktop.recording.csv_cells import SHOWN, CsvStyle
 from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonymised, pseudonyms_of
 from caris_desktop.recording.session.media_files import free_name
 from caris_desktop.recording.session.recovery import missing_words
-from caris_desktop.recording.session.session_header import is_session, reading
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.session_header import SessionError, is_session, reading
+from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.study_file import StudyFile, study_of
 
 _log = logging.getLogger(__name__)

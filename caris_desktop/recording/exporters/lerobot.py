@@ -29,7 +29,8 @@ from caris_desktop.recording.recorder.video_writer import KEY_FRAME_EVERY_S, x26
 from caris_desktop.recording.replay.video_reader import RecordedFrame, VideoReader
 from caris_desktop.recording.session.robot_clock_mapping import robot_clock
 from caris_desktop.recording.session.session_data import SessionData, read_data
-from caris_desktop.recording.session.session_reader import Session, SessionError
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session.session_robot import COMMAND_HOLDS_S
 from caris_desktop.recording.session_export import attempt
 from caris_desktop.recording.tables.catalog import key_values, plain_text

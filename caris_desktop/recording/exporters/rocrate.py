@@ -27,7 +27,8 @@ from caris_desktop.recording.data_dictionary import DICTIONARY_TABLE, dictionary
 from caris_desktop.recording.exporters.templates import write_page
 from caris_desktop.recording.session.events_file import read_index
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
-from caris_desktop.recording.session.session_reader import Session, SessionError
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
 from caris_desktop.recording.study_file import CITATION_NAME, StudyFile, write_citation
 from caris_desktop.recording.tables.catalog import tables_of

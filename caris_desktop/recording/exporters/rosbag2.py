@@ -45,7 +45,7 @@ from caris_desktop.recording.session.robot_clock_mapping import RobotClock, cloc
 from caris_desktop.recording.session.session_protocol import parsed_yaml
 from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext
-from caris_desktop.ros import message_conversion, navigation_messages
+from caris_desktop.ros import message_conversion
 from caris_desktop.ros.dialect import Dialect, encode_time
 from caris_desktop.ros.message_fields import Message, encode_header, encode_pose
 
@@ -199,7 +199,7 @@ class _Translator:
                 ((GRID, message_conversion.encode_occupancy_grid(_PLAIN, grid, stamp_ns=at_ns, frame_id=MAP)),)
             ),
             PlannedPath: lambda path, at_ns: iter(
-                ((PATH, navigation_messages.encode_path(_PLAIN, path.points_in_map, stamp_ns=at_ns, frame_id=MAP)),)
+                ((PATH, message_conversion.encode_path(_PLAIN, path.points_in_map, stamp_ns=at_ns, frame_id=MAP)),)
             ),
             BatteryState: self._battery,
             CommandSent: self._command,

@@ -30,7 +30,8 @@ from caris_desktop.recording.measures.measure_definitions import MEASURES, TABLE
 from caris_desktop.recording.measures.measure_plugins import PLUGIN_TABLE, plugin_measures, plugin_values
 from caris_desktop.recording.measures.session_measures import sql
 from caris_desktop.recording.pseudonyms import coding_of
-from caris_desktop.recording.session.session_reader import Session, SessionError
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session
 from caris_desktop.recording.session_export import ExportContext, attempt
 from caris_desktop.recording.studies.study_index import copies_among
 from caris_desktop.recording.table_files import ParquetTables, copy_tables

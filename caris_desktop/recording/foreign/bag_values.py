@@ -37,10 +37,10 @@ from caris_desktop.domain.streams import BY_NAME
 from caris_desktop.domain.value_class import Value, dataclass
 from caris_desktop.recording.foreign.bag_files import BagChannel
 from caris_desktop.recording.session.session_header import SessionHeader
-from caris_desktop.ros import message_conversion, navigation_messages
+from caris_desktop.ros import message_conversion
 from caris_desktop.ros.dialect import plain_name
+from caris_desktop.ros.message_conversion import MOST_PIXELS, decode_image
 from caris_desktop.ros.message_fields import Message, MessageError, frame_of
-from caris_desktop.ros.raw_image import MOST_PIXELS, decode_image
 
 _log = logging.getLogger(__name__)
 MAP_FRAME, BASE_FRAMES = "map", ("base_link", "base_footprint")
@@ -334,7 +334,7 @@ class MessageConverter:
             case "map":
                 yield decode.decode_occupancy_grid(message, stamp_ns=stamp_ns)
             case "path":
-                path = navigation_messages.decode_path(message)
+                path = message_conversion.decode_path(message)
                 points, place = path.points_m, self._place_of(path.frame_id)
                 if place.heading_rad or place.x_m or place.y_m:
                     cos, sin = np.cos(place.heading_rad), np.sin(place.heading_rad)

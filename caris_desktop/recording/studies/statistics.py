@@ -26,7 +26,8 @@ from caris_desktop.recording.measures.measure_plugins import (
 )
 from caris_desktop.recording.measures.session_measures import sql
 from caris_desktop.recording.pseudonyms import Pseudonyms, pseudonyms_of
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session_export import (
     ExportContext,
     ExportError,

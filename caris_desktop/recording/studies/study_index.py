@@ -29,7 +29,8 @@ from caris_desktop.recording.session.folder_lock import is_held
 from caris_desktop.recording.session.loss_messages import read_loss
 from caris_desktop.recording.session.manifest import MANIFEST_NAME
 from caris_desktop.recording.session.session_data import read_data
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.studies.study_query import SearchHit, SessionEntry, SessionQuery
 
 _log = logging.getLogger(__name__)

@@ -36,13 +36,13 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.domain.value_class import Value
 from caris_desktop.ui import layouts, tokens
 from caris_desktop.ui.conversation.transcript_rows import TranscriptRow
+from caris_desktop.ui.text_formatting import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.keyed_items import VALUE_ROLE, KeyedItems
 from caris_desktop.ui.widgets.labels import label
 from caris_desktop.ui.widgets.row_delegate import Index, RowDelegate
 from caris_desktop.ui.widgets.submit_text_edit import SubmitTextEdit
-from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 RowAct = Literal["text", "who", "tags", "mark"]
 _BUTTON_PX = 24

@@ -19,10 +19,9 @@ from PySide6.QtWidgets import (
 )
 
 from caris_desktop.ui import tokens
-from caris_desktop.ui.icons import icon
 from caris_desktop.ui.map.map_grid import GridItem
 from caris_desktop.ui.map.map_state import TRAIL_SHADES, MapState, length_in_words
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, icon
 
 _CHIP_ROLES = {"warning": ("amber", "warning"), "good": ("green", "check"), "bad": ("red", "warning-octagon")}
 _MARK_PX = 9.0

@@ -9,11 +9,10 @@ from PySide6.QtWidgets import QLabel, QLineEdit, QListView, QStyledItemDelegate,
 
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.key_positions import key_code, position_of
+from caris_desktop.ui.key_choices import key_code, position_of
 from caris_desktop.ui.overlay import Overlay
 from caris_desktop.ui.palette.palette_search import Finder, PaletteItem, PaletteMemory, says_what_to_do
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.key_cap import draw_key_cap, key_cap_width
 
 _ROW_PX = 40

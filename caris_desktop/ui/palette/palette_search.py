@@ -11,7 +11,7 @@ from itertools import accumulate, chain
 from typing import Any
 
 from caris_desktop.domain.value_class import Value
-from caris_desktop.ui.wizard_profiles import WizardProfiles
+from caris_desktop.ui.preferences import WizardProfiles
 
 RECENT = 5
 OFTEN = 6

@@ -7,8 +7,7 @@ from PySide6.QtCore import QSize, Qt, QTimer
 from PySide6.QtGui import QActionGroup, QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QWidget
 
-from caris_desktop.conversation.conversation_transcript import Turn, in_order, next_speaker
-from caris_desktop.conversation.response_timing import LATE_S, waiting
+from caris_desktop.conversation.conversation_transcript import LATE_S, Turn, in_order, next_speaker, waiting
 from caris_desktop.domain import intents
 from caris_desktop.domain.events import AssistanceLevel, AssistedFunction
 from caris_desktop.domain.sound_values import PARTICIPANT_SOURCES, Hearing

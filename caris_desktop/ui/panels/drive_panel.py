@@ -22,11 +22,12 @@ from caris_desktop.domain.events import GoalChanged
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.scenario.scenario_model import PanelSettings
-from caris_desktop.ui import layouts, speed_steps, text_formatting, tokens
+from caris_desktop.ui import layouts, text_formatting, tokens
 from caris_desktop.ui.action_bindings import Actions
+from caris_desktop.ui.action_rows import SPEED_FRACTIONS, SPEED_NAMES, speed_step
 from caris_desktop.ui.input.drive_input_filter import STOPS, DriveInputFilter
-from caris_desktop.ui.input.key_owner import owner_sentence
 from caris_desktop.ui.panel import Panel, PanelContext, card_margins
+from caris_desktop.ui.status_bar import owner_sentence
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.joystick import Joystick
@@ -342,7 +343,7 @@ class SpeedSteps(QWidget):
         frame.setObjectName("speed_frame")
         steps = layouts.hbox(frame, margins_px=0, spacing_px=0)
         self._steps: list[QPushButton] = []
-        for name, fraction in zip(speed_steps.NAMES, speed_steps.FRACTIONS, strict=True):
+        for name, fraction in zip(SPEED_NAMES, SPEED_FRACTIONS, strict=True):
             step = QPushButton(tr(name))
             step.setCheckable(True)
             step.setObjectName("speed_step")
@@ -365,7 +366,7 @@ class SpeedSteps(QWidget):
         return QSize(132, 30)
 
     def show_fraction(self, fraction: float) -> None:
-        step = speed_steps.step_at(fraction)
+        step = speed_step(fraction)
         if step != self._step:
             self._step = step
             self._show()

@@ -17,11 +17,10 @@ from caris_desktop.domain.translation import QT_TR_NOOP, tr
 from caris_desktop.live.status import DriveStatus
 from caris_desktop.people.presence import PersonRow
 from caris_desktop.ui import text_formatting
-from caris_desktop.ui.obstacle_ahead import ahead_of, ahead_words, gaze_is_away
 from caris_desktop.ui.panel import TITLE_HEIGHT_PX, Panel, PanelContext, show_part
 from caris_desktop.ui.people.pending_identity_question import IdentityQuestion, with_one_question
 from caris_desktop.ui.people.shown_people import as_permitted
-from caris_desktop.ui.robot_motion import RobotMotion
+from caris_desktop.ui.robot_motion import RobotMotion, ahead_of, ahead_words, gaze_is_away
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
 from caris_desktop.ui.widgets.accessible_pictures import TOLD_EVERY_MS, RecentlyVisible, video_description
 from caris_desktop.ui.widgets.buttons import ActionButton

@@ -34,13 +34,13 @@ from caris_desktop.ui.people.shown_people import (
     presence_of,
     what_is_seen,
 )
+from caris_desktop.ui.text_formatting import wrapped_tip
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets import avatar
 from caris_desktop.ui.widgets.buttons import ActionButton, ButtonRole
 from caris_desktop.ui.widgets.fast_table_view import FastTableView
 from caris_desktop.ui.widgets.row_delegate import Index, RowDelegate
 from caris_desktop.ui.widgets.submit_line_edit import SubmitLineEdit
-from caris_desktop.ui.wrapped_tip import wrapped_tip
 
 ROW_PX = 52
 CAPTION_PX = 26

@@ -19,8 +19,7 @@ from caris_desktop.scenario.protocol_steps import step_named
 from caris_desktop.scenario.scenario_file import migrate
 from caris_desktop.scenario.scenario_model import ERROR_KEYS, Permissions, Scenario, manual_checks
 from caris_desktop.ui.action_bindings import rows_of
-from caris_desktop.ui.action_rows import ACTIONS, go_to_nth_place, mark_with_label, perform_nth_gesture
-from caris_desktop.ui.action_spec import ActionSpec
+from caris_desktop.ui.action_rows import ACTIONS, ActionSpec, go_to_nth_place, mark_with_label, perform_nth_gesture
 from caris_desktop.ui.panel_table import PANELS
 from caris_desktop.ui.tokens import Colors
 

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QAbstractButton, QBoxLayout, QLabel, QSizePolicy, 
 from caris_desktop.domain.control_definitions import Choice, ControlValue, RobotControl
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import layouts, tokens
-from caris_desktop.ui.control_messages import value_words
+from caris_desktop.ui.text_formatting import value_words
 from caris_desktop.ui.theme import Theme
 from caris_desktop.ui.widgets.buttons import ActionButton
 from caris_desktop.ui.widgets.drop_down import DropDown

@@ -6,7 +6,7 @@ from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.sensing import FrameRef, HeadState
 from caris_desktop.domain.translation import tr
 from caris_desktop.domain.value_class import Value
-from caris_desktop.robot.profile import RobotProfile
+from caris_desktop.robot.profile_model import RobotProfile
 
 FARTHEST_M = 8.0
 """Beyond this a pixel covers half a metre or more of floor."""

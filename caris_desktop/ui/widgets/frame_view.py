@@ -26,10 +26,8 @@ from caris_desktop.domain.camera_projection import CameraModel
 from caris_desktop.domain.sensing import CameraState, FrameRef, People, PersonBox
 from caris_desktop.domain.translation import tr
 from caris_desktop.ui import text_formatting, tokens
-from caris_desktop.ui.icons import draw_icon
 from caris_desktop.ui.panel import Panel, draw_card_edge
-from caris_desktop.ui.pixmap_cache import PixmapCache
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import PixmapCache, Theme, draw_icon
 from caris_desktop.ui.widgets.floor_spot import FloorSpot, ring_px
 
 BOXES_SOLID_S = 0.25

@@ -8,10 +8,9 @@ from PySide6.QtGui import QAccessible, QHideEvent, QMouseEvent, QPainter, QPaint
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from caris_desktop.domain.translation import QT_TR_NOOP, tr
-from caris_desktop.live.teleop_command import AT_REST, TeleopCommand
+from caris_desktop.live.gamepad import AT_REST, TeleopCommand
 from caris_desktop.ui import tokens
-from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, draw_icon
 from caris_desktop.ui.widgets.accessible_description import ThrottledAccessibleDescription
 
 StickUse = Literal["base", "head"]

@@ -7,8 +7,7 @@ from PySide6.QtGui import QAccessible, QFontMetrics, QImage, QPainter, QPaintEve
 from PySide6.QtWidgets import QWidget
 
 from caris_desktop.ui import tokens
-from caris_desktop.ui.icons import draw_icon
-from caris_desktop.ui.theme import Theme
+from caris_desktop.ui.theme import Theme, draw_icon
 
 SHOWN_MS = 4000
 _PICTURE_PX = 168

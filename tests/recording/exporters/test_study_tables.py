@@ -21,7 +21,8 @@ from caris_desktop.recording.annotation.annotation_store import save_coder
 from caris_desktop.recording.annotation.coder_agreement import compare_coders
 from caris_desktop.recording.csv_cells import CsvStyle
 from caris_desktop.recording.exporters import study_tables
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session, open_session
 from caris_desktop.recording.session_export import ExportFinished, ExportRequest, export_all
 from caris_desktop.recording.tables.build import Batch, session_batches
 from tests.recording.told_session import TRIAL, at, drive, exchange, heard, said, tell

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caris_desktop.app.forget_command import receipt_words
 from caris_desktop.recording.forgetting.erasure_files import OwnFiles
 from caris_desktop.recording.forgetting.person_tracks import messages_of
-from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, Forgotten, forget_person
+from caris_desktop.recording.forgetting.study_erasure import ForgetRequest, Forgotten, forget_person, receipt_words
 from caris_desktop.recording.forgetting.text_erasure import FORGOTTEN, Sentences, read_review
 from caris_desktop.recording.session.manifest import verify_manifest
 from caris_desktop.recording.session.session_data import spoken

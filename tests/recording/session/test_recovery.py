@@ -29,7 +29,8 @@ from caris_desktop.recording.session.loss_messages import LOSSES, read_loss
 from caris_desktop.recording.session.manifest import MANIFEST_NAME, progress_counts, store_counts, verify_manifest
 from caris_desktop.recording.session.media_files import content_of, read_frame_times
 from caris_desktop.recording.session.recovery import needs_repair, repair_session
-from caris_desktop.recording.session.session_reader import Session, SessionError, open_session
+from caris_desktop.recording.session.session_header import SessionError
+from caris_desktop.recording.session.session_reader import Session, open_session
 from tests.recording.driving import start
 from tests.support.recorded_session import RecordedSession
 

@@ -10,8 +10,8 @@ from pytestqt.qtbot import QtBot
 
 from caris_desktop.ui.palette.command_palette import CommandPalette
 from caris_desktop.ui.palette.palette_search import OFTEN, RECENT, Finder, PaletteItem, PaletteMemory, Used
+from caris_desktop.ui.preferences import WizardProfiles
 from caris_desktop.ui.theme import Theme
-from caris_desktop.ui.wizard_profiles import WizardProfiles
 from tests.support.yardstick import in_yardsticks
 from tests.ui.conftest import MemorySettings
 
